@@ -219,7 +219,7 @@ def _run_files(sound: Path) -> list[Reader]:
 
     def page(path: Path) -> None:
         folder = next(parent for parent in path.parents if (parent / "methods.csv").exists())
-        render_report(read_run(folder, cache=Cache.default()))
+        render_report(read_run(folder, allow_code=False, cache=Cache.default()))
 
     npz = next((sound / "run/trajectories").rglob("reference_m1*.npz"))
     return [

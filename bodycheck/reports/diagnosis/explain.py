@@ -65,7 +65,7 @@ def explained(
     case: CaseResult,
     *,
     order: int | None,
-    wrong: Sequence[QuantityVerdict] = (),
+    wrong: Sequence[QuantityVerdict],
     known_faults: Sequence[tuple[str, ...]] = (),
 ) -> ExplainedCase:
     """Return a case with its diagnosis, as far as its truth reaches.

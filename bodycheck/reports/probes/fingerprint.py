@@ -169,11 +169,6 @@ class Fingerprint:
         """-log10 of the agreement."""
         return None if self.agreement is None else -math.log10(max(self.agreement, _TINY))
 
-    @property
-    def is_known(self) -> bool:
-        """Whether one map of the library agrees, and no other is near."""
-        return self.name not in (NO_KNOWN_MAP, NOT_MEASURED) and " or " not in self.name
-
 
 def fingerprint_of(
     engine: Engine, method: Method, ask: RunCase, loads: Mapping[str, tuple[Load, ...]] = CONSTANT_LOADS

@@ -78,9 +78,6 @@ def _round_off(values: Array) -> float:
     return float(np.max(differences)) / (_DIFFERENCE_NORM * size)
 
 
-_EPS, _SINGLE_EPS = float(np.finfo(np.float64).eps), float(np.finfo(np.float32).eps)
-
-
 @dataclass(frozen=True, eq=False)
 class Probe:
     """A short scene and its steps, coarsest first; name: of its built-in scenario."""
@@ -131,14 +128,9 @@ class _Probed:
         return (len(path.t_s) - 1) * max(eps, tolerance or 0.0)
 
 
-def probe_rows(
-    engine: Engine, method: Method, ask: RunCase, probes: tuple[Probe, Probe] | None = None
-) -> list[dict[str, Any]]:
-    """Return the rows of probes.csv of one method without run_id; failures are rows too.
-
-    probes: the probe under loads, from rest, and the free probe [default: the built-in ones].
-    """
-    first, second = probes or built_in_probes()
+def probe_rows(engine: Engine, method: Method, ask: RunCase) -> list[dict[str, Any]]:
+    """Return the rows of probes.csv of one method without run_id; failures are rows too."""
+    first, second = built_in_probes()
     tolerance = min(method.tolerances, default=None) if method.control == "tolerance" else None
     rows: list[dict[str, Any]] = []
     loaded = motions_of(first, engine, method, tolerance, ask)

@@ -200,7 +200,7 @@ def _case(row: dict[str, Any]) -> CaseResult:
     return CaseResult({name: value for name, value in {**always, **row}.items() if name != "run_id"})
 
 
-def read_run(folder: Path, *, allow_code: bool = False, cache: Cache | None = None) -> Run:
+def read_run(folder: Path, *, allow_code: bool, cache: Cache | None) -> Run:
     """Read a whole run: solve its truths again, and measure a motion again when it is first needed.
 
     allow_code: the run's scenarios may name functions, whose code is executed. Raises InputError as

@@ -139,7 +139,7 @@ def errors_at(curves: Curves, dt_s: float, scenarios: Sequence[str]) -> tuple[An
     return tuple(answers)
 
 
-def cheapest_within(curve: ErrorCurve, error: float, *, predicted: bool = True) -> Option | None:
+def cheapest_within(curve: ErrorCurve, error: float, *, predicted: bool) -> Option | None:
     """Return the cheapest setting of a method that meets an error: measured, or coarser and predicted."""
     found = curve.coarsest_within(error) if predicted else None
     if found is not None:
