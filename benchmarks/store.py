@@ -15,7 +15,7 @@ from benchmarks.picture import PICTURE, work_precision_picture
 from benchmarks.suite import Measurements
 from benchmarks.timing import Spread
 from bodycheck._util.errors import InputError
-from bodycheck._util.files import write_whole
+from bodycheck._util.files import write_file
 
 RESULTS, POINTS, MACHINE = "results.csv", "work-precision.csv", "machine.json"
 
@@ -44,7 +44,7 @@ def write_results(measured: Measurements, folder: Path, *, command: str, quick: 
     except OSError as error:
         raise InputError(f"--out {folder}: cannot be written: {error.strerror or error}") from None
     for name, text in texts.items():
-        write_whole(folder / name, text.encode())
+        write_file(folder / name, text.encode())
 
 
 def read_results(folder: Path) -> pd.DataFrame:

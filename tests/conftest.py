@@ -10,11 +10,11 @@ import pytest
 import bodycheck
 from bodycheck.adapters.contract import Method, Simulation
 from bodycheck.adapters.reference import Reference
+from bodycheck.adapters.registry import registered
 from bodycheck.reference_impl.scene import Scene
 from tests.helpers.collection_order import pytest_collection_modifyitems as pytest_collection_modifyitems
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.shared_folder import shared_folder
-from tests.helpers.temporary_engines import registered
 
 # Bytecode is kept, whatever the surroundings say: some hundred processes are started, each of which would
 # compile our modules anew, and pytest goes through every assertion of these files before it can begin.

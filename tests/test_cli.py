@@ -174,7 +174,7 @@ def test_wrong_input_ends_with_status_2_and_one_clear_line(
     before = sorted(path.name for path in tmp_path.iterdir())
     done = run_bodycheck(tmp_path, *WRONG[what])
     assert (done.returncode, done.stdout) == (2, "")
-    expected_message(done.stderr)
+    expected_message(done.stderr.strip())
     left = sorted(path.name for path in tmp_path.iterdir() if path.name != "__pycache__")
     assert left == before
 

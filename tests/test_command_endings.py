@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bodycheck._util.untrusted import LONGEST_LINE, doing, joined, parted, printable, printable_lines
+from bodycheck._util.untrusted import LONGEST_LINE, doing, printable, printable_lines, shell_join, shell_split
 from tests.helpers.in_process_cli import run_bodycheck
 
 
@@ -92,8 +92,8 @@ def test_printable_line_keeps_both_ends() -> None:
 @given(st.lists(st.binary(max_size=8).map(lambda word: os.fsdecode(word.replace(b"\0", b"")))))
 def test_command_line_survives_as_bytes(words: list[str]) -> None:
     """Joined words can be split again, whatever their bytes, and written as UTF-8."""
-    line = joined(words)
-    assert parted(line) == words
+    line = shell_join(words)
+    assert shell_split(line) == words
     line.encode("utf-8")
     assert "\n" not in line
 
@@ -101,8 +101,10 @@ def test_command_line_survives_as_bytes(words: list[str]) -> None:
 def test_bash_splits_a_joined_command_line() -> None:
     """The words that a shell reads from a line are those of which it was joined."""
     words = [os.fsdecode(word) for word in (b"caf\xe9.toml", b"a b'c", b"\xff$HOME\n", b"x")]
-    told = subprocess.run(["bash", "-c", rf"printf '%s\0' {joined(words)}"], capture_output=True, check=True)
-    assert told.stdout.split(b"\0")[:-1] == [os.fsencode(word) for word in words]
+    result = subprocess.run(
+        ["bash", "-c", rf"printf '%s\0' {shell_join(words)}"], capture_output=True, check=True
+    )
+    assert result.stdout.split(b"\0")[:-1] == [os.fsencode(word) for word in words]
 
 
 @pytest.mark.slow

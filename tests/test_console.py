@@ -263,7 +263,7 @@ def test_a_misspelt_name_is_suggested(what: str, folder: Path, expected_message:
     """Status 2, and the name that was meant."""
     done = run_bodycheck(folder, *SUGGESTED[what])
     assert (done.returncode, done.stdout) == (2, "")
-    expected_message(done.stderr)
+    expected_message(done.stderr.strip())
 
 
 COMPLETED = {

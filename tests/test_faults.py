@@ -14,7 +14,7 @@ import pytest
 
 import bodycheck
 from bodycheck.adapters import registry
-from bodycheck.adapters.registry import register_adapter
+from bodycheck.adapters.registry import register_adapter, registered
 from bodycheck.reports.run_files.run_tables import Run
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.misbehaving_engine import (
@@ -24,11 +24,10 @@ from tests.helpers.misbehaving_engine import (
     ONLY_TIMED,
     READINGS,
     SOLUTIONS,
-    SOUND_STEPS_S,
+    VALID_STEPS_S,
     Misbehaving,
 )
 from tests.helpers.scenario_texts import RUN_SPECIFIC_COLUMNS, SCENARIO
-from tests.helpers.temporary_engines import registered
 from tests.helpers.worker_processes import all_gone
 
 TIMEOUT_S = 4.0
@@ -89,7 +88,7 @@ def run_of(scenario: Path, *, sound: bool, methods: list[str], speed: bool) -> R
         return bodycheck.run(
             [scenario],
             engines=[*(f"misbehaving:{method}" for method in methods), "reference:m1"],
-            dt_s=[*SOUND_STEPS_S, BAD_STEP_S],
+            dt_s=[*VALID_STEPS_S, BAD_STEP_S],
             speed=speed,
             timeout_s=TIMEOUT_S,
         )

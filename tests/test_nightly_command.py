@@ -19,13 +19,13 @@ from typer.testing import CliRunner, Result
 from bodycheck._util.errors import InputError, StoppedError
 from bodycheck.adapters.contract import Method, Reading, Simulation
 from bodycheck.adapters.reference import Reference
+from bodycheck.adapters.registry import registered
 from bodycheck.cli import commands
 from bodycheck.reference_impl.rotations import quaternion_product
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.document import Document, Sentence
 from bodycheck.runs.run_options import TIMEOUT_S
 from tests.helpers.scenario_texts import SCENARIO
-from tests.helpers.temporary_engines import registered
 
 _SCENARIO = SCENARIO.replace("mine", "tumble")
 

@@ -34,8 +34,8 @@ import pytest
 
 def rate(q, omega, inertia):
     w, v = q[0], q[1:]
-    turning = 0.5 * np.array([-v @ omega, *(w * omega + np.cross(v, omega))])
-    return turning, np.linalg.solve(inertia, np.cross(inertia @ omega, omega))
+    q_rate = 0.5 * np.array([-v @ omega, *(w * omega + np.cross(v, omega))])
+    return q_rate, np.linalg.solve(inertia, np.cross(inertia @ omega, omega))
 
 
 def rk4(state, dt):
@@ -200,8 +200,8 @@ def test_runs_are_kept_with_their_reports(inner: pytest.Pytester) -> None:
         + """
 def euler(state, dt):
     q, w = state.quaternion, state.omega_body
-    turning, speeding = rate(q, w, state.body.inertia)
-    return replace(state, quaternion=q + dt * turning, omega_body=w + dt * speeding)
+    q_rate, angular_acceleration = rate(q, w, state.body.inertia)
+    return replace(state, quaternion=q + dt * q_rate, omega_body=w + dt * angular_acceleration)
 
 
 def test_order(bodycheck):

@@ -71,7 +71,7 @@ def toy(links: Path, home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     nothing.mkdir()
     monkeypatch.setenv("UV_DEFAULT_INDEX", nothing.as_uri())
     monkeypatch.setenv("UV_FIND_LINKS", str(links))
-    monkeypatch.setattr(environments, "cache_home", lambda: home)
+    monkeypatch.setattr(environments, "cache_dir", lambda: home)
     registry._plugged_in.cache_clear()
     yield
     registry._plugged_in.cache_clear()

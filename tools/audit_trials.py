@@ -27,7 +27,7 @@ from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reports.audit.audit import SINGLE, Body, Difference
 from bodycheck.runs.audit_run import AuditOptions, audit, checked_engines, import_once, imported_audit
 from bodycheck.scenarios.model_files.model_reader import read_model
-from bodycheck.scenarios.model_files.rewriting import bare_text
+from bodycheck.scenarios.model_files.rewriting import text_without_meshes
 from bodycheck.scenarios.model_files.xml_file import read_bytes
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -107,7 +107,7 @@ def valid(count: int, seed: int) -> None:
             model = read_model(path)
             for engine, flags in (("mujoco", "default"),) if mjcf else IMPORTERS:
                 assert importer(engine) is not None
-                request = ImportRequest(str(path), model.format, flags, bare_text(model))
+                request = ImportRequest(str(path), model.format, flags, text_without_meshes(model))
                 held, outcome, message = import_once(pool, engine, request, 60.0)
                 if outcome != "ok":
                     false += 1

@@ -30,7 +30,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import pandas as pd
 
-from bodycheck._util.checksummed_json import opened
+from bodycheck._util.files import opened
 from bodycheck.runs.directory import partial_of
 from tests.helpers import scenario_texts
 from tests.helpers.file_permissions import obey_file_permissions

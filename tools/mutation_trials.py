@@ -243,7 +243,7 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
     ): "the billionth is slack for round-off: no switch is this very double beside a sample",
     (
         "adapters/versions/uv.py",
-        "done = subprocess.run(asked, capture_output=True, text=True, check=False)",
+        "done = subprocess.run(command, capture_output=True, text=True, check=False)",
         "check=False -> nothing",
     ): "the default, written out for readers",
     **{

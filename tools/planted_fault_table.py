@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import bodycheck
 from bodycheck.adapters.registry import register_adapter
 from bodycheck.reports.summary.worst_results import Result
-from tests.helpers.planted_faults import BASES, FAULTS, SOUND, Faulty
+from tests.helpers.planted_faults import BASES, FAULTS, NO_FAULT, Faulty
 from tests.helpers.reported_results import reported_results
 
 
@@ -42,9 +42,9 @@ def main(scenarios: list[str]) -> int:
     found, missed = reported_results(run), 0
     print("| fault | planted | base | reported by |\n|---|---|---|---|")
     for engine, base in zip(engines, BASES, strict=True):
-        accused = found.get(f"{engine.name}:{SOUND}", ())
+        accused = found.get(f"{engine.name}:{NO_FAULT}", ())
         missed += bool(accused)
-        print(f"| {SOUND} | nothing | {base} | {described(accused) or 'nothing, rightly'} |")
+        print(f"| {NO_FAULT} | nothing | {base} | {described(accused) or 'nothing, rightly'} |")
         for fault in FAULTS:
             reported = described(found.get(f"{engine.name}:{fault.name}", ()))
             reason = fault.undetectable.get(base)

@@ -296,7 +296,7 @@ def _messages(sound: Path) -> list[Reader]:
 
     def answered(message: Any) -> None:
         answer = protocol.answer_of(message, scene.sample_times)
-        Entry.of("key", protocol.kept(message, answer))
+        Entry.of("key", protocol.stored_part(message, answer))
 
     readers: dict[str, Callable[[Any], Any]] = {
         "announcement": protocol.engine_of,

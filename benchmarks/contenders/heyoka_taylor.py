@@ -32,14 +32,14 @@ def _equations(problem: Problem) -> list[tuple[Any, Any]]:
         ]
     i1, i2, i3 = moments
     spins = [((i2 - i3) / i1) * b * c, ((i3 - i1) / i2) * c * a, ((i1 - i2) / i3) * a * b]
-    turning = [
+    quaternion_rate = [
         -0.5 * (x * a + y * b + z * c),
         0.5 * (w * a + y * c - z * b),
         0.5 * (w * b + z * a - x * c),
         0.5 * (w * c + x * b - y * a),
     ]
-    linear_acceleration = [spin + tau / i for spin, tau, i in zip(spins, torque, moments, strict=True)]
-    return list(zip([*quaternion, *omega], [*turning, *linear_acceleration], strict=True))
+    angular_acceleration = [spin + tau / i for spin, tau, i in zip(spins, torque, moments, strict=True)]
+    return list(zip([*quaternion, *omega], [*quaternion_rate, *angular_acceleration], strict=True))
 
 
 class _Propagation:

@@ -14,10 +14,10 @@ from benchmarks.problems import FREE, HEAVY_TOP
 from benchmarks.timing import Spread
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum, rotational_energy
-from bodycheck.reference_impl.pivot import turning_inertia
+from bodycheck.reference_impl.pivot import rotational_inertia
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene
-from bodycheck.reference_impl.taylor.solution import Resolution, course_of, solve
+from bodycheck.reference_impl.taylor.solution import Resolution, forcings_of, solve
 
 # a tolerance of 1e-17 would leave a remainder that pulls |q| one way: 2e-15 over the steps, in proportion
 _RESOLUTION = Resolution(20, 1e-20, 6)
@@ -77,9 +77,9 @@ def _growth(name: str, sizes: Array, orbits: int) -> Measured:
 
 def _drifts(keeping: _Keeping, scene: Scene, resolution: Resolution, steps: int) -> Array:
     """(kept quantities, shares): how far each is from its start after those shares of the steps."""
-    pilot = solve(course_of(scene, _PILOT_S), scene.initial, np.array([_PILOT_S]), resolution)
+    pilot = solve(forcings_of(scene, _PILOT_S), scene.initial, np.array([_PILOT_S]), resolution)
     t_s = np.concatenate([[0.0], steps / pilot.steps * _PILOT_S * _SHARES])
-    state = solve(course_of(scene, t_s[-1]), scene.initial, t_s, resolution).high
+    state = solve(forcings_of(scene, t_s[-1]), scene.initial, t_s, resolution).high
     return np.asarray(keeping.departures(scene, state)[:, 1:])
 
 
@@ -95,7 +95,7 @@ def _free_departures(scene: Scene, state: Array) -> Array:
 def _top_departures(scene: Scene, state: Array) -> Array:
     """|E - E0| / K0 and |L_up - L_up0| / |L0|, about the pivot; E = omega . J omega / 2 - m g . R c."""
     assert scene.pivot is not None
-    rotation, omega, inertia = quaternion_to_matrix(state[:, :4]), state[:, 4:7], turning_inertia(scene)
+    rotation, omega, inertia = quaternion_to_matrix(state[:, :4]), state[:, 4:7], rotational_inertia(scene)
     kinetic = rotational_energy(inertia, omega)
     energy = kinetic + scene.body.mass * (rotation @ scene.pivot) @ scene.gravity
     momentum = angular_momentum(rotation, inertia, omega)

@@ -20,7 +20,7 @@ _TOLERANCE = 1e-12
 # Far below the last digit of a torque of 1 N m over 10 s, and far above what underflows in a series.
 _WEAK = 1e-20
 _VECTOR = np.full(3, _WEAK)
-_TURNING: tuple[Load, ...] = (
+_ROTATION: tuple[Load, ...] = (
     Torque("world", _VECTOR),
     SineTorque("body", _VECTOR, rate=1.0, phase=0.0),
     SineTorque("world", _VECTOR, rate=1.0, phase=0.0),
@@ -33,7 +33,7 @@ _TRANSLATION: tuple[Load, ...] = (Drag(_WEAK, np.zeros((3, 3))),)
 def specialised(effort: Effort) -> list[Measured]:
     """Time a free motion beside every load, and a forced one beside the centre of mass's motion."""
     return [
-        _gain("specialised.free", FREE, (*_TURNING, *_TRANSLATION), effort),
+        _gain("specialised.free", FREE, (*_ROTATION, *_TRANSLATION), effort),
         _gain("specialised.rotation", WORLD_TORQUE, _TRANSLATION, effort),
     ]
 

@@ -9,24 +9,24 @@ import sys
 import tempfile
 from pathlib import Path
 
-_NAMED = "BODYCHECK_CACHE_DIR"
+_VARIABLE = "BODYCHECK_CACHE_DIR"
 
 
-def cache_home() -> Path:
+def cache_dir() -> Path:
     """Return the cache folder: ``BODYCHECK_CACHE_DIR`` [default: bodycheck in the user's cache folder]."""
-    named = os.environ.get(_NAMED)
-    if named:
-        return Path(named)
+    configured = os.environ.get(_VARIABLE)
+    if configured:
+        return Path(configured)
     try:
         return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "bodycheck")
     except RuntimeError:  # neither HOME nor an entry in the user database
-        return folder_for_this_command("there is no home folder: set HOME or BODYCHECK_CACHE_DIR", _NAMED)
+        return folder_for_this_command("there is no home folder: set HOME or BODYCHECK_CACHE_DIR", _VARIABLE)
 
 
-def folder_for_this_command(why: str, variable: str) -> Path:
+def folder_for_this_command(reason: str, variable: str) -> Path:
     """Return a new folder that ends with this process, which children find by an environment variable."""
     made = tempfile.mkdtemp(prefix="bodycheck-")
     atexit.register(shutil.rmtree, made, ignore_errors=True)
     os.environ[variable] = made
-    print(f"{why}; compiled code is cached for this command only", file=sys.stderr)
+    print(f"{reason}; compiled code is cached for this command only", file=sys.stderr)
     return Path(made)

@@ -9,7 +9,7 @@ import tempfile
 from functools import cache
 from pathlib import Path
 
-from bodycheck._util.cache_dir import cache_home, folder_for_this_command
+from bodycheck._util.cache_dir import cache_dir, folder_for_this_command
 from bodycheck._util.file_digests import digest_of
 from bodycheck._util.platform_identity import compiler
 
@@ -32,14 +32,14 @@ def cache_directory() -> Path:
     if for_now := os.environ.get(KERNELS_FOR_NOW):
         return Path(for_now)
     sources = digest_of(Path(__file__).parents[1] / "reference_impl")
-    made_of = f"{sources} {compiler()}"
-    kept = cache_home() / "kernels" / hashlib.sha256(made_of.encode()).hexdigest()[:16]
+    identity = f"{sources} {compiler()}"
+    folder = cache_dir() / "kernels" / hashlib.sha256(identity.encode()).hexdigest()[:16]
     try:
-        kept.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=kept, buffering=0) as probe:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder, buffering=0) as probe:
             if probe.write(_PROBE) == len(_PROBE):
-                return kept
-        why = os.strerror(errno.ENOSPC)
+                return folder
+        reason = os.strerror(errno.ENOSPC)
     except OSError as error:
-        why = error.strerror or str(error)
-    return folder_for_this_command(f"{cache_home()}: cannot be written: {why}", KERNELS_FOR_NOW)
+        reason = error.strerror or str(error)
+    return folder_for_this_command(f"{cache_dir()}: cannot be written: {reason}", KERNELS_FOR_NOW)

@@ -9,28 +9,27 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from bodycheck._util.cache_dir import cache_home
-from bodycheck._util.checksummed_json import opened, sealed
-from bodycheck._util.files import atomic_write
+from bodycheck._util.cache_dir import cache_dir
+from bodycheck._util.files import atomic_write, opened, sealed
 
 _RACY_NS = 2_000_000_000
 """A file modified this recently may change again within one time stamp: FAT has a resolution of 2 s."""
 
 Entry = tuple[str, os.stat_result]
 """A path and its os.stat_result."""
-Wanted = Callable[[str], bool]
+NameFilter = Callable[[str], bool]
 
 
-def files_below(folder: str, wanted: Wanted = lambda name: True) -> dict[str, Entry]:  # noqa: ARG005
-    """Return relative path -> entry of the files in and below a folder whose names are wanted.
+def files_below(folder: str, accepts: NameFilter = lambda name: True) -> dict[str, Entry]:  # noqa: ARG005
+    """Return relative path -> entry of the files in and below a folder whose names are accepted.
 
     Skips __pycache__, hidden folders, and files that vanish or cannot be read.
     """
     begin = len(folder) + 1  # faster than os.path.relpath, which would take half of the time
-    return {path[begin:]: (path, status) for path, status in _walk(folder, wanted)}
+    return {path[begin:]: (path, status) for path, status in _walk(folder, accepts)}
 
 
-def _walk(folder: str, wanted: Wanted) -> Iterator[Entry]:
+def _walk(folder: str, accepts: NameFilter) -> Iterator[Entry]:
     try:
         entries = sorted(os.scandir(folder), key=lambda entry: entry.name)
     except OSError:
@@ -39,8 +38,8 @@ def _walk(folder: str, wanted: Wanted) -> Iterator[Entry]:
         with suppress(OSError):
             if entry.is_dir(follow_symlinks=False):
                 if entry.name != "__pycache__" and not entry.name.startswith("."):
-                    yield from _walk(entry.path, wanted)
-            elif wanted(entry.name):
+                    yield from _walk(entry.path, accepts)
+            elif accepts(entry.name):
                 yield entry.path, entry.stat()
 
 
@@ -60,17 +59,17 @@ def content_digest(label: str, files: Mapping[str, Entry]) -> str:
     """
     named = sorted(files.items())
     state = _state(named)
-    memory = cache_home() / "digests" / hashlib.sha256(label.encode()).hexdigest()
-    if (found := _remembered(memory, state)) is not None:
+    cache_file = cache_dir() / "digests" / hashlib.sha256(label.encode()).hexdigest()
+    if (found := _stored_digest(cache_file, state)) is not None:
         return found
     begin_ns = time.time_ns()
     digest = hashlib.sha256()
     for name, (path, _) in named:
         digest.update(f"{name}\0{_file_digest(path)}\n".encode())
     again = _state([(name, (path, _status(path))) for name, (path, _) in named])
-    settled = all(max(s.st_mtime_ns, s.st_ctime_ns) < begin_ns - _RACY_NS for _, (_, s) in named)
-    if again == state and settled:
-        _remember(memory, state, digest.hexdigest())
+    is_settled = all(max(s.st_mtime_ns, s.st_ctime_ns) < begin_ns - _RACY_NS for _, (_, s) in named)
+    if again == state and is_settled:
+        _store_digest(cache_file, state, digest.hexdigest())
     return digest.hexdigest()
 
 
@@ -97,21 +96,21 @@ def _file_digest(path: str) -> str:
         return f"cannot be read: {error.errno}"
 
 
-def _remembered(memory: Path, state: str) -> str | None:
+def _stored_digest(cache_file: Path, state: str) -> str | None:
     try:
-        known = opened(memory.read_bytes())
+        stored = opened(cache_file.read_bytes())
     except (OSError, ValueError):
         return None
-    if known is None or known.get("state") != state:
+    if stored is None or stored.get("state") != state:
         return None
-    return str(known["digest"])
+    return str(stored["digest"])
 
 
-def _remember(memory: Path, state: str, digest: str) -> None:
+def _store_digest(cache_file: Path, state: str, digest: str) -> None:
     """Write the cache file atomically, because other processes may write it at the same time."""
     with suppress(OSError):
-        memory.parent.mkdir(parents=True, exist_ok=True)
-        atomic_write(memory, sealed({"state": state, "digest": digest}))
+        cache_file.parent.mkdir(parents=True, exist_ok=True)
+        atomic_write(cache_file, sealed({"state": state, "digest": digest}))
 
 
 def digest_of(folder: Path) -> str:

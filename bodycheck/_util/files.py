@@ -1,12 +1,15 @@
-"""Atomic writing of files, and checks that a file can be written."""
+"""Files that survive crashes: written whole or not at all, checked by a digest when read."""
 
 from __future__ import annotations
 
+import json
 import os
 import secrets
 import tempfile
 from contextlib import suppress
+from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 from bodycheck._util.errors import InputError
 
@@ -28,8 +31,8 @@ def check_file(option: str, path: Path | None) -> None:
     check_folder(f"{option} {path}", folder)
 
 
-def check_folder(asked: str, folder: Path) -> None:
-    """Raise InputError, with the prefix `asked`, if no file can be created in a folder.
+def check_folder(prefix: str, folder: Path) -> None:
+    """Raise InputError, with this prefix, if no file can be created in a folder.
 
     If the folder does not exist, test its nearest existing parent.
     """
@@ -38,10 +41,10 @@ def check_folder(asked: str, folder: Path) -> None:
         with tempfile.TemporaryFile(dir=place):
             pass
     except OSError as error:
-        raise InputError(f"{asked}: cannot be written: {error.strerror or error}") from None
+        raise InputError(f"{prefix}: cannot be written: {error.strerror or error}") from None
 
 
-def write_whole(path: Path, content: bytes) -> None:
+def write_file(path: Path, content: bytes) -> None:
     """Write a file atomically; raises InputError if it cannot be written."""
     try:
         atomic_write(path, content)
@@ -65,3 +68,18 @@ def atomic_write(path: Path, content: bytes) -> None:
 def unfinished_name(path: Path) -> Path:
     """Return a unique temporary name in the folder of a file or folder that is being written."""
     return path.with_name(f".{path.name[:_LONGEST_STEM]}-{secrets.token_hex(8)}")
+
+
+def sealed(message: dict[str, Any]) -> bytes:
+    """Return a message as one line with its checksum, newline included."""
+    text = json.dumps(message, separators=(",", ":")).encode()
+    return sha256(text).hexdigest().encode() + b" " + text + b"\n"
+
+
+def opened(line: bytes) -> dict[str, Any] | None:
+    """Return the message of a line; None if the line is truncated or altered."""
+    digest, _, text = line.removesuffix(b"\n").partition(b" ")
+    if not line.endswith(b"\n") or sha256(text).hexdigest().encode() != digest:
+        return None
+    message: dict[str, Any] = json.loads(text)
+    return message

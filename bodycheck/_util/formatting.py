@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
+from itertools import islice
 
-_MOST_NAMES = 8
+_MAX_NAMES = 8
+_MAX_LISTED = 3
 _NEARLY = 0.8  # one or two typing errors in a name of ten letters
 
 
@@ -43,19 +45,25 @@ def vector(values: Iterable[float]) -> str:
     return f"({', '.join(number(value, 6) for value in values)})"
 
 
-def names(words: Sequence[str]) -> str:
+def first_few(items: Iterable[str]) -> str:
+    """Return 'one; two; three; ...'."""
+    listed = list(islice(items, _MAX_LISTED + 1))
+    return "; ".join(listed[:_MAX_LISTED] + ["..."] * (len(listed) > _MAX_LISTED))
+
+
+def names(items: Sequence[str]) -> str:
     """Return "a, b and c"; a long list ends with the number of further items."""
-    if len(words) > _MOST_NAMES:
-        words = [*words[: _MOST_NAMES - 1], f"{len(words) - _MOST_NAMES + 1} more"]
-    return " and ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))
+    if len(items) > _MAX_NAMES:
+        items = [*items[: _MAX_NAMES - 1], f"{len(items) - _MAX_NAMES + 1} more"]
+    return " and ".join(filter(None, (", ".join(items[:-1]), *items[-1:])))
 
 
-def count(amount: int, thing: str) -> str:
+def count(amount: int, noun: str) -> str:
     """Return "1 case", "2 cases"."""
-    return f"{amount} {thing}" if amount == 1 else f"{amount} {thing}s"
+    return f"{amount} {noun}" if amount == 1 else f"{amount} {noun}s"
 
 
-def meant(typed: str, known: Iterable[str]) -> str:
+def suggestion(typed: str, known: Iterable[str]) -> str:
     """Return "; did you mean NAME?" for a known name that resembles what was typed, else all known names."""
     names = tuple(known)
     near = nearest(typed, names)

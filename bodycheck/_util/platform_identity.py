@@ -54,7 +54,7 @@ VARIABLES: dict[str, str] = {
 PYTHONHASHSEED is left out because without it each process hashes strings differently anyway, NUMBA_CACHE_DIR
 because it affects no result.
 """
-_IDLE = ("NUMBA_CACHE_DIR",)
+_WITHOUT_EFFECT = ("NUMBA_CACHE_DIR",)
 
 
 @cache
@@ -121,7 +121,7 @@ def environment(patterns: Iterable[str] = VARIABLES) -> str:
     found = [
         f"{name}={value}"
         for name, value in sorted(os.environ.items())
-        if name not in _IDLE and any(fnmatchcase(name, pattern) for pattern in patterns)
+        if name not in _WITHOUT_EFFECT and any(fnmatchcase(name, pattern) for pattern in patterns)
     ]
     text = " ".join(found)
     if len(text) <= _LONGEST:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from bodycheck._util.errors import InputError
 
-_MOST = 100_000
+_MAX_COUNT = 100_000
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Shard:
         found = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", text)
         if found is not None:
             shard = cls(int(found[1]), int(found[2]))
-            if 1 <= shard.index <= shard.count <= _MOST:
+            if 1 <= shard.index <= shard.count <= _MAX_COUNT:
                 return shard
         raise InputError(f"--shard {text}: must be K/N with 1 <= K <= N, like 3/8")
 
@@ -55,13 +55,13 @@ def division_faults(shards: Mapping[Path, Shard]) -> Iterator[str]:
         folders.setdefault(shard, []).append(folder)
     counts = Counter(shard.count for shard in shards.values())
     if len(counts) > 1:
-        told = ", ".join(f"{folder} is {shard}" for folder, shard in shards.items())
-        yield f"shards of different divisions: {told}"
+        listed = ", ".join(f"{folder} is {shard}" for folder, shard in shards.items())
+        yield f"shards of different divisions: {listed}"
         return
     (total,) = counts
-    for shard, given in folders.items():
-        if len(given) > 1:
-            yield f"{', '.join(map(str, given))}: all are shard {shard}"
+    for shard, same in folders.items():
+        if len(same) > 1:
+            yield f"{', '.join(map(str, same))}: all are shard {shard}"
     absent = [str(Shard(k, total)) for k in range(1, total + 1) if Shard(k, total) not in folders]
     if absent:
         yield f"missing shard{'s' * (len(absent) > 1)}: {', '.join(absent)}"

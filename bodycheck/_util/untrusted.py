@@ -44,7 +44,7 @@ def escaped(value: Any) -> Any:
     """Return plain data with the control characters of its strings escaped, so that it can be printed."""
     match value:
         case str():
-            return value if value.isprintable() else "".join(_kept(c) for c in value)
+            return value if value.isprintable() else "".join(_escaped_character(c) for c in value)
         case list():
             return [escaped(part) for part in value]
         case dict():
@@ -52,7 +52,7 @@ def escaped(value: Any) -> Any:
     return value
 
 
-def _kept(c: str) -> str:
+def _escaped_character(c: str) -> str:
     return c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode("ascii")
 
 
@@ -76,8 +76,8 @@ def from_outside(where: Path) -> Iterator[None]:
     except BodycheckError:
         raise
     except Exception as error:
-        why = printable(f"{type(error).__name__}: {error}", _SHORT)
-        raise InputError(f"{where}: cannot be used: {why}") from error
+        reason = printable(f"{type(error).__name__}: {error}", _SHORT)
+        raise InputError(f"{where}: cannot be used: {reason}") from error
 
 
 def read_json(path: Path, *, escape: bool = True) -> Any:
@@ -116,12 +116,12 @@ _SPECIAL = re.compile(r"['\"\\#]")
 _ESCAPE = re.compile(rb"\\x([0-9a-f]{2})")
 
 
-def joined(words: Iterable[str]) -> str:
+def shell_join(words: Iterable[str]) -> str:
     """Return the words as one line that a shell splits into the same words."""
-    return " ".join(quoted(word) for word in words)
+    return " ".join(shell_quote(word) for word in words)
 
 
-def quoted(word: str) -> str:
+def shell_quote(word: str) -> str:
     """Return a word quoted for a shell; escape the bytes of an unprintable word for bash."""
     if word.isprintable():
         return shlex.quote(word)
@@ -132,8 +132,8 @@ def _escape(found: re.Match[bytes]) -> bytes:
     return f"\\x{found[0][0]:02x}".encode()
 
 
-def parted(line: str) -> list[str]:
-    """Return the words of a line made by `joined`; raises ValueError for an unclosed quotation mark."""
+def shell_split(line: str) -> list[str]:
+    """Return the words of a line made by `shell_join`; raises ValueError for an unclosed quotation mark."""
     if not _SPECIAL.search(line):  # the common case; shlex is slow
         return line.split()
     words: list[str] = []

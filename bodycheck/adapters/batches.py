@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -107,18 +107,12 @@ class BatchAnswer:
         )
 
 
-class BatchingAdapter(Adapter, Protocol):
-    """An engine that steps many bodies in one call."""
-
-    def record_batch(self, batch: Batch) -> BatchAnswer | None:
-        """Return the motions, the same to round-off as one by one; None where it has no such call.
-
-        The adapter compares the models that it reads back with the batch.
-        """
-
-
 def record_batch(adapter: Adapter, batch: Batch) -> BatchAnswer:
-    """Record all motions of a batch: in one call where the engine has one, otherwise one after the other."""
+    """Record all motions of a batch: in one call where the engine has one, otherwise one after the other.
+
+    The engine's call is the adapter's `record_batch(batch)`. It returns the same motions to round-off, after
+    comparing the models that it reads back with the batch, or None where it cannot take the batch.
+    """
     together = getattr(adapter, "record_batch", None)
     found: BatchAnswer | None = None if together is None else together(batch)
     if found is not None:
@@ -142,9 +136,9 @@ def stacked(batch: Batch, rows: list[tuple[Scene, Answer]], precision: Precision
     messages: list[str] = []
     for row, (scene, one) in enumerate(rows):
         ending: RowEnding = one.outcome
-        message, motion, held = one.message, one.trajectory, one.read_back
-        if motion is not None and held is not None:
-            if fault := read_back_mismatch(scene, batch.dt_s, held, precision):
+        message, motion, read_back = one.message, one.trajectory, one.read_back
+        if motion is not None and read_back is not None:
+            if fault := read_back_mismatch(scene, batch.dt_s, read_back, precision):
                 ending, message = "invalid", fault
             else:
                 answer.quaternion[row], answer.omega_body[row] = motion.attitude, motion.omega_body

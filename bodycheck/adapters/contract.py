@@ -160,6 +160,13 @@ class ReadBack:
     gravity: Array
     state: Reading
 
+    @classmethod
+    def of_scene(cls, scene: Scene) -> ReadBack:
+        """Return what a solver without an engine stores: the scene itself."""
+        start = scene.initial
+        state = Reading(start.position, start.velocity, start.quaternion, omega_body=start.omega_body)
+        return cls(scene.body.mass, scene.body.inertia, None, scene.gravity, state)
+
 
 class Simulation(Protocol):
     """One scene in one engine, by one method, at one step size. Close it after use.
@@ -279,19 +286,19 @@ def _differences(scene: Scene, dt_s: float | None, found: ReadBack, precision: P
 
     def compare(
         name: str,
-        asked: Array | float,
-        held: Array | float,
+        expected: Array | float,
+        stored: Array | float,
         relative: float = state_slack,
-        beside: float = 0.0,
+        extra: float = 0.0,
     ) -> None:
         with np.errstate(over="ignore"):
-            asked = np.asarray(asked, dtype=real).astype(np.float64)
-        held = np.asarray(held, dtype=np.float64)
-        if np.array_equal(asked, held):  # the common case, and much faster
+            expected = np.asarray(expected, dtype=real).astype(np.float64)
+        stored = np.asarray(stored, dtype=np.float64)
+        if np.array_equal(expected, stored):  # the common case, and much faster
             return
-        slack = relative * (float(np.max(np.abs(asked))) + beside)
-        if held.shape != asked.shape or not np.all(np.abs(held - asked) <= slack):
-            faults.append(f"{name} is {_words(held)} in the engine, not {_words(asked)}")
+        slack = relative * (float(np.max(np.abs(expected))) + extra)
+        if stored.shape != expected.shape or not np.all(np.abs(stored - expected) <= slack):
+            faults.append(f"{name} is {_words(stored)} in the engine, not {_words(expected)}")
 
     compare("mass", body.mass, found.mass)
     compare("inertia", body.inertia, found.inertia, body_slack, body.mass * arm * arm)
@@ -299,23 +306,23 @@ def _differences(scene: Scene, dt_s: float | None, found: ReadBack, precision: P
         compare("step", dt_s, math.nan if found.dt_s is None else found.dt_s)
     compare("gravity", scene.gravity, found.gravity)
     state = found.state
-    compare("position", initial.position, state.position, beside=arm)
-    compare("velocity", initial.velocity, state.velocity, beside=swing)
+    compare("position", initial.position, state.position, extra=arm)
+    compare("velocity", initial.velocity, state.velocity, extra=swing)
     if state.quaternion is None and state.rotation is None:
         faults.append("the engine returns neither a quaternion nor a rotation")
     if state.omega_body is None and state.omega_world is None:
         faults.append("the engine returns no omega")
     if state.quaternion is not None:
-        turned = state.quaternion.shape == (4,) and float(state.quaternion @ initial.quaternion) < 0.0
-        compare("quaternion", initial.quaternion, -state.quaternion if turned else state.quaternion)
+        is_opposite = state.quaternion.shape == (4,) and float(state.quaternion @ initial.quaternion) < 0.0
+        compare("quaternion", initial.quaternion, -state.quaternion if is_opposite else state.quaternion)
     if state.rotation is not None:
         compare("rotation", initial.rotation, state.rotation)
     # an engine that stores the angular momentum computes omega by solving I omega = L
     through_momentum = float(np.linalg.cond(body.inertia) * np.linalg.norm(initial.omega_body))
     if state.omega_body is not None:
-        compare("omega_body", initial.omega_body, state.omega_body, beside=through_momentum)
+        compare("omega_body", initial.omega_body, state.omega_body, extra=through_momentum)
     if state.omega_world is not None:
-        compare("omega_world", initial.omega_world, state.omega_world, beside=through_momentum)
+        compare("omega_world", initial.omega_world, state.omega_world, extra=through_momentum)
     return faults
 
 

@@ -16,7 +16,7 @@ import dartpy
 import numpy as np
 
 from bodycheck.adapters.contract import DEFAULTS, Method, ReadBack, Reading, Stepping
-from bodycheck.adapters.engine_loads import HeldLoads
+from bodycheck.adapters.engine_loads import ZeroOrderHold
 from bodycheck.adapters.frames import EngineAxes, LinkFrame, link_frame, pivot_place
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
@@ -33,7 +33,7 @@ _SEMI_IMPLICIT = Method(
     changed_defaults=("no world: no collision detection, no deactivation",),
     snippet="world.setTimeStep({dt_s})",
 )
-_UNTOUCHED = replace(_SEMI_IMPLICIT, name=f"{_SEMI_IMPLICIT.name}{DEFAULTS}", changed_defaults=())
+_WITH_DEFAULTS = replace(_SEMI_IMPLICIT, name=f"{_SEMI_IMPLICIT.name}{DEFAULTS}", changed_defaults=())
 
 
 class Dart:
@@ -41,7 +41,7 @@ class Dart:
 
     name = "dart"
     version: str = dartpy.__version__
-    methods: Mapping[str, Method] = {method.name: method for method in (_SEMI_IMPLICIT, _UNTOUCHED)}
+    methods: Mapping[str, Method] = {method.name: method for method in (_SEMI_IMPLICIT, _WITH_DEFAULTS)}
 
     def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
         """Return None: every scene is supported."""
@@ -49,7 +49,7 @@ class Dart:
 
     def build(self, scene: Scene, method: str, dt_s: float) -> DartSimulation:
         """Build a skeleton of one body; the variant with unchanged defaults puts it into a world."""
-        return DartSimulation(scene, dt_s, in_world=method == _UNTOUCHED.name)
+        return DartSimulation(scene, dt_s, in_world=method == _WITH_DEFAULTS.name)
 
 
 class DartSimulation:
@@ -74,7 +74,7 @@ class DartSimulation:
             self._world.setGravity(scene.gravity)
             self._world.setTimeStep(dt_s)
             self._world.addSkeleton(self._skeleton)
-        self._lasting = HeldLoads(scene, dt_s)
+        self._continuous = ZeroOrderHold(scene, dt_s)
         self.reset()
 
     def _jointed(self, scene: Scene, link: LinkFrame) -> tuple[Any, Any]:
@@ -110,7 +110,7 @@ class DartSimulation:
             self._joint.setPositions(logarithm(initial.rotation))
             self._joint.setVelocities(initial.omega_body)
         self._is_lost = False
-        self._lasting.reset()
+        self._continuous.reset()
         self.apply(NO_WRENCH)
 
     def apply(self, wrench: Wrench) -> None:
@@ -129,13 +129,13 @@ class DartSimulation:
         if self._is_lost:
             return
         skeleton = self._skeleton
-        renewed = bool(self._wrench.point_forces) or bool(self._lasting) or not self._by_joint
+        renewed = bool(self._wrench.point_forces) or bool(self._continuous) or not self._by_joint
         dt_s = skeleton.getTimeStep()
         for _ in range(steps):
             if renewed:
                 self._renew_external_forces()
-            if self._lasting:
-                self._add_lasting()
+            if self._continuous:
+                self._add_continuous_loads()
             if self._world is not None:
                 self._world.step(False)  # False: keep the forces
                 continue
@@ -183,9 +183,9 @@ class DartSimulation:
             body.addExtForce(wrench.force_world, self._centre, False, True)
             body.addExtTorque(wrench.torque_world, False)
 
-    def _add_lasting(self) -> None:
+    def _add_continuous_loads(self) -> None:
         """Add the continuous loads at the present state, held constant over the step (zero-order hold)."""
-        force_and_torque = self._lasting.next_wrench(*self._state())
+        force_and_torque = self._continuous.next_wrench(*self._state())
         self._body.addExtForce(force_and_torque[:3], self._centre, False, True)
         self._body.addExtTorque(force_and_torque[3:], False)
 

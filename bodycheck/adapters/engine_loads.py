@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.loads_at import lasting_wrench_of
+from bodycheck.reference_impl.loads_at import continuous_wrench_of
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 
@@ -20,7 +20,7 @@ class StageLoads:
 
     def __init__(self, scene: Scene) -> None:
         self.wrench: Wrench = NO_WRENCH
-        self._weight, self._continuous = scene.body.mass * scene.gravity, lasting_wrench_of(scene)
+        self._weight, self._continuous = scene.body.mass * scene.gravity, continuous_wrench_of(scene)
 
     def at(
         self, t_s: float, position: Array, rotation: Array, velocity: Array, omega_world: Array
@@ -39,12 +39,12 @@ class StageLoads:
         return force + more_force, torque + rotation.T @ more_torque
 
 
-class HeldLoads:
+class ZeroOrderHold:
     """The continuous loads of one scene, and the clock of one simulation: t = number of steps x dt."""
 
     def __init__(self, scene: Scene, dt_s: float) -> None:
         self._dt_s, self._steps = dt_s, 0
-        self._wrench_at = _wrench_at(scene) if scene.lasting_loads else None
+        self._wrench_at = _wrench_at(scene) if scene.continuous_loads else None
 
     def __bool__(self) -> bool:
         """Whether the scene has any."""
@@ -68,10 +68,10 @@ class HeldLoads:
 def _wrench_at(scene: Scene) -> Callable[[float, Array, Array, Array, Array], Array]:
     """Return force and torque (6,) as a function of (t, x, R, v, omega), compiled where no callback acts."""
     if scene.has_callback_load:
-        asked = lasting_wrench_of(scene)
-        return lambda *motion: np.concatenate(asked(*motion))
+        wrench = continuous_wrench_of(scene)
+        return lambda *motion: np.concatenate(wrench(*motion))
     # late: numba is half the start of a worker, and most scenes have no such load
-    from bodycheck.reference_impl.continuous_loads import lasting_wrench_at, packed_lasting
+    from bodycheck.reference_impl.continuous_loads import continuous_wrench_at, packed_continuous_loads
 
-    rows = packed_lasting(scene)
-    return lambda *motion: lasting_wrench_at(*motion, rows)
+    rows = packed_continuous_loads(scene)
+    return lambda *motion: continuous_wrench_at(*motion, rows)

@@ -68,17 +68,17 @@ def record(adapter: Adapter, case: Case) -> Answer:
     if setting.dt_s is None:
         solver = cast(SolvingAdapter, adapter).solver(scene, method, setting.tolerance)
         try:
-            held = solver.read_back()
+            model = solver.read_back()
             solved = solver.solve()
-            return Answer("ok", "", solved, held, "native", solver.steps)
+            return Answer("ok", "", solved, model, "native", solver.steps)
         finally:
             solver.close()
     plan = plan_steps(scene, setting.dt_s)
     simulation = adapter.build(scene, method, plan.dt_s)
     try:
-        held = simulation.read_back()
+        model = simulation.read_back()
         readings = readings_along(simulation, plan.legs())
-        return Answer("ok", "", trajectory_of(scene.sample_times, readings), held, simulation.stepping)
+        return Answer("ok", "", trajectory_of(scene.sample_times, readings), model, simulation.stepping)
     finally:
         simulation.close()
 
@@ -92,18 +92,18 @@ def replay(adapter: Adapter, case: Case) -> Answer:
         solver = cast(SolvingAdapter, adapter).solver(scene, case.method, setting.tolerance)
         try:
             solver.solve()
-            held = solver.read_back()
-            return Answer("ok", "", solver.solve(), held, "native", solver.steps)
+            model = solver.read_back()
+            return Answer("ok", "", solver.solve(), model, "native", solver.steps)
         finally:
             solver.close()
     plan = plan_steps(scene, setting.dt_s)
     simulation = adapter.build(scene, case.method, plan.dt_s)
     try:
         readings_along(simulation, plan.legs())
-        held = simulation.read_back()
+        model = simulation.read_back()
         simulation.reset()
         readings = readings_along(simulation, plan.legs())
-        return Answer("ok", "", trajectory_of(scene.sample_times, readings), held, simulation.stepping)
+        return Answer("ok", "", trajectory_of(scene.sample_times, readings), model, simulation.stepping)
     finally:
         simulation.close()
 
@@ -132,8 +132,8 @@ def trajectory_of(t_s: Array, readings: list[Reading]) -> Trajectory:
         values = [getattr(reading, name) for reading in readings]
         if values[0] is None:
             return None
-        held = np.array(values)
-        return held.astype(np.float64) if held.dtype.kind in "fiu" else held  # others are refused later
+        array = np.array(values)
+        return array.astype(np.float64) if array.dtype.kind in "fiu" else array  # others are refused later
 
     position, velocity = column("position"), column("velocity")
     if position is None or velocity is None:
@@ -164,11 +164,11 @@ def stopwatch(adapter: Adapter, case: Case) -> Stopwatch:
     if case.setting.dt_s is None:
         solver = cast(SolvingAdapter, adapter).solver(case.scene, case.method, case.setting.tolerance)
         with _closed_on_failure(solver):
-            return _SolverWatch(solver)
+            return _SolverStopwatch(solver)
     plan = plan_steps(case.scene, case.setting.dt_s)
     simulation = adapter.build(case.scene, case.method, plan.dt_s)
     with _closed_on_failure(simulation):
-        return _StepWatch(simulation, plan)
+        return _StepStopwatch(simulation, plan)
 
 
 @contextmanager
@@ -180,7 +180,7 @@ def _closed_on_failure(built: Simulation | Solver) -> Iterator[None]:
         raise
 
 
-class _SolverWatch:
+class _SolverStopwatch:
     def __init__(self, solver: Solver) -> None:
         self._solver = solver
         solver.solve()
@@ -194,7 +194,7 @@ class _SolverWatch:
         self._solver.close()
 
 
-class _StepWatch:
+class _StepStopwatch:
     """Times the first steps of a case without stopping at samples, and scales to all of its steps."""
 
     def __init__(self, simulation: Simulation, plan: StepPlan) -> None:

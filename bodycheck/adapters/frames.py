@@ -68,7 +68,7 @@ class LinkFrame:
         """R_l^T (p - offset): (3,) from the centre of mass in body axes -> (3,) in the link frame, m."""
         return np.asarray((at - self.offset) @ self.rotation)
 
-    def turned(self, quaternion: Array) -> Array:
+    def rotated(self, quaternion: Array) -> Array:
         """q_l^-1 q: (4,) quaternion to body axes -> (4,) to link axes."""
         return quaternion_product(conjugate(self.quaternion), quaternion)
 
@@ -82,9 +82,9 @@ class LinkFrame:
         self, position: Array, quaternion: Array, velocity: Array, omega_world: Array
     ) -> tuple[Array, Array, Array]:
         """Return position, quaternion and velocity of the body, from those of its link; all in world axes."""
-        turned = quaternion_product(quaternion, conjugate(self.quaternion))
-        arm = quaternion_to_matrix(turned) @ self.offset
-        return position - arm, turned, velocity - np.cross(omega_world, arm)
+        attitude = quaternion_product(quaternion, conjugate(self.quaternion))
+        arm = quaternion_to_matrix(attitude) @ self.offset
+        return position - arm, attitude, velocity - np.cross(omega_world, arm)
 
 
 def link_frame(scene: Scene) -> LinkFrame:

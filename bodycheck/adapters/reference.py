@@ -13,18 +13,18 @@ from bodycheck.adapters.batches import Batch, BatchAnswer
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, Solver, Stepping
 from bodycheck.reference_impl.batch import BatchMethod, advance_checked
 from bodycheck.reference_impl.closed_forms.exact_motion import closed_form_of
-from bodycheck.reference_impl.continuous_loads import packed_lasting
+from bodycheck.reference_impl.continuous_loads import packed_continuous_loads
 from bodycheck.reference_impl.integrators.evaluated_loads import (
-    advance_asking,
+    advance_with_callback,
     omega_world,
-    rotation_held,
+    rotation_of_state,
     supports_callbacks,
 )
 from bodycheck.reference_impl.integrators.facts import Integrator
 from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
-from bodycheck.reference_impl.loads_at import lasting_wrench_of
+from bodycheck.reference_impl.loads_at import continuous_wrench_of
 from bodycheck.reference_impl.pivot import about_pivot, load_about
-from bodycheck.reference_impl.scene import ContinuousLoad, Drag, GravityGradient, Scene, Wrenching
+from bodycheck.reference_impl.scene import ContinuousLoad, Drag, GravityGradient, Scene, WrenchFunction
 from bodycheck.reference_impl.single_precision import SINGLE_PRECISION, STEPPED
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
@@ -45,8 +45,8 @@ class FixedStep:
         if scene.pivot is not None:
             self._body[0] = math.inf
         self.stepping = "python" if scene.has_callback_load else "native"
-        self._asked = _asked_about_pivot(scene) if scene.has_callback_load else None
-        self._lasting = np.zeros(0) if scene.has_callback_load else packed_lasting(self._stepped)
+        self._callback = _callback_about_pivot(scene) if scene.has_callback_load else None
+        self._continuous = np.zeros(0) if scene.has_callback_load else packed_continuous_loads(self._stepped)
         self.reset()
 
     def reset(self) -> None:
@@ -67,11 +67,11 @@ class FixedStep:
 
     def read_back(self) -> ReadBack:
         """Unpack what the kernels are given, which about a pivot is another inertia."""
-        scene, held = self._scene, self._body[1:10].reshape(3, 3)
+        scene, stored_inertia = self._scene, self._body[1:10].reshape(3, 3)
         about = np.zeros((3, 3)) if scene.pivot is None else self._stepped.body.inertia - scene.body.inertia
         return ReadBack(
             mass=float(self._integrator.real(scene.body.mass)),
-            inertia=held - about,
+            inertia=stored_inertia - about,
             dt_s=float(self._integrator.real(self._dt_s)),
             gravity=scene.gravity.astype(self._integrator.real),
             state=self.read(),
@@ -88,10 +88,10 @@ class FixedStep:
         """Make the steps in one compiled call; in Python where a function is to be asked."""
         method, state, dt_s = self._integrator, self._state, self._dt_s
         begin = self._steps_made * dt_s
-        if self._asked is not None:
-            advance_asking(method, self._asked, state, self._body, self._load, begin, dt_s, steps)
-        elif len(self._lasting):
-            method.advance_forced(state, self._body, self._load, self._lasting, begin, dt_s, steps)
+        if self._callback is not None:
+            advance_with_callback(method, self._callback, state, self._body, self._load, begin, dt_s, steps)
+        elif len(self._continuous):
+            method.advance_forced(state, self._body, self._load, self._continuous, begin, dt_s, steps)
         else:
             method.advance(state, self._body, self._load, dt_s, steps)
         self._steps_made += steps
@@ -102,19 +102,19 @@ class FixedStep:
         position, velocity, spin = state[_POSITION], state[_VELOCITY], state[_SPIN].copy()
         in_body = method.spin == "omega_body"
         rotation = state[9:].reshape(3, 3) if method.attitude == "matrix" else None
-        turning = None
+        omega = None
         if pivot is not None or not in_body:
-            turned = rotation_held(method, state)
-            turning = omega_world(method, state, self._body, turned)
+            attitude = rotation_of_state(method, state)
+            omega = omega_world(method, state, self._body, attitude)
             if pivot is not None:
-                arm = turned @ -pivot
-                position, velocity = position + arm, np.cross(turning, arm)
+                arm = attitude @ -pivot
+                position, velocity = position + arm, np.cross(omega, arm)
         return Reading(
             position.astype(method.real),
             velocity.astype(method.real),
             quaternion=state[9:] if rotation is None else None,
             rotation=rotation,
-            omega_world=None if in_body else turning,
+            omega_world=None if in_body else omega,
             omega_body=spin if in_body else None,
         )
 
@@ -122,9 +122,9 @@ class FixedStep:
         """Nothing to free."""
 
 
-def _asked_about_pivot(scene: Scene) -> Wrenching:
+def _callback_about_pivot(scene: Scene) -> WrenchFunction:
     """Return what the continuous loads do to the body that is stepped: about the pivot, if there is one."""
-    wrench = lasting_wrench_of(scene)
+    wrench = continuous_wrench_of(scene)
     if scene.pivot is None:
         return wrench
     from bodycheck.reference_impl.truth.step_halving import PivotPlace  # late: imports numba
@@ -169,7 +169,7 @@ def _method_of(integrator: Integrator) -> Method:
         order=integrator.order,
         evaluations=integrator.evaluations,
         torque=integrator.torque,
-        lasting=integrator.lasting,
+        lasting=integrator.continuous,
         keeps=integrator.keeps,
         source=integrator.source,
         precision="float32" if single else "float64",
@@ -190,7 +190,7 @@ class ClosedForm:
 
     def read_back(self) -> ReadBack:
         """Return the scene's own numbers: there is no engine between."""
-        return _own_numbers(self._scene)
+        return ReadBack.of_scene(self._scene)
 
     def solve(self) -> Trajectory:
         """Solve for all samples in one call."""
@@ -212,7 +212,7 @@ class Series:
 
     def read_back(self) -> ReadBack:
         """Return the scene's own numbers: there is no engine between."""
-        return _own_numbers(self._scene)
+        return ReadBack.of_scene(self._scene)
 
     def solve(self) -> Trajectory:
         """Follow the motion through all samples."""
@@ -243,13 +243,13 @@ class Reference:
             return _NO_CLOSED_FORM if scene.has_callback_load or closed_form_of(scene) is None else None
         if method == _TAYLOR.name:
             return _NO_SERIES if scene.has_callback_load else None
-        if method in SINGLE_PRECISION and scene.lasting_loads:
+        if method in SINGLE_PRECISION and scene.continuous_loads:
             return f"{method} supports only constant loads"
         if scene.has_callback_load and not supports_callbacks(STEPPED[method]):
             return f"{method} evaluates loads at its stages in compiled code, which cannot call a function"
         if scene.pivot is not None and any(isinstance(load, GravityGradient) for load in scene.loads):
             return "a gravity gradient is reduced to no torque about a pivot"
-        refused = _refused(STEPPED[method], scene.lasting_loads)
+        refused = _refused(STEPPED[method], scene.continuous_loads)
         return f"{method} does not support {', '.join(refused)}: its kicks must be exact" if refused else None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
@@ -259,8 +259,8 @@ class Reference:
     def record_batch(self, batch: Batch) -> BatchAnswer | None:
         """Step bodies under constant torques by a batch kernel; None where there is none."""
         template = batch.template
-        held = template.loads or template.gravity.any() or template.pivot is not None
-        if held or batch.method not in get_args(BatchMethod):
+        is_loaded = template.loads or template.gravity.any() or template.pivot is not None
+        if is_loaded or batch.method not in get_args(BatchMethod):
             return None
         return _stepped_together(batch, cast("BatchMethod", batch.method))
 
@@ -294,15 +294,3 @@ def _refused(method: Integrator, loads: Sequence[ContinuousLoad]) -> list[str]:
         for load in loads
         if isinstance(load, method.refused) or (velocity_too and load.depends_on_velocity)
     ]
-
-
-def _own_numbers(scene: Scene) -> ReadBack:
-    """Return what a solver without an engine stores: the scene itself."""
-    body, initial = scene.body, scene.initial
-    start = Reading(
-        position=initial.position,
-        velocity=initial.velocity,
-        quaternion=initial.quaternion,
-        omega_body=initial.omega_body,
-    )
-    return ReadBack(body.mass, body.inertia, None, scene.gravity, start)

@@ -15,7 +15,7 @@ from typing import Any
 
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.file_digests import digest_of
-from bodycheck._util.formatting import meant
+from bodycheck._util.formatting import suggestion
 from bodycheck.adapters.contract import Adapter
 
 _BUILT_IN = {
@@ -115,8 +115,8 @@ def _stated_in_source(point: EntryPoint) -> dict[str, Any]:
     if spec is None or spec.origin is None:
         return {}
     root = Path(spec.origin)
-    within = root.parent.joinpath(*inner)
-    for path in (within.with_suffix(".py"), within / "__init__.py") if inner else (root,):
+    path_in_package = root.parent.joinpath(*inner)
+    for path in (path_in_package.with_suffix(".py"), path_in_package / "__init__.py") if inner else (root,):
         with suppress(OSError, ValueError, SyntaxError):
             return dict(_literals(ast.parse(path.read_bytes()), point.attr))
     return {}
@@ -170,7 +170,7 @@ def get_adapter(name: str) -> Adapter:
     if name in _registered:
         return _registered[name]
     if name not in engine_names():
-        raise InputError(f"unknown engine {name!r}{meant(name, engine_names())}")
+        raise InputError(f"unknown engine {name!r}{suggestion(name, engine_names())}")
     return _import(name)
 
 

@@ -20,7 +20,7 @@ from bodycheck.reference_impl.pivot import kinetic_energies
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import Leg, StepPlan, plan_steps
 
-_MOST_ENERGY = 100.0  # times the largest true kinetic energy
+_MAX_ENERGY = 100.0  # times the largest true kinetic energy
 
 
 def invalid_state(trajectory: Trajectory) -> str | None:
@@ -41,7 +41,7 @@ def kinetic_limit(true_kinetic: Array) -> float:
     true_kinetic (n,): kinetic energy of the truth, in J.
     """
     largest = float(true_kinetic.max())
-    return _MOST_ENERGY * largest if largest > 0.0 else np.inf
+    return _MAX_ENERGY * largest if largest > 0.0 else np.inf
 
 
 def energy_blowup(kinetic: Array, limit: float, t_s: Array) -> str | None:
@@ -75,7 +75,7 @@ def _first_not_finite(trajectory: Trajectory) -> tuple[int, str] | None:
 
 _RATIO = 1.1  # of successive steps of the scan
 _WIDTH = 1.01  # ratio of the bracket's ends at which bisection stops
-_MOST_LOOKS = 50  # readings of the state per trial, which cost more than the engine's steps
+_MAX_READINGS = 50  # readings of the state per trial, which cost more than the engine's steps
 
 Breakdown = Callable[[float], str | None]
 """step in s -> why the method breaks down at this step; None if it does not."""
@@ -132,20 +132,20 @@ def largest_stable(broken: Breakdown, start_s: float, lowest_s: float, highest_s
         if step <= lowest_s:
             return StableStep("ok", "", None, step, reason)
         step = max(step / 2.0, lowest_s)
-    stable, unstable, why = step, None, ""
+    stable, unstable, unstable_reason = step, None, ""
     while unstable is None and stable < highest_s:
         step = min(stable * _RATIO, highest_s)
         if reason := broken(step):
-            unstable, why = step, reason
+            unstable, unstable_reason = step, reason
         else:
             stable = step
     while unstable is not None and unstable > stable * _WIDTH:
         step = math.sqrt(stable * unstable)
         if reason := broken(step):
-            unstable, why = step, reason
+            unstable, unstable_reason = step, reason
         else:
             stable = step
-    return StableStep("ok", "", stable, unstable, why)
+    return StableStep("ok", "", stable, unstable, unstable_reason)
 
 
 def _breakdown(adapter: Adapter, case: Case, limit_j: float, dt_s: float) -> str | None:
@@ -154,7 +154,7 @@ def _breakdown(adapter: Adapter, case: Case, limit_j: float, dt_s: float) -> str
     steps = max(math.ceil(case.scene.duration_s / dt_s * (1.0 - 1e-12)), 1)
     scene = replace(case.scene, duration_s=steps * dt_s, samples=2)
     plan = plan_steps(scene, dt_s)
-    legs = list(_looks(plan, max(plan.steps // min(case.scene.samples - 1, _MOST_LOOKS), 1)))
+    legs = list(_legs_to_readings(plan, max(plan.steps // min(case.scene.samples - 1, _MAX_READINGS), 1)))
     simulation = adapter.build(scene, case.method, plan.dt_s)
     try:
         readings = readings_along(simulation, legs)
@@ -169,7 +169,7 @@ def _breakdown(adapter: Adapter, case: Case, limit_j: float, dt_s: float) -> str
         return energy_blowup(kinetic, limit_j, t_s)
 
 
-def _looks(plan: StepPlan, stride: int) -> Iterator[Leg]:
+def _legs_to_readings(plan: StepPlan, stride: int) -> Iterator[Leg]:
     """Yield the plan's legs in pieces of at most this many steps, with a reading at the end of each."""
     for leg in plan.uninterrupted():
         for begin in range(0, leg.steps, stride):

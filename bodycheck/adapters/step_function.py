@@ -155,19 +155,19 @@ class _Stepped:
         """Make this many steps."""
         for _ in range(steps):
             now = self._steps * self._dt_s
-            state = StepState(**self._held(), t_s=now, body=self._scene.body, acting=self._acting)
+            state = StepState(**self._state_fields(), t_s=now, body=self._scene.body, acting=self._acting)
             self._state = self._engine.stepped(state, self._dt_s)
             self._steps += 1
 
     def read(self) -> Reading:
         """Return copies of the state that the function returned."""
-        return Reading(**self._held())
+        return Reading(**self._state_fields())
 
     def _acting(self, state: StepState) -> tuple[Array, Array]:
         """Return the sum of the constant loads, the weight and the continuous loads."""
         return self._loads.at(state.t_s, state.position, state.rotation, state.velocity, state.omega_world)
 
-    def _held(self) -> dict[str, Array]:
+    def _state_fields(self) -> dict[str, Array]:
         return {name: np.array(getattr(self._state, name), dtype=np.float64) for name in _SHAPES}
 
     def read_back(self) -> ReadBack:

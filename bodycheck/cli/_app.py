@@ -207,11 +207,11 @@ def _error_text(error: BaseException) -> str:
 
 def _store_traceback(trace: str, doing: str) -> Path | None:
     """Write a traceback to the cache folder, or else to the temporary folder, and return the file."""
-    from bodycheck._util.cache_dir import cache_home
+    from bodycheck._util.cache_dir import cache_dir
 
     content = f"{doing}\nPython {sys.version}\n\n{trace}".encode(errors="backslashreplace")
     stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
-    for folder in (cache_home() / "faults", Path(tempfile.gettempdir())):
+    for folder in (cache_dir() / "faults", Path(tempfile.gettempdir())):
         with suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True)
             descriptor, path = tempfile.mkstemp(".txt", f"bodycheck-fault-{stamp}-", folder)

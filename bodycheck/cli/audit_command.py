@@ -93,7 +93,7 @@ def audit(
     """
     from importlib.metadata import version
 
-    from bodycheck._util.files import check_file, write_whole
+    from bodycheck._util.files import check_file, write_file
     from bodycheck._util.shard import Shard
     from bodycheck.reports.audit.audit_document import audit_data, audit_document, failures
     from bodycheck.reports.audit.audit_document import sarif as as_sarif
@@ -129,9 +129,9 @@ def audit(
     if part is not None and out is not None:
         write_shard(found, part, out)
     if html is not None:
-        write_whole(html, audit_page(found).encode())
+        write_file(html, audit_page(found).encode())
     if sarif is not None:
-        write_whole(sarif, json_text(as_sarif(found, version("bodycheck"))).encode())
+        write_file(sarif, json_text(as_sarif(found, version("bodycheck"))).encode())
     answer(audit_document(found), audit_data(found), as_json=json)
     if failures(found, levels):
         raise typer.Exit(1)

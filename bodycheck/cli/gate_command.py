@@ -96,7 +96,7 @@ def gate(
         )
     if run is not None and out is not None:
         raise InputError(f"--out {out}: keeps a new run; give --run or --out, not both")
-    from bodycheck._util.files import check_file, write_whole
+    from bodycheck._util.files import check_file, write_file
     from bodycheck.reports.cache.reuse import reuse_of
     from bodycheck.reports.document import answer, print_document
     from bodycheck.reports.gates.gate import read_gates
@@ -124,7 +124,7 @@ def gate(
     results = check_gates(gates, measured)
     answer(results_document(results), results_data(results, str(tolerances), measured.run_id), as_json=json)
     if junit is not None:
-        write_whole(junit, as_junit(results, str(tolerances)))
+        write_file(junit, as_junit(results, str(tolerances)))
     if update:
         changes = _update(tolerances, results, margin, loosen)
         if not json:
@@ -168,12 +168,12 @@ def _new_run(
 
 def _update(file: Path, results: Sequence[GateResult], margin: float | None, loosen: str | None) -> Document:
     """Replace bounds in a file by what a run meets, and return which; loosen: the reason to loosen some."""
-    from bodycheck._util.files import write_whole
+    from bodycheck._util.files import write_file
     from bodycheck.reports.gates.gate_output import changes_document
     from bodycheck.reports.gates.proposal import MARGIN_DECADES, edited, proposals
 
     margin = MARGIN_DECADES if margin is None else margin
     changes = proposals(results, margin, loosen=loosen is not None)
     before = file.read_bytes().decode("utf-8-sig")
-    write_whole(file, edited(before, str(file), changes, loosen).encode())
+    write_file(file, edited(before, str(file), changes, loosen).encode())
     return changes_document(changes, results, margin)

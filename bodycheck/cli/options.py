@@ -276,10 +276,10 @@ def check_out_files(paths: Sequence[Path] | None) -> None:
 
 def write_out_files(paths: Sequence[Path] | None, texts: Mapping[str, Callable[[Path], str]]) -> None:
     """Write each file that --out names, by its suffix; texts: suffix -> function path -> content."""
-    from bodycheck._util.files import write_whole
+    from bodycheck._util.files import write_file
 
     for path in paths or ():
-        write_whole(path, texts[path.suffix or ".md"](path).encode())
+        write_file(path, texts[path.suffix or ".md"](path).encode())
 
 
 PICTURES = (".png", ".svg", ".pdf")
@@ -302,7 +302,7 @@ def check_explanation_files(paths: Sequence[Path] | None) -> None:
 
 def write_explanations(paths: Sequence[Path] | None, contents: Mapping[str, Callable[[], bytes]]) -> None:
     """Write each file, by its suffix; contents: suffix -> function that returns the content."""
-    from bodycheck._util.files import write_whole
+    from bodycheck._util.files import write_file
 
     for path in paths or ():
-        write_whole(path, contents[path.suffix]())
+        write_file(path, contents[path.suffix]())

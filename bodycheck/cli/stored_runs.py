@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.formatting import meant
+from bodycheck._util.formatting import suggestion
 from bodycheck.cli.options import (
     ASK,
     OUTPUT,
@@ -299,7 +299,7 @@ def report(
 
         print(as_markdown(run_document(read_tables(run))), end="")
         return
-    from bodycheck._util.files import write_whole
+    from bodycheck._util.files import write_file
     from bodycheck.reports.cache.disk_cache import Cache
     from bodycheck.reports.render.html import render_report
     from bodycheck.reports.render.progress import status_line
@@ -307,7 +307,7 @@ def report(
     page = run / "report.html"
     with status_line("measuring the stored motions again"):
         rendered = render_report(read_run(run, allow_code=allow_code, cache=Cache.default()))
-    write_whole(page, rendered.encode())
+    write_file(page, rendered.encode())
     print(page)
 
 
@@ -337,7 +337,7 @@ def table(
     ] = None,
 ) -> None:
     """Print a table of a run as CSV, JSON or Markdown, or write it to a file, also as Parquet."""
-    from bodycheck._util.files import write_whole
+    from bodycheck._util.files import write_file
     from bodycheck.reports.run_files.run_reader import read_tables
     from bodycheck.reports.run_files.tables import FORMATS
 
@@ -356,14 +356,14 @@ def table(
     if columns is not None:
         requested = [name.strip() for name in columns.split(",")]
         if unknown := [name for name in requested if name not in found.columns]:
-            known = meant(unknown[0], found.columns)
+            known = suggestion(unknown[0], found.columns)
             raise InputError(f"--columns {columns}: {which} has no {', '.join(unknown)}{known}")
         found = found[requested]
     content = FORMATS[as_](found)
     if out is None:
         print(content.decode(), end="")
     else:
-        write_whole(out, content)
+        write_file(out, content)
 
 
 @questions.command(
@@ -400,7 +400,7 @@ def plot(
 
     Error against CPU time, against step size, or over time; stable steps; the polhode; the body at six times.
     """
-    from bodycheck._util.files import check_file, write_whole
+    from bodycheck._util.files import check_file, write_file
     from bodycheck.reports.cache.disk_cache import Cache
     from bodycheck.reports.measurement.measure_bounds import TRUTH_BOUNDS
     from bodycheck.reports.render.figures import (
@@ -419,7 +419,7 @@ def plot(
         fault = (
             f"not used by --figure {figure}"
             if figure in (STABILITY, *BODIES)
-            else f"unknown measure{meant(quantity, TRUTH_BOUNDS)}"
+            else f"unknown measure{suggestion(quantity, TRUTH_BOUNDS)}"
         )
         raise InputError(f"--quantity {quantity}: {fault}")
     tables = read_tables(run)
@@ -429,7 +429,7 @@ def plot(
     needs_motions = figure in NEED_MOTIONS
     found = read_run(run, allow_code=allow_code, cache=Cache.default()) if needs_motions else tables
     measure = quantity or "orientation_error_rad"
-    write_whole(out, picture(found, figure, scenario, measure, out.suffix, appearance))
+    write_file(out, picture(found, figure, scenario, measure, out.suffix, appearance))
     print(out)
 
 
@@ -440,7 +440,7 @@ def _scenario_of(tables: Tables, scenario: str | None) -> str:
         return available[0]
     if scenario is None or scenario not in available:
         fault = "is required" if scenario is None else f"{scenario}: not in this run"
-        raise InputError(f"--scenario {fault}{meant(scenario or '', available)}")
+        raise InputError(f"--scenario {fault}{suggestion(scenario or '', available)}")
     return scenario
 
 
@@ -482,7 +482,7 @@ def movie(
     For each engine, the method farthest from the truth is shown. An animation has at most 200 frames, each a
     stored sample, and lasts about 10 s; .mp4 needs ffmpeg on the path. An .svg is a strip of six frames.
     """
-    from bodycheck._util.files import check_file, write_whole
+    from bodycheck._util.files import check_file, write_file
     from bodycheck.reports.cache.disk_cache import Cache
     from bodycheck.reports.render import movie as films
     from bodycheck.reports.render.progress import status_line
@@ -496,5 +496,5 @@ def movie(
     with status_line("drawing the frames", quiet=quiet):
         found = read_run(run, allow_code=allow_code, cache=Cache.default())
         film = films.movie(found, scenario, out.suffix, engines, dt)
-    write_whole(out, film)
+    write_file(out, film)
     print(out)

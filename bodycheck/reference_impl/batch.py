@@ -17,7 +17,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.integrators.dormand_prince import A, B, Turning, combined, plus
+from bodycheck.reference_impl.integrators.dormand_prince import A, B, RotationState, combined, plus
 from bodycheck.reference_impl.kernels.jit import inlined_kernel, kernel, long_kernel
 
 BatchMethod: TypeAlias = Literal["m1", "rk4", "dop853"]
@@ -34,7 +34,7 @@ _FLAT = 1e-12  # relative: by how much rounding may raise a plate's largest mome
 
 
 @inlined_kernel
-def _rates(y: Turning, about: _Six) -> Turning:
+def _rates(y: RotationState, about: _Six) -> RotationState:
     """q' = q s; s_1' = 2 (J2 - J3) / J1 s_2 s_3 + tau_1 / (2 J1) and cyclic permutations, s = omega / 2.
 
     about: the three factors of the products, then the three accelerations due to the torque.
@@ -52,7 +52,7 @@ def _rates(y: Turning, about: _Six) -> Turning:
 
 
 @inlined_kernel
-def _rk4_step(y: Turning, h: float, about: _Six) -> Turning:
+def _rk4_step(y: RotationState, h: float, about: _Six) -> RotationState:
     """y + h/6 (k1 + 2 k2 + 2 k3 + k4)."""
     k1 = _rates(y, about)
     k2 = _rates(plus(y, 0.5 * h, k1), about)
@@ -62,7 +62,7 @@ def _rk4_step(y: Turning, h: float, about: _Six) -> Turning:
 
 
 @inlined_kernel
-def _dop853_step(y: Turning, h: float, about: _Six) -> Turning:
+def _dop853_step(y: RotationState, h: float, about: _Six) -> RotationState:
     """y + h sum b_i k_i over the twelve stages."""
     k1 = _rates(y, about)
     k2 = _rates(combined(y, h, A[2], (k1,)), about)
@@ -94,7 +94,7 @@ def _sine_over_angle(y: float) -> float:
 
 
 @inlined_kernel
-def _spun(y: Turning, h: float, about: _Six) -> tuple[float, float, float]:
+def _accelerated(y: RotationState, h: float, about: _Six) -> tuple[float, float, float]:
     """s + h s', s = omega / 2, as `_rates` has s'."""
     a, b, c = y[4], y[5], y[6]
     return (
@@ -105,7 +105,7 @@ def _spun(y: Turning, h: float, about: _Six) -> tuple[float, float, float]:
 
 
 @inlined_kernel
-def _turned(y: Turning, h: float, cosine: float, ratio: float) -> Turning:
+def _rotated(y: RotationState, h: float, cosine: float, ratio: float) -> RotationState:
     """q exp(h s), with cosine = cos(h |s|) and ratio = sin(h |s|) / (h |s|)."""
     a, b, c = h * ratio * y[4], h * ratio * y[5], h * ratio * y[6]
     return (
@@ -120,7 +120,7 @@ def _turned(y: Turning, h: float, cosine: float, ratio: float) -> Turning:
 
 
 @inlined_kernel
-def _lane(block: Array, i: int) -> tuple[Turning, _Six]:
+def _lane(block: Array, i: int) -> tuple[RotationState, _Six]:
     """Return q and omega / 2 of body i of a block, and the six constants of its motion."""
     at = _ABOUT * WIDTH + i
     return (
@@ -145,7 +145,7 @@ def _lane(block: Array, i: int) -> tuple[Turning, _Six]:
 
 
 @inlined_kernel
-def _store_lane(block: Array, i: int, y: Turning) -> None:
+def _store_lane(block: Array, i: int, y: RotationState) -> None:
     """Write q and omega / 2 of body i."""
     block[i], block[WIDTH + i], block[2 * WIDTH + i], block[3 * WIDTH + i] = y[0], y[1], y[2], y[3]
     block[4 * WIDTH + i], block[5 * WIDTH + i], block[6 * WIDTH + i] = y[4], y[5], y[6]
@@ -159,7 +159,7 @@ def _m1_block(block: Array, dt: float, steps: int) -> None:
         largest = 0.0
         for i in range(WIDTH):
             y, about = _lane(block, i)
-            a, b, c = _spun(y, dt, about)
+            a, b, c = _accelerated(y, dt, about)
             block[_HALF_SPIN * WIDTH + i] = a
             block[(_HALF_SPIN + 1) * WIDTH + i] = b
             block[(_HALF_SPIN + 2) * WIDTH + i] = c
@@ -173,7 +173,7 @@ def _m1_block(block: Array, dt: float, steps: int) -> None:
                     cosines[i], ratios[i] = math.cos(angle), math.sin(angle) / angle
         for i in range(WIDTH):
             y, about = _lane(block, i)
-            _store_lane(block, i, _turned(y, dt, cosines[i], ratios[i]))
+            _store_lane(block, i, _rotated(y, dt, cosines[i], ratios[i]))
 
 
 @kernel
@@ -200,9 +200,9 @@ def _gathered(state: Array, moments: Array, torque: Array, begin: int) -> Array:
 
     Copies of the last body pad the block, so that every loop over a block has the same known length.
     """
-    room = np.empty(_ROWS * WIDTH + _LINE // 8)
-    first = -room.ctypes.data % _LINE // 8  # accesses that straddle two cache lines are slow
-    block = room[first : first + _ROWS * WIDTH]
+    buffer = np.empty(_ROWS * WIDTH + _LINE // 8)
+    first = -buffer.ctypes.data % _LINE // 8  # accesses that straddle two cache lines are slow
+    block = buffer[first : first + _ROWS * WIDTH]
     last = state.shape[1] - 1
     for i in range(WIDTH):
         j = min(begin + i, last)
@@ -301,11 +301,11 @@ def advance_batch(
     if state.dtype != np.float64 or not state.flags.c_contiguous or not state.flags.writeable:
         raise ValueError(f"state must be writeable C-contiguous float64, got {state.dtype}, {state.strides}")
     n = state.shape[1]
-    held = _checked("torque", np.zeros((3, n)) if torque is None else torque, n)
+    torques = _checked("torque", np.zeros((3, n)) if torque is None else torque, n)
     moments = _checked("moments", moments, n)
     _check_finite("state", state)
     _check_bodies(moments)
-    advance_checked(state, moments, held, float(dt), int(steps), method, threads or _threads())
+    advance_checked(state, moments, torques, float(dt), int(steps), method, threads or _threads())
 
 
 def advance_checked(

@@ -34,8 +34,27 @@ from bodycheck.reference_impl.kernels.small_vectors import (
     vector_at,
 )
 from bodycheck.reference_impl.loads.load import ContinuousLoad, checked_continuous, total_wrench
-from bodycheck.reference_impl.loads.recorded_loads import recorded_wrench
-from bodycheck.reference_impl.loads.tape import recorded
+from bodycheck.reference_impl.loads.tape import (
+    CONSTANT,
+    COSINE,
+    DIFFERENCE,
+    OMEGA,
+    OPERATION,
+    OPERATIONS,
+    POSITION,
+    PRODUCT,
+    QUOTIENT,
+    RESULTS,
+    ROOT,
+    ROTATION,
+    SCALED,
+    SHIFTED,
+    SINE,
+    SUM,
+    TIME,
+    VELOCITY,
+    recorded,
+)
 from bodycheck.reference_impl.scene import (
     CallbackLoad,
     Drag,
@@ -46,17 +65,69 @@ from bodycheck.reference_impl.scene import (
     TorsionSpring,
 )
 
+
+@kernel
+def recorded_wrench(
+    t: float, position: Vec, rotation: Mat, velocity: Vec, omega_world: Vec, loads: Array, first: int
+) -> tuple[Vec, Vec]:
+    """Force in N and torque about the centre of mass in N m, by the operations from loads[first]."""
+    count = (len(loads) - first) // OPERATION
+    values = np.empty(OPERATIONS + count)
+    for i in range(3):
+        values[POSITION + i] = position[i]
+        values[VELOCITY + i] = velocity[i]
+        values[OMEGA + i] = omega_world[i]
+    for i in range(9):
+        values[ROTATION + i] = rotation[i]
+    for i in range(count):
+        values[OPERATIONS + i] = _value(t, values, loads, first + OPERATION * i)
+    last = OPERATIONS + count - RESULTS
+    force = (values[last], values[last + 1], values[last + 2])
+    return force, (values[last + 3], values[last + 4], values[last + 5])
+
+
+@kernel
+def _value(t: float, values: Array, loads: Array, row: int) -> float:
+    """The result of one operation, whose constant is rounded to a double."""
+    code, a, b, c = int(loads[row]), values[int(loads[row + 1])], values[int(loads[row + 2])], loads[row + 3]
+    if code == TIME:
+        value = t
+    elif code == CONSTANT:
+        value = c
+    elif code == SUM:
+        value = a + b
+    elif code == DIFFERENCE:
+        value = a - b
+    elif code == PRODUCT:
+        value = a * b
+    elif code == QUOTIENT:
+        value = a / b
+    elif code == SCALED:
+        value = a * c
+    elif code == SHIFTED:
+        value = a + c
+    elif code == ROOT:
+        value = math.sqrt(a)
+    elif code == SINE:
+        value = math.sin(a)
+    elif code == COSINE:
+        value = math.cos(a)
+    else:  # never recorded
+        value = math.nan
+    return value
+
+
 _ROW = 11
 _SINE, _DRAG, _SPRING, _TORSION, _GRADIENT, _RECORDED = range(6)
 _ZERO = (0.0, 0.0, 0.0)
 _UNKNOWN = (math.nan, math.nan, math.nan)
 
 
-def packed_lasting(scene: Scene) -> Array:
+def packed_continuous_loads(scene: Scene) -> Array:
     """Return the rows of the scene's continuous loads (11 n,), then the record of those without a row."""
     rows: list[float] = []
     others: list[ContinuousLoad] = []
-    for load in scene.lasting_loads:
+    for load in scene.continuous_loads:
         constants = _constants(load, scene)
         if constants is None:
             others.append(checked_continuous(load, "the table of continuous loads"))
@@ -87,7 +158,7 @@ def _constants(load: object, scene: Scene) -> list[float] | None:
 
 
 @kernel
-def lasting_wrench(
+def continuous_wrench(
     t: float, position: Vec, rotation: Mat, velocity: Vec, omega_world: Vec, loads: Array
 ) -> tuple[Vec, Vec]:
     """Return force (3,) in N and torque (3,) about the centre of mass in N m, world axes.
@@ -108,14 +179,14 @@ def lasting_wrench(
             pull = _spring(add(position, arm), loads, row)
             force, torque = add(force, pull), add(torque, cross(arm, pull))
         elif kind == _TORSION:
-            turned = rotation_vector(_product_with_transposed(rotation, matrix_at(loads, row + 2)))
-            torque = scaled_add(torque, -loads[row + 1], turned)
+            rotvec = rotation_vector(_product_with_transposed(rotation, matrix_at(loads, row + 2)))
+            torque = scaled_add(torque, -loads[row + 1], rotvec)
         elif kind == _GRADIENT:
             torque = add(torque, _gravity_gradient(t, rotation, loads, row))
         elif kind == _RECORDED:  # the last row, of any length
-            push, turn = recorded_wrench(t, position, rotation, velocity, omega_world, loads, row + 1)
-            return add(force, push), add(torque, turn)
-        else:  # a kind that packed_lasting never writes
+            push, couple = recorded_wrench(t, position, rotation, velocity, omega_world, loads, row + 1)
+            return add(force, push), add(torque, couple)
+        else:  # a kind that packed_continuous_loads never writes
             return _UNKNOWN, _UNKNOWN
     return force, torque
 
@@ -180,11 +251,11 @@ def rotation_vector(r: Mat) -> Vec:
 
 
 @kernel
-def lasting_wrench_at(
+def continuous_wrench_at(
     t: float, position: Array, rotation: Array, velocity: Array, omega_world: Array, loads: Array
 ) -> Array:
-    """Return force and torque (6,) as `lasting_wrench`, from arrays; rotation (3, 3) must be contiguous."""
-    force, torque = lasting_wrench(
+    """Return force and torque (6,) as `continuous_wrench`, from arrays; rotation (3, 3) is contiguous."""
+    force, torque = continuous_wrench(
         t,
         vector_at(position, 0),
         matrix_at(rotation.reshape(9), 0),

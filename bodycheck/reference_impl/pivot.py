@@ -28,7 +28,7 @@ def inertia_about(inertia: Vector, mass: Fraction, point: Vector) -> Vector:
     ]
 
 
-def turning_inertia(scene: Scene) -> Array:
+def rotational_inertia(scene: Scene) -> Array:
     """Return the inertia tensor (3, 3) about the pivot, or the centre of mass without one, in body axes."""
     if scene.pivot is None:
         return scene.body.inertia
@@ -42,7 +42,7 @@ def kinetic_energies(scene: Scene, motion: Trajectory) -> tuple[Array, Array]:
 
     About a pivot, which is at rest, K is the rotational part alone.
     """
-    rotational = rotational_energy(turning_inertia(scene), motion.omega_body)
+    rotational = rotational_energy(rotational_inertia(scene), motion.omega_body)
     if scene.pivot is not None:
         return rotational, rotational
     return rotational + translational_energy(scene.body.mass, motion.velocity_m_s), rotational
@@ -66,7 +66,7 @@ def about_pivot(scene: Scene) -> Scene:
     ]
     return replace(
         scene,
-        body=replace(scene.body, inertia=turning_inertia(scene)),
+        body=replace(scene.body, inertia=rotational_inertia(scene)),
         initial=replace(initial, position=place, velocity=np.zeros(3)),
         loads=(*loads, weight) if np.any(weight.value) else tuple(loads),
         gravity=np.zeros(3),
@@ -77,7 +77,7 @@ def about_pivot(scene: Scene) -> Scene:
 
 def load_about(pivot: Array, load: Array) -> Array:
     """tau_b + c x F_b and moment + c F_w^T: a packed load (21,), as by `Wrench.packed`, about the pivot."""
-    arm, seen = -pivot, load.copy()
-    seen[6:9] += np.cross(arm, load[0:3])
-    seen[12:] += np.outer(arm, load[3:6]).ravel()
-    return seen
+    arm, shifted = -pivot, load.copy()
+    shifted[6:9] += np.cross(arm, load[0:3])
+    shifted[12:] += np.outer(arm, load[3:6]).ravel()
+    return shifted

@@ -19,7 +19,7 @@ import numpy as np
 from bodycheck._util.compiled_cache import cache_directory
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 
-_UNDER_LASTING = "+lasting"
+_WITH_CONTINUOUS_LOADS = "+continuous"
 _CLOSED_FORMS = "closed-forms"
 _INTERPRETED_S, _INTERPRETED_SAMPLE_S = 0.05, 2e-3  # of a truth of a free body, and of each of its samples
 _COMPILING_S = 5.0  # half of what the closed forms take to compile
@@ -58,14 +58,14 @@ def compile_kernels(
     """
     scenes = list(scenes)
     names = [*[_CLOSED_FORMS] * any(scene.is_free_rotation for scene in scenes), *integrators]
-    if any(scene.lasting_loads for scene in scenes):
-        names += [name + _UNDER_LASTING for name in integrators]
+    if any(scene.continuous_loads for scene in scenes):
+        names += [name + _WITH_CONTINUOUS_LOADS for name in integrators]
     probes = {name: scene for name, scene in never_cached.items() if not _mark(name).exists()}
     marks = [_mark(name) for name in names]
     missing = [name for name, mark in zip(names, marks, strict=True) if not mark.exists()]
-    words = [sys.executable, "-m", __name__, *missing]
+    command = [sys.executable, "-m", __name__, *missing]
     # in a session of its own: a keyboard interrupt reaches this process only, which then ends the other
-    other = subprocess.Popen(words, start_new_session=True) if missing else None
+    other = subprocess.Popen(command, start_new_session=True) if missing else None
     before, expected = _stored_kernels(), _expected_kernels(missing, scenes)
 
     def report() -> None:
@@ -212,12 +212,12 @@ def _compile_integrator(name: str) -> None:
     from bodycheck.reference_impl.loads.load import ContinuousLoad
     from bodycheck.reference_impl.single_precision import STEPPED
 
-    integrator = STEPPED[name.removesuffix(_UNDER_LASTING)]
+    integrator = STEPPED[name.removesuffix(_WITH_CONTINUOUS_LOADS)]
     attitude = np.eye(3).ravel() if integrator.attitude == "matrix" else np.array([1.0, 0.0, 0.0, 0.0])
     state = np.concatenate([np.zeros(6), np.ones(3), attitude]).astype(integrator.real)
     body = packed_body(RigidBody(1.0, np.diag([1.0, 2.0, 2.5]))).astype(integrator.real)
     load = np.zeros(21, integrator.real)
-    if name.endswith(_UNDER_LASTING) and ContinuousLoad not in integrator.refused:
+    if name.endswith(_WITH_CONTINUOUS_LOADS) and ContinuousLoad not in integrator.refused:
         integrator.advance_forced(state, body, load, np.zeros(0), 0.0, 1e-3, 1)
     else:
         integrator.advance(state, body, load, 1e-3, 1)

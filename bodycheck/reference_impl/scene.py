@@ -17,12 +17,13 @@ from bodycheck.reference_impl.loads.kinds.sine_torque import SineTorque
 from bodycheck.reference_impl.loads.kinds.spring import Spring
 from bodycheck.reference_impl.loads.kinds.torque import Torque
 from bodycheck.reference_impl.loads.kinds.torsion_spring import TorsionSpring
-from bodycheck.reference_impl.loads.load import Axes, ContinuousLoad, Load, Wrenching, unknown_load
+from bodycheck.reference_impl.loads.load import Axes, ContinuousLoad, Load, WrenchFunction, unknown_load
 from bodycheck.reference_impl.rotations import quaternion_to_matrix, rotate
 
 __all__ = [
     "Axes",
     "CallbackLoad",
+    "ConstantLoad",
     "ContinuousLoad",
     "Drag",
     "GravityGradient",
@@ -34,10 +35,9 @@ __all__ = [
     "SineTorque",
     "Spring",
     "State",
-    "Timed",
     "Torque",
     "TorsionSpring",
-    "Wrenching",
+    "WrenchFunction",
     "unknown_load",
 ]
 
@@ -77,7 +77,7 @@ class State:
         return rotate(self.quaternion, self.omega_body)
 
 
-Timed: TypeAlias = Torque | PointForce
+ConstantLoad: TypeAlias = Torque | PointForce
 """A load that acts from from_s to until_s and is constant in its axes."""
 
 
@@ -121,15 +121,15 @@ class Scene:
         return np.arange(self.samples) * self.duration_s / (self.samples - 1)
 
     @property
-    def piecewise_constant_loads(self) -> tuple[Timed, ...]:
+    def piecewise_constant_loads(self) -> tuple[ConstantLoad, ...]:
         """The loads that switch on and off."""
         return tuple(load for load in self.loads if isinstance(load, Torque | PointForce))
 
     @property
-    def lasting_loads(self) -> tuple[ContinuousLoad, ...]:
+    def continuous_loads(self) -> tuple[ContinuousLoad, ...]:
         """The loads that act throughout."""
-        lasting = (load for load in self.loads if not isinstance(load, Torque | PointForce))
-        return cast("tuple[ContinuousLoad, ...]", tuple(lasting))
+        continuous = (load for load in self.loads if not isinstance(load, Torque | PointForce))
+        return cast("tuple[ContinuousLoad, ...]", tuple(continuous))
 
     def switches_before(self, end_s: float) -> tuple[float, ...]:
         """Return the ascending times inside (0, end_s) at which a load switches on or off."""

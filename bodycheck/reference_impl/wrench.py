@@ -10,9 +10,9 @@ from itertools import pairwise
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, Timed, Torque, unknown_load
+from bodycheck.reference_impl.scene import ConstantLoad, PointForce, RigidBody, Scene, Torque, unknown_load
 
-_MOST_STEPS = 1e9
+_MAX_STEPS = 1e9
 _ON_GRID = 1e-9  # of a step: a switch this near to a step's end counts as being there
 
 
@@ -54,7 +54,7 @@ class Wrench:
         return np.concatenate(parts)
 
 
-def wrench_of(loads: tuple[tuple[Timed, float], ...]) -> Wrench:
+def wrench_of(loads: tuple[tuple[ConstantLoad, float], ...]) -> Wrench:
     """Sum the loads, each multiplied by its share in [0, 1]."""
     torque_body, torque_world = np.zeros(3), np.zeros(3)
     force_body, force_world = np.zeros(3), np.zeros(3)
@@ -81,7 +81,7 @@ def wrench_of(loads: tuple[tuple[Timed, float], ...]) -> Wrench:
 NO_WRENCH = wrench_of(())
 
 
-def held_between(scene: Scene, begin_s: float, end_s: float) -> list[Timed]:
+def constant_loads_between(scene: Scene, begin_s: float, end_s: float) -> list[ConstantLoad]:
     """Return the loads that act throughout [begin_s, end_s), within which nothing switches."""
     return [
         load for load in scene.piecewise_constant_loads if load.from_s <= begin_s and end_s <= load.until_s
@@ -121,14 +121,14 @@ class StepPlan:
 
     dt_s: float
     steps: int
-    stretches: tuple[tuple[int, Wrench], ...]
+    segments: tuple[tuple[int, Wrench], ...]
     stride: int
     mid_step_switches: int
 
     def legs(self) -> Iterator[Leg]:
         """Yield the legs from sample to sample, split where the wrench changes."""
         done = 0
-        for length, wrench in self.stretches:
+        for length, wrench in self.segments:
             end = done + length
             while done < end:
                 to_sample = self.stride - done % self.stride
@@ -138,7 +138,7 @@ class StepPlan:
 
     def uninterrupted(self) -> Iterator[Leg]:
         """Yield the legs of a run that does not stop at samples."""
-        for length, wrench in self.stretches:
+        for length, wrench in self.segments:
             yield Leg(length, wrench, ends_at_sample=False)
 
 
@@ -150,8 +150,8 @@ def steps_per_sample(interval_s: float, dt_s: float) -> int:
     if not 0.0 < dt_s < math.inf:
         raise ValueError(f"a step must be a positive number of seconds, not {dt_s!r}")
     ratio = interval_s / dt_s
-    if ratio > _MOST_STEPS:
-        raise ValueError(f"a step of {dt_s!r} s is too fine: more than {_MOST_STEPS:.0e} steps per sample")
+    if ratio > _MAX_STEPS:
+        raise ValueError(f"a step of {dt_s!r} s is too fine: more than {_MAX_STEPS:.0e} steps per sample")
     stride = round(ratio)
     if stride >= 1 and abs(ratio - stride) <= 1e-9 * ratio:
         return stride
@@ -180,7 +180,7 @@ def plan_steps(scene: Scene, dt_s: float) -> StepPlan:
             cuts.update((int(place), int(place) + 1))
             mid_step_switches += 1
     edges = sorted(cuts)
-    stretches = tuple(
+    segments = tuple(
         (last - first, wrench_between(scene, first * step, last * step)) for first, last in pairwise(edges)
     )
-    return StepPlan(step, steps, stretches, stride, mid_step_switches)
+    return StepPlan(step, steps, segments, stride, mid_step_switches)

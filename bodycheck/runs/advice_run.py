@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.files import write_whole
-from bodycheck._util.formatting import meant, vector
+from bodycheck._util.files import write_file
+from bodycheck._util.formatting import suggestion, vector
 from bodycheck.adapters.contract import Method
 from bodycheck.adapters.programs import with_method
 from bodycheck.reports.cache.disk_cache import Cache
@@ -42,7 +42,7 @@ from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import select
 from bodycheck.scenarios.free_body import FreeBody, scenario_text
 from bodycheck.scenarios.library import load_scenarios
-from bodycheck.scenarios.serialization import as_written, written
+from bodycheck.scenarios.serialization import deserialized, serialized
 
 _SAME = 1e-9  # relative difference of two times that count as equal
 
@@ -105,7 +105,7 @@ def chosen_run(
     if folder is not None:
         return _named(folder, requested, allow_code=allow_code)
     loaded = load_scenarios(requested, allow_code=allow_code)
-    scenarios_written = {scenario.name: written(scenario) for _, scenario in loaded}
+    scenarios_written = {scenario.name: serialized(scenario) for _, scenario in loaded}
     # a user's function may have changed under the same name, so no stored run is known to match
     own_code = any(scenario.scene.has_callback_load for _, scenario in loaded)
     stored = [] if own_code else _newest_first()
@@ -133,7 +133,7 @@ def _named(folder: Path, requested: Sequence[str], *, allow_code: bool) -> tuple
         loaded = [] if name in known else load_scenarios([name], allow_code=allow_code)
         names += [scenario.name for _, scenario in loaded] or [name]
     if missing := [name for name in names if name not in known]:
-        raise InputError(f"{folder}: has no scenario {', '.join(missing)}{meant(missing[0], known)}")
+        raise InputError(f"{folder}: has no scenario {', '.join(missing)}{suggestion(missing[0], known)}")
     return folder, tables, list(dict.fromkeys(names)) or known
 
 
@@ -233,7 +233,7 @@ def _written(body: FreeBody, horizon_s: float | None) -> str:
     path = RUNS / "bodies" / f"{name}.toml"
     text = scenario_text(body, horizon_s, name)
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, text.encode())
+    write_file(path, text.encode())
     print(
         f"{path}: omega_body = {vector(body.omega_body)} rad/s, {body.duration_s(horizon_s):g} s",
         file=sys.stderr,
@@ -301,7 +301,7 @@ def measure_steps(
     selection = replace(
         selection,
         scenarios=tuple(
-            (scenario_spec(commands[name]) or name, as_written(stored[name], name, allow_code=allow_code))
+            (scenario_spec(commands[name]) or name, deserialized(stored[name], name, allow_code=allow_code))
             for name in dict.fromkeys(name for name, _ in steps)
         ),
         single_steps={(name, *key): dt_s for (name, key), dt_s in steps.items()},

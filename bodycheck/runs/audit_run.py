@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from bodycheck._util.errors import InputError, UnavailableError, WorkerLostError
-from bodycheck._util.formatting import meant
+from bodycheck._util.formatting import suggestion
 from bodycheck._util.shard import Shard
 from bodycheck.adapters.importers import (
-    HeldLink,
+    ImportedLink,
     ImportRequest,
     engines_with_importers,
-    held_link,
+    imported_link,
     importer,
 )
 from bodycheck.adapters.versions.pins import engine_fault, pin_of
@@ -39,7 +39,7 @@ from bodycheck.reports.audit.causes import body_causes, joint_causes, with_issue
 from bodycheck.reports.audit.lint import lint
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink
 from bodycheck.scenarios.model_files.model_reader import read_model
-from bodycheck.scenarios.model_files.rewriting import Change, bare_text, changed_text
+from bodycheck.scenarios.model_files.rewriting import Change, changed_text, text_without_meshes
 
 TIMEOUT_S = 60.0
 _IMPORT_S = 1.0  # time limit per link, beyond a start
@@ -72,7 +72,7 @@ class _Imported:
     """One importer's links by name, or how its import ended."""
 
     column: Column
-    links: Mapping[str, HeldLink] = field(default_factory=dict)
+    links: Mapping[str, ImportedLink] = field(default_factory=dict)
     discarded: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -130,7 +130,7 @@ def checked_engines(requested: Sequence[str] | None) -> list[str]:
         if (fault := engine_fault(name)) is not None:
             raise InputError(f"--engine {fault}")
         if base_engine(name) not in known:
-            raise InputError(f"--engine {name}: has no importer of model files{meant(name, known)}")
+            raise InputError(f"--engine {name}: has no importer of model files{suggestion(name, known)}")
     return list(dict.fromkeys(requested))
 
 
@@ -161,7 +161,7 @@ def _imports(pool: EnginePool, engine: str, model: ModelFile, options: AuditOpti
         return
     timeout_s = max(options.timeout_s, _IMPORT_S * len(model.links))
     for flags, settings in variants.items():
-        request = ImportRequest(str(model.path.absolute()), model.format, flags, bare_text(model))
+        request = ImportRequest(str(model.path.absolute()), model.format, flags, text_without_meshes(model))
         found, outcome, message = import_once(pool, engine, request, timeout_s)
         version = _version(pool, engine)
         column = Column(engine, version, flags, settings, outcome, message)
@@ -182,7 +182,7 @@ def _version(pool: EnginePool, engine: str) -> str:
 
 def import_once(
     pool: EnginePool, engine: str, request: ImportRequest, timeout_s: float
-) -> tuple[list[HeldLink], str, str]:
+) -> tuple[list[ImportedLink], str, str]:
     """Return the links of an import, its outcome and its message; a lost worker is an outcome too."""
     answer = pool.ask(engine, {"do": "import", "import": request.__dict__}, timeout_s)
     if answer.get("outcome") != "ok":
@@ -193,11 +193,11 @@ def import_once(
         return [], "failed", f"an answer that is not a list of links: {error}"
 
 
-def _links_of(answer: Message) -> list[HeldLink]:
-    return [held_link(plain) for plain in answer["links"]]
+def _links_of(answer: Message) -> list[ImportedLink]:
+    return [imported_link(plain) for plain in answer["links"]]
 
 
-def _named(model: ModelFile, found: Sequence[HeldLink]) -> dict[str, HeldLink]:
+def _named(model: ModelFile, found: Sequence[ImportedLink]) -> dict[str, ImportedLink]:
     """Return name -> link.
 
     Engines leave the names of MJCF's nameless bodies empty, and those of SDFormat's models out, but keep the
@@ -209,7 +209,7 @@ def _named(model: ModelFile, found: Sequence[HeldLink]) -> dict[str, HeldLink]:
             found_link.name in ("", link.name, link.name.rpartition("::")[2]) for link, found_link in pairs
         ):
             return {link.name: found_link for link, found_link in pairs}
-    named: dict[str, HeldLink] = {}
+    named: dict[str, ImportedLink] = {}
     for found_link in found:
         named.setdefault(found_link.name, found_link)
     return named
@@ -220,7 +220,7 @@ def _discarded(
     engine: str,
     model: ModelFile,
     flags: str,
-    before: Mapping[str, HeldLink],
+    before: Mapping[str, ImportedLink],
     timeout_s: float,
 ) -> dict[str, str]:
     """Return link -> where a tensor comes from that does not follow the file's, found by two more imports."""
@@ -233,7 +233,7 @@ def _discarded(
     if not suspects:
         return {}
 
-    def after(change: Change) -> Mapping[str, HeldLink]:
+    def after(change: Change) -> Mapping[str, ImportedLink]:
         with tempfile.TemporaryDirectory(prefix="bodycheck-audit-") as folder:
             path = Path(folder) / model.path.name
             path.write_text(changed_text(model, change), encoding="utf-8")
@@ -256,12 +256,12 @@ def _discarded(
     }
 
 
-def _same_tensor(a: HeldLink, b: HeldLink) -> bool:
+def _same_tensor(a: ImportedLink, b: ImportedLink) -> bool:
     first, second = np.array(a.inertia_kg_m2), np.array(b.inertia_kg_m2)
     return bool(np.max(np.abs(first - second)) <= SAME * np.max(np.abs(first)))
 
 
-def _body(link: HeldLink) -> Body:
+def _body(link: ImportedLink) -> Body:
     return Body(link.mass, np.array(link.centre_m), np.array(link.inertia_kg_m2))
 
 

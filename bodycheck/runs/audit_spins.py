@@ -23,7 +23,7 @@ from bodycheck.reference_impl.scene import RigidBody, Scene, State
 from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reports.audit.audit import Body, Column, LinkAudit, Spin
 from bodycheck.scenarios.model_files.model_file import ModelFile
-from bodycheck.scenarios.model_files.rewriting import bare_text, excerpt
+from bodycheck.scenarios.model_files.rewriting import excerpt, text_without_meshes
 from bodycheck.scenarios.model_files.urdf import read_urdf
 from bodycheck.scenarios.model_files.xml_file import parse_text
 
@@ -102,7 +102,7 @@ def _error_of_excerpt(
         path.write_text(text, encoding="utf-8")
         bare = ""
         if model.format == "urdf":
-            bare = bare_text(read_urdf(parse_text(text.encode(), str(path)), path))
+            bare = text_without_meshes(read_urdf(parse_text(text.encode(), str(path)), path))
         request = ImportRequest(str(path), model.format, column.flags, bare)
         spin = SpinRequest(OMEGA_RAD_S, DT_S, STEPS_PER_SAMPLE, SAMPLES)
         message = {"do": "import", "import": asdict(request), "spin": asdict(spin)}

@@ -25,7 +25,7 @@ from pydantic import (
 from bodycheck._util.errors import InputError, StoppedError
 from bodycheck._util.files import atomic_write
 from bodycheck._util.shard import Shard
-from bodycheck._util.untrusted import quoted, read_json
+from bodycheck._util.untrusted import read_json, shell_quote
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.reports.cache.reuse import reuse_of
 from bodycheck.reports.run_files.run_tables import Run
@@ -226,7 +226,7 @@ def _run_journaled(
 
 
 def _continue_hint(out: Path) -> str:
-    return f"continue with: bodycheck run --resume {quoted(str(out))}"
+    return f"continue with: bodycheck run --resume {shell_quote(str(out))}"
 
 
 def write_run(run: Run, out: str | Path, *, temp_dir: Path | None = None) -> Path:

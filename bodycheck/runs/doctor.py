@@ -11,7 +11,7 @@ from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
-from bodycheck._util.cache_dir import cache_home
+from bodycheck._util.cache_dir import cache_dir
 from bodycheck._util.compiled_cache import cache_directory
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.file_digests import files_below
@@ -67,7 +67,7 @@ def diagnosis() -> Diagnosis:
 
 def _caches() -> Iterator[CacheFolder]:
     for name in ("kernels", "results", "environments"):
-        folder = cache_home() / name
+        folder = cache_dir() / name
         yield CacheFolder(
             name, folder, sum(status.st_size for _, status in files_below(str(folder)).values())
         )
@@ -84,7 +84,7 @@ def _engines() -> Iterator[Check]:
 
 
 def _cache_checks() -> Iterator[Check]:
-    home = cache_home()
+    home = cache_dir()
     try:
         check_folder(str(home), home)
         free = shutil.disk_usage(next(folder for folder in (home, *home.parents) if folder.exists())).free

@@ -18,7 +18,7 @@ from bodycheck.adapters.workers import protocol
 from bodycheck.adapters.workers.case_messages import batch_message, case_message
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.pivot import turning_inertia
+from bodycheck.reference_impl.pivot import rotational_inertia
 from bodycheck.reference_impl.random_bodies import Bodies
 from bodycheck.reference_impl.rotations import geodesic_angle, rotate
 from bodycheck.reference_impl.scene import Scene
@@ -165,7 +165,7 @@ def measured(template: Scene, bodies: Bodies, truth: BatchTruth, answer: BatchAn
 
 
 def _about_pivot(template: Scene, bodies: Bodies) -> Array:
-    return np.array([turning_inertia(scene_of(template, bodies, row)) for row in range(len(bodies))])
+    return np.array([rotational_inertia(scene_of(template, bodies, row)) for row in range(len(bodies))])
 
 
 def replay_of(motions: Callable[[Bodies], BatchAnswer], bodies: Bodies) -> tuple[str, BatchAnswer]:
@@ -230,7 +230,7 @@ class EnginePools:
             try:
                 answer = protocol.answer_of(message, scene.sample_times)
             except ValueError as error:
-                answer = Answer("failed", protocol.shown(str(error)))
+                answer = Answer("failed", protocol.one_line(str(error)))
             rows.append((scene, answer))
         return stacked(batch, rows, method.precision)
 

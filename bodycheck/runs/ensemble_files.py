@@ -14,7 +14,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from bodycheck._util.untrusted import joined
+from bodycheck._util.untrusted import shell_join
 from bodycheck.adapters.programs import with_method
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.render.figures import figure_bytes, rendering
@@ -201,7 +201,7 @@ def _worst_rows(result: EnsembleResult, folder: Path, out: Path) -> Iterator[dic
             arguments += [] if setting.tolerance is None else ["--tolerance", repr(setting.tolerance)]
             arguments += ["--allow-code"] if result.request.allow_code else []
             cells = {"rank": rank, "row": body.row, "outcome": body.outcome}
-            yield {**_identity(key), **cells, **body.measures, "reproduce": joined(arguments)}
+            yield {**_identity(key), **cells, **body.measures, "reproduce": shell_join(arguments)}
 
 
 def _sketch_rows(result: EnsembleResult) -> Iterator[dict[str, Any]]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.formatting import meant
+from bodycheck._util.formatting import suggestion
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.diagnosis.explain import (
     ExplainedCase,
@@ -69,7 +69,7 @@ def explain_run(folder: Path, case: str | None, *, allow_code: bool = False) -> 
         known = dict.fromkeys(
             f"{one.columns['scenario']},{':'.join(key_of(one.columns))}" for one in run.cases if one.ok
         )
-        raise InputError(f"--case {case}: no such case with outcome ok{meant(str(case), known)}")
+        raise InputError(f"--case {case}: no such case with outcome ok{suggestion(str(case), known)}")
     return found
 
 

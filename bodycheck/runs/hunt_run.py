@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bodycheck._util.errors import InputError, StoppedError, UnavailableError
 from bodycheck._util.formatting import count
-from bodycheck._util.untrusted import joined
+from bodycheck._util.untrusted import shell_join
 from bodycheck.adapters.programs import with_method
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.random_bodies import COORDINATES, Bodies, bodies_at
@@ -264,7 +264,7 @@ def command_of(result: HuntResult, scenario: Path) -> str:
     arguments = ["bodycheck", "run", str(scenario), "--engine", names]
     arguments += [] if setting.dt_s is None else ["--dt", repr(setting.dt_s)]
     arguments += [] if setting.tolerance is None else ["--tolerance", repr(setting.tolerance)]
-    return joined(arguments)
+    return shell_join(arguments)
 
 
 def write_hunt(result: HuntResult, out: Path) -> None:

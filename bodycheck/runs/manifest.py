@@ -19,7 +19,7 @@ from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.runs.run_options import RunOptions
 from bodycheck.runs.selection import Selection
 from bodycheck.runs.speed import MachineNoise
-from bodycheck.scenarios.serialization import written
+from bodycheck.scenarios.serialization import serialized
 
 _GIT_S = 10.0  # at most, for a command of git
 
@@ -73,7 +73,7 @@ def manifest_of(
         "speed_core": noise.core if noise else None,
         "speed_noise": noise.spread if noise else None,
         "outcomes": dict(Counter(case.columns["outcome"] for case in cases)),
-        "scenarios": {s.name: written(s) for _, s in selection.scenarios},
+        "scenarios": {s.name: serialized(s) for _, s in selection.scenarios},
         **seconds,
         **({} if selection.full is None else {"shard": _shard(selection, selection.full)}),
     }

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import count
 from bodycheck._util.shard import Shard, division_faults
-from bodycheck._util.untrusted import quoted
+from bodycheck._util.untrusted import shell_quote
 from bodycheck.adapters.contract import Build, Engine, Method
 from bodycheck.adapters.execution import Answer
 from bodycheck.reports.cache.disk_cache import Cache
@@ -198,7 +198,7 @@ def _shard(folder: Path) -> _Manifest:
     """Return which shard a folder holds, and its manifest."""
     unfinished = partial_of(folder)
     if unfinished.exists() and not folder.exists():
-        resume = f"bodycheck run --resume {quoted(str(folder))}"
+        resume = f"bodycheck run --resume {shell_quote(str(folder))}"
         raise InputError(f"{folder}: an interrupted shard; continue with: {resume}")
     manifest = read_manifest(folder)
     try:

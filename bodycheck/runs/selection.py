@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from bodycheck._util.errors import InputError, InsideWorkerError
-from bodycheck._util.formatting import meant
+from bodycheck._util.formatting import suggestion
 from bodycheck._util.shard import Shard
 from bodycheck.adapters.contract import Engine, Method, Setting
 from bodycheck.adapters.programs import is_program, split_method
@@ -268,7 +268,7 @@ def _methods(
         if not isinstance(engine, Engine):
             continue
         if colon and method not in engine.methods:
-            faults.append(f"{name} has no method {method!r}{meant(method, engine.methods)}")
+            faults.append(f"{name} has no method {method!r}{suggestion(method, engine.methods)}")
             continue
         fair = [name for name, facts in engine.methods.items() if not facts.on_request]
         for chosen in [method] if colon else fair:

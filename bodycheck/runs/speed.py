@@ -177,7 +177,7 @@ def time_case(request: TimingRequest) -> Message:
         if not _clocks:
             _clocks.append(_Clock(_last_core()))
         found = _clocks[0].announced(request)
-        return {"lost": protocol.shown(found)} if isinstance(found, str) else _clocks[0].laps(request)
+        return {"lost": protocol.one_line(found)} if isinstance(found, str) else _clocks[0].laps(request)
 
 
 class _Clock:
@@ -218,7 +218,7 @@ class _Clock:
                 except protocol.ProtocolError as error:
                     answer = {"outcome": "failed", "message": str(error)}
         if answer.get("outcome") != "ok":
-            return {"lost": protocol.shown(protocol.text_of(answer, "message"))}, answer.get(
+            return {"lost": protocol.one_line(protocol.text_of(answer, "message"))}, answer.get(
                 "outcome"
             ) == "failed"
         return {"own_s": own, "reference_s": others}, False

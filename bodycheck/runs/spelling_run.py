@@ -27,7 +27,7 @@ from bodycheck.runs.audit_spins import (
     truth_of,
 )
 from bodycheck.scenarios.model_files.model_reader import read_model
-from bodycheck.scenarios.model_files.rewriting import bare_text
+from bodycheck.scenarios.model_files.rewriting import text_without_meshes
 from bodycheck.scenarios.model_files.spellings import Spelling, body, spellings
 
 
@@ -76,7 +76,7 @@ def _spun(
     path = folder / f"{spelling.name.replace(' ', '-')}.{'urdf' if spelling.format == 'urdf' else 'xml'}"
     path.write_text(spelling.text, encoding="utf-8")
     model = read_model(path)
-    request = ImportRequest(str(path), model.format, flags, bare_text(model))
+    request = ImportRequest(str(path), model.format, flags, text_without_meshes(model))
     spin = SpinRequest(OMEGA_RAD_S, DT_S, STEPS_PER_SAMPLE, SAMPLES)
     message = {"do": "import", "import": asdict(request), "spin": asdict(spin)}
     answer = pool.ask(engine, message, timeout_s)

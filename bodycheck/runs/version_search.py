@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.formatting import meant, names, number
+from bodycheck._util.formatting import names, number, suggestion
 from bodycheck.adapters.contract import Engine, Method
 from bodycheck.adapters.importers import importer
 from bodycheck.adapters.versions.pins import Pin
@@ -185,7 +185,8 @@ def _failure_text(request: Search, runs: Mapping[str, _Release | str]) -> str:
     if not engines:
         return "\n".join(str(why) for why in runs.values())
     has = dict.fromkeys(name for engine in engines for name in engine.methods)
-    return f"--method {request.method}: {request.engine} has no such method{meant(str(request.method), has)}"
+    instead = suggestion(str(request.method), has)
+    return f"--method {request.method}: {request.engine} has no such method{instead}"
 
 
 def audit_versions(

@@ -47,10 +47,10 @@ _TENSOR_TOLERANCE = 1e-12  # relative: for symmetry and the triangle inequality
 def _inertia(value: Any) -> Matrix:
     """Accept three principal moments (3,) or a tensor (3, 3) of finite numbers that a body can have."""
     inertia = finite_numbers(value, "three principal moments or a 3x3 tensor of numbers", (3,), (3, 3))
-    return _possible(np.diag(inertia) if inertia.shape == (3,) else inertia)
+    return _physical_tensor(np.diag(inertia) if inertia.shape == (3,) else inertia)
 
 
-def _possible(inertia: Array) -> Matrix:
+def _physical_tensor(inertia: Array) -> Matrix:
     """Return a tensor (3, 3), made exactly symmetric; raises ValueError if no body can have it."""
     if np.max(np.abs(inertia - inertia.T)) > _TENSOR_TOLERANCE * np.max(np.abs(inertia)):
         raise ValueError("must be symmetric: I_xy = I_yx = -sum m x y")
@@ -106,7 +106,7 @@ class _Solid(_BodyTable):
     @property
     def inertia_kg_m2(self) -> Matrix:
         """The tensor about the centre of mass, in the shape's own axes, in kg m^2."""
-        return _possible(self.solid.inertia)
+        return _physical_tensor(self.solid.inertia)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -114,7 +114,7 @@ class _Solid(_BodyTable):
         return self.solid.notes
 
     @model_serializer(mode="wrap")
-    def _with_what_came_of_it(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _with_results(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Add the resulting numbers to the keys of the file, so that the mesh file is no longer needed."""
         return {
             **handler(self),
@@ -127,7 +127,7 @@ class _Solid(_BodyTable):
 
 def _checked_density(density: float, solid: MassProperties) -> float:
     """Return the density; raises ValueError if the solid's inertia at this density is not usable."""
-    _possible(solid.at_density(density).inertia)
+    _physical_tensor(solid.at_density(density).inertia)
     return density
 
 
@@ -201,7 +201,7 @@ def _of_file(value: Any, info: ValidationInfo) -> LinkOfFile:
     folder = (info.context or {}).get("folder", Path())
     kind = MODEL_FORMATS[0] if named[0] is not None else MODEL_FORMATS[1]
     found = link_of_file(folder, str(info.data[kind]), kind, value)
-    _possible(np.array(found.inertia))
+    _physical_tensor(np.array(found.inertia))
     return found
 
 
@@ -234,7 +234,7 @@ class FileBody(_BodyTable):
     @property
     def inertia_kg_m2(self) -> Matrix:
         """The tensor about the centre of mass, in link axes, in kg m^2."""
-        return _possible(np.array(self.of_file.inertia))
+        return _physical_tensor(np.array(self.of_file.inertia))
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -242,7 +242,7 @@ class FileBody(_BodyTable):
         return self.of_file.notes
 
     @model_serializer(mode="wrap")
-    def _with_what_came_of_it(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _with_results(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Add the resulting numbers to the keys of the file, so that the model file is no longer needed."""
         return {
             **handler(self),

@@ -16,7 +16,7 @@ from bodycheck.reference_impl.random_bodies import COORDINATES, Bodies, Distribu
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.scenarios.model import Scenario
 from bodycheck.scenarios.reader import parse_members
-from bodycheck.scenarios.serialization import written
+from bodycheck.scenarios.serialization import serialized
 
 TRACE_KG_M2 = (1e-9, 1e3)
 """Range of I1 + I2 + I3 where nothing acts on the body: from a coin to a satellite."""
@@ -25,7 +25,7 @@ _SPREAD = 10.0  # of the default spins, below and above that of the scenario
 _WORDS = len(COORDINATES)
 _BLOCK = 4  # words per increment of the counter of Philox
 _ROWS = 2**60
-_KEPT = ("mass_kg", "link_offset_m", "link_quaternion")  # of the body
+_COPIED_KEYS = ("mass_kg", "link_offset_m", "link_quaternion")  # of the body
 
 
 def default_distribution(
@@ -43,9 +43,9 @@ def default_distribution(
     """
     scene = scenario.scene
     spin = float(np.linalg.norm(scene.initial.omega_body)) or 1.0
-    own = float(np.trace(scene.body.inertia))
+    trace = float(np.trace(scene.body.inertia))
     if trace_kg_m2 is None:
-        trace_kg_m2 = TRACE_KG_M2 if scene.is_free_rotation and torque_n_m is None else (own, own)
+        trace_kg_m2 = TRACE_KG_M2 if scene.is_free_rotation and torque_n_m is None else (trace, trace)
     return Distribution(trace_kg_m2, spin_rad_s or (spin / spread, spin * spread), torque_n_m or (0.0, 0.0))
 
 
@@ -88,20 +88,20 @@ class Ensemble:
 
     def scenario_of(self, bodies: Bodies, name: str, summary: str) -> Scenario:
         """Return the scenario with the first of these bodies."""
-        told = written(self.scenario)
-        initial = {key: told["initial"][key] for key in ("position_m",) if key in told["initial"]}
-        if self.scenario.scene.pivot is None and "velocity_m_s" in told["initial"]:
-            initial["velocity_m_s"] = told["initial"]["velocity_m_s"]
-        body = {key: told["body"][key] for key in _KEPT if key in told["body"]}
-        forcing = list(told.get("forcing", ()))
+        data = serialized(self.scenario)
+        initial = {key: data["initial"][key] for key in ("position_m",) if key in data["initial"]}
+        if self.scenario.scene.pivot is None and "velocity_m_s" in data["initial"]:
+            initial["velocity_m_s"] = data["initial"]["velocity_m_s"]
+        body = {key: data["body"][key] for key in _COPIED_KEYS if key in data["body"]}
+        forcing = list(data.get("forcing", ()))
         if bodies.torque_body[0].any():
             forcing.append({"kind": "torque", "axes": "body", "value_n_m": bodies.torque_body[0].tolist()})
         made = {
             "name": name.replace("/", "-"),
             "summary": summary,
             "source": "bodycheck ensemble",
-            "tags": list(told["tags"]),
-            "duration_s": told["duration_s"],
+            "tags": list(data["tags"]),
+            "duration_s": data["duration_s"],
             "samples": self.samples,
             "body": {**body, "inertia_kg_m2": bodies.moments[0].tolist()},
             "initial": {
@@ -123,25 +123,25 @@ def check_row(row: int) -> None:
 
 def scenario_text(scenario: Scenario) -> str:
     """Return a scenario with a body given by numbers as a TOML file."""
-    return toml_text(written(scenario))
+    return toml_text(serialized(scenario))
 
 
-def toml_text(told: Mapping[str, Any]) -> str:
+def toml_text(data: Mapping[str, Any]) -> str:
     """Return plain data as TOML: keys, then tables, then lists of tables, each of keys only."""
-    return "\n".join(_lines(told)) + "\n"
+    return "\n".join(_lines(data)) + "\n"
 
 
-def _lines(told: Mapping[str, Any]) -> Iterator[str]:
-    tables = {key: value for key, value in told.items() if isinstance(value, Mapping)}
-    lists = {key: value for key, value in told.items() if _is_list_of_tables(value)}
-    for key, value in told.items():
+def _lines(data: Mapping[str, Any]) -> Iterator[str]:
+    tables = {key: value for key, value in data.items() if isinstance(value, Mapping)}
+    lists = {key: value for key, value in data.items() if _is_list_of_tables(value)}
+    for key, value in data.items():
         if key not in tables and key not in lists and value != []:
             yield f"{key} = {_value(value)}"
     for key, table in tables.items():
         if table:
             yield from ("", f"[{key}]", *(f"{name} = {_value(value)}" for name, value in table.items()))
-    for key, several in lists.items():
-        for table in several:
+    for key, rows in lists.items():
+        for table in rows:
             yield from ("", f"[[{key}]]", *(f"{name} = {_value(value)}" for name, value in table.items()))
 
 

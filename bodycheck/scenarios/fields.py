@@ -33,7 +33,7 @@ def _nearly_unit(value: _Four) -> _Four:
 
 def _unit(value: _Four, info: ValidationInfo) -> _Four:
     norm = math.hypot(*_nearly_unit(value))
-    if norm == 1.0 or (info.context or {}).get("written"):  # normalising again may change an ulp
+    if norm == 1.0 or (info.context or {}).get("stored"):  # normalising again may change an ulp
         return value
     w, x, y, z = normalised(np.array(value)).tolist()
     return (w, x, y, z)
@@ -55,14 +55,14 @@ def finite_numbers(value: Any, what: str, *shapes: tuple[int, ...]) -> Array:
     number that is not finite or of magnitude 1e300 or more.
     """
     try:
-        given = np.array(value, dtype=object)
+        numbers = np.array(value, dtype=object)
     except ValueError:
-        given = np.empty(0, dtype=object)
-    if given.shape not in shapes or not all(type(x) in (int, float) for x in given.flat):
+        numbers = np.empty(0, dtype=object)
+    if numbers.shape not in shapes or not all(type(x) in (int, float) for x in numbers.flat):
         raise ValueError(f"needs {what}")
-    if not all(abs(x) < 1e300 for x in given.flat):  # also false for NaN
+    if not all(abs(x) < 1e300 for x in numbers.flat):  # also false for NaN
         raise ValueError("needs finite numbers")
-    return given.astype(np.float64)
+    return numbers.astype(np.float64)
 
 
 def rows(matrix: Array) -> Matrix:

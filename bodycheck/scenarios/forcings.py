@@ -60,7 +60,7 @@ def _constant(value: Any, key: Key) -> Any:
     return np.array(value) if isinstance(value, tuple) else value
 
 
-class _TimedTable(LoadTable):
+class _SwitchedTable(LoadTable):
     axes: _Axes
     from_s: Number = 0.0
     until_s: Number | None = None
@@ -68,9 +68,9 @@ class _TimedTable(LoadTable):
     @field_validator("until_s")
     @classmethod
     def _after_from(cls, value: float | None, info: ValidationInfo) -> float | None:
-        begin = info.data.get("from_s")
-        if value is not None and begin is not None and not value > begin:
-            raise ValueError(f"must be later than from_s = {begin!r}")
+        start = info.data.get("from_s")
+        if value is not None and start is not None and not value > start:
+            raise ValueError(f"must be later than from_s = {start!r}")
         return value
 
 
@@ -85,9 +85,9 @@ def _damping(value: Any) -> Matrix:
     """Accept a number or a 3x3 matrix that takes energy away."""
     matrix = finite_numbers(value, "a number or a 3x3 matrix of numbers", (), (3, 3))
     matrix = matrix * np.eye(3) if matrix.shape == () else matrix
-    least = float(np.linalg.eigvalsh(0.5 * (matrix + matrix.T))[0])
-    if least < -1e-12 * float(np.max(np.abs(matrix))):
-        raise ValueError(f"must be dissipative: omega . C omega would reach {least:.6g} |omega|^2")
+    smallest = float(np.linalg.eigvalsh(0.5 * (matrix + matrix.T))[0])
+    if smallest < -1e-12 * float(np.max(np.abs(matrix))):
+        raise ValueError(f"must be dissipative: omega . C omega would reach {smallest:.6g} |omega|^2")
     return rows(matrix)
 
 
@@ -104,7 +104,7 @@ _FORMS: dict[KeyForm, Any] = {
 def _table(kind: str, load_type: type[Load]) -> type[LoadTable]:
     """Return the table of a load, made of its keys."""
     keys = load_type.keys().values()
-    base = _TimedTable if "until_s" in {key.name for key in keys} else LoadTable
+    base = _SwitchedTable if "until_s" in {key.name for key in keys} else LoadTable
     own: dict[str, Any] = {
         key.name: (_FORMS[key.form], ... if key.omitted is REQUIRED else key.omitted)
         for key in keys

@@ -15,9 +15,9 @@ from bodycheck.scenarios.reader import parse_members
 
 _ROTATIONS = 10.0  # of the default duration
 _LEADING = (1.0, 2.0, 5.0, 10.0)
-_MOST_SAMPLES = 10_001
+_MAX_SAMPLES = 10_001
 _STRIDES = (2, 5, 20, 50, 200, 500, 1000)  # steps per sample: methods of order 1 need the finest ones
-_MOST_STEPS = 200_000  # of one case
+_MAX_STEPS = 200_000  # of one case
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,8 @@ def scenario_text(body: FreeBody, horizon_s: float | None, name: str) -> str:
     _check(body)
     duration_s = body.duration_s(horizon_s)
     interval = _round_up(0.5 / float(np.linalg.norm(body.omega_body)))
-    samples = min(max(round(duration_s / interval), 2) + 1, _MOST_SAMPLES)
-    strides = [n for n in _STRIDES if n * (samples - 1) <= _MOST_STEPS] or [1]
+    samples = min(max(round(duration_s / interval), 2) + 1, _MAX_SAMPLES)
+    strides = [n for n in _STRIDES if n * (samples - 1) <= _MAX_STEPS] or [1]
     steps = [float(f"{duration_s / (samples - 1) / n:.12g}") for n in strides]
     text = "\n".join(
         [

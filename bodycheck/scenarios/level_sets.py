@@ -23,7 +23,7 @@ from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.implicit import Chords, ImplicitSolid, LevelSet
 from bodycheck.reference_impl.mass_properties.solid import MassProperties
-from bodycheck.scenarios.user_functions import said
+from bodycheck.scenarios.user_functions import error_text
 
 _RANDOMISATIONS = 32
 """Independent scramblings; the relative error of the standard error is 1 / sqrt(2 * 31) = 13 %."""
@@ -31,13 +31,13 @@ _RANDOMISATIONS = 32
 HALF_WIDTH = float(t.ppf(0.975, _RANDOMISATIONS - 1))
 """Half width of a 95 % interval in standard errors: Student's t with 31 degrees of freedom, 2.04."""
 
-LEAST_COLUMNS_LOG2 = 10
+MIN_COLUMNS_LOG2 = 10
 """With fewer columns the error of a scrambling is far from normal, and intervals cover too rarely."""
 
-_LEAST_HITS = 200
+_MIN_HITS = 200
 """Points over all scramblings, below which their number does not determine its own spread."""
 
-_AT_ONCE = 4096
+_BATCH = 4096
 """Columns per batch, so that a level set's grid fits into the processor's cache."""
 
 
@@ -65,8 +65,8 @@ class Estimate:
 
         Raises ValueError as MassProperties.at_density does.
         """
-        heavier = self.properties.at_density(density)
-        return Estimate(heavier, density * self.mass_error, self.centre_error, density * self.inertia_error)
+        scaled = self.properties.at_density(density)
+        return Estimate(scaled, density * self.mass_error, self.centre_error, density * self.inertia_error)
 
 
 def estimate(solid: ImplicitSolid, *, columns_log2: int = 12, seed: int = 0) -> Estimate:
@@ -77,9 +77,9 @@ def estimate(solid: ImplicitSolid, *, columns_log2: int = 12, seed: int = 0) -> 
     empty box, if a scrambling finds no part of the solid, or if most of the error comes from parts that the
     chords miss and too few points hit to estimate it.
     """
-    if columns_log2 < LEAST_COLUMNS_LOG2:
+    if columns_log2 < MIN_COLUMNS_LOG2:
         raise ValueError(
-            f"2^{columns_log2} columns are too few for a reliable error: at least 2^{LEAST_COLUMNS_LOG2}"
+            f"2^{columns_log2} columns are too few for a reliable error: at least 2^{MIN_COLUMNS_LOG2}"
         )
     _check_box(solid)
     seeds = np.random.SeedSequence(seed).spawn(_RANDOMISATIONS)
@@ -114,7 +114,7 @@ def _check_hits(samples: Sequence[_Sample]) -> None:
         np.std([part[0] for part in parts]) for parts in list(zip(*samples, strict=True))[:2]
     )
     hits = sum(sample.hits for sample in samples)
-    if overlooked > chords and hits < _LEAST_HITS:
+    if overlooked > chords and hits < _MIN_HITS:
         raise ValueError(
             f"parts of the solid are thinner than the grid resolves, and only {hits} points hit them: too "
             "few to estimate an error; use a tighter box, or return a distance from f, not a sign"
@@ -141,8 +141,8 @@ def _sampled(solid: ImplicitSolid, columns_log2: int, rng: np.random.Generator) 
     points = solid.lower + unit * (solid.upper - solid.lower)
     width, depth, height = solid.upper - solid.lower
     along, overlooked, hits = np.zeros(10), np.zeros(10), 0
-    for begin in range(0, len(points), _AT_ONCE):
-        batch = points[begin : begin + _AT_ONCE]
+    for begin in range(0, len(points), _BATCH):
+        batch = points[begin : begin + _BATCH]
         chords = solid.chords(batch[:, :2])
         along += _along_chords(batch[:, :2], chords)
         missed, met = _overlooked(solid, batch, chords)
@@ -193,7 +193,7 @@ def estimate_level_set(name: str, function: Callable[[Array], Any], box: Sequenc
     solid = LevelSet(_guarded(name, function), np.array(box[:3]), np.array(box[3:]))
     try:
         found = estimate(solid)
-        sides = ", ".join(_reached(solid))
+        sides = ", ".join(_sides_reached(solid))
     except InputError:
         raise
     except ValueError as error:
@@ -209,7 +209,7 @@ def _guarded(name: str, function: Callable[[Array], Any]) -> Callable[[Array], A
         try:
             found = np.asarray(function(points.copy()))
         except (Exception, SystemExit) as error:
-            raise InputError(f"{name}: failed for points {points.shape}: {said(error)}") from error
+            raise InputError(f"{name}: failed for points {points.shape}: {error_text(error)}") from error
         if found.dtype.kind not in "iuf":
             raise InputError(
                 f"{name}: f(points) for points {points.shape} must return numbers, not {found.dtype}"
@@ -219,7 +219,7 @@ def _guarded(name: str, function: Callable[[Array], Any]) -> Callable[[Array], A
     return values
 
 
-def _reached(solid: LevelSet) -> list[str]:
+def _sides_reached(solid: LevelSet) -> list[str]:
     """Return the sides of the box, like 'x = 1.0', on which there are points of the solid."""
     middles = (np.arange(_SIDE) + 0.5) / _SIDE
     u, v = (grid.ravel() for grid in np.meshgrid(middles, middles))

@@ -74,27 +74,27 @@ def load_scenario(name: str | Path, *, allow_code: bool = False) -> Scenario:
     found = _members(name, allow_code=allow_code)
     if len(found) > 1:
         raise InputError(
-            f"{name}: is a family; name one of its scenarios: {', '.join(asked for asked, _ in found)}"
+            f"{name}: is a family; name one of its scenarios: {', '.join(spec for spec, _ in found)}"
         )
     return found[0][1]
 
 
-def load_scenarios(asked: Sequence[str | Path], *, allow_code: bool = False) -> list[tuple[str, Scenario]]:
+def load_scenarios(specs: Sequence[str | Path], *, allow_code: bool = False) -> list[tuple[str, Scenario]]:
     """Return (spec, scenario) for names, suites and paths; a family gives all of its children.
 
     Duplicates are dropped. Raises InputError with all errors, or if two different scenarios share a name.
     """
     found: dict[str, tuple[str, Scenario]] = {}
     faults: list[str] = []
-    for name in (member for one in asked for member in suites().get(str(one), (one,))):
+    for name in (member for one in specs for member in suites().get(str(one), (one,))):
         try:
             members = _members(name, allow_code=allow_code)
         except InputError as error:
             faults.append(str(error))
             continue
-        for how, scenario in members:
-            if found.setdefault(scenario.name, (how, scenario))[1] != scenario:
-                faults.append(f"{how}: another scenario of this run is also named {scenario.name!r}")
+        for spec, scenario in members:
+            if found.setdefault(scenario.name, (spec, scenario))[1] != scenario:
+                faults.append(f"{spec}: another scenario of this run is also named {scenario.name!r}")
     if faults:
         raise InputError("\n".join(faults))
     return list(found.values())
@@ -131,10 +131,10 @@ def _source_and_child(name: str | Path) -> tuple[str | Path, str | None]:
     return (family, value) if slash and family in scenario_names() else (name, None)
 
 
-def _same(label: str, asked: str) -> bool:
+def _same(label: str, value: str) -> bool:
     """Return whether two values are equal as text or as numbers: 1e-3 is 0.001."""
     try:
-        return label == asked or float(label) == float(asked)
+        return label == value or float(label) == float(value)
     except ValueError:
         return False
 
@@ -143,12 +143,12 @@ def _read(name: str | Path, *, allow_code: bool) -> Members:
     if isinstance(name, Path) or name.endswith(".toml") or "/" in name:
         return read_members(Path(name), allow_code=allow_code)
     if name not in scenario_names():
-        raise InputError(f"{name}: is neither a .toml file nor a built-in scenario or suite; {_meant(name)}")
+        raise InputError(f"{name}: is neither a .toml file nor a built-in scenario or suite; {_hint(name)}")
     text = (_LIBRARY / f"{name}.toml").read_text(encoding="utf-8")
     return parse_members(text, where=f"{name}.toml", folder=_LIBRARY)
 
 
-def _meant(name: str) -> str:
+def _hint(name: str) -> str:
     """Return a question with the file or built-in name that resembles this one, else all names."""
     if os.path.isfile(f"{name}.toml"):  # noqa: PTH113 - accepts names of any length
         return f"did you mean {name}.toml?"

@@ -22,7 +22,7 @@ from bodycheck.scenarios.fields import ALIGNED, ZERO, NearlyUnitQuaternion, Posi
 from bodycheck.scenarios.forcings import Forcing, check_together, gravity_of, loads_of, pivot_of
 
 _VELOCITY_TOLERANCE = 1e-9  # relative deviation of a given velocity from the one that a pivot implies
-_MOST_SAMPLES = 1_000_000
+_MAX_SAMPLES = 1_000_000
 _UNIT = 4.0 * float(np.finfo(np.float64).eps)  # deviation from 1 of the norm of a quaternion of doubles
 DEFAULT_STEPS_PER_SAMPLE = (5, 10, 20, 50, 100)
 
@@ -80,7 +80,7 @@ class Scenario(Table):
     source: StrictStr = ""
     tags: tuple[StrictStr, ...] = ()
     duration_s: Positive
-    samples: Annotated[StrictInt, Field(ge=2, le=_MOST_SAMPLES)]
+    samples: Annotated[StrictInt, Field(ge=2, le=_MAX_SAMPLES)]
     steps_s: tuple[Positive, ...] | None = None
     body: Body
     initial: Initial = Initial()
@@ -97,9 +97,9 @@ class Scenario(Table):
     @classmethod
     def _of_no_family(cls, value: str, info: ValidationInfo) -> str:
         """Refuse a slash in the file's own name, because the part before it would count as a family."""
-        context = info.context or {"written": True}
+        context = info.context or {"stored": True}
         own = value.removesuffix(f"/{context['label']}") if "label" in context else value
-        if "/" in own and not context.get("written"):  # stored runs contain names of children
+        if "/" in own and not context.get("stored"):  # stored runs contain names of children
             raise ValueError("must have no slash: NAME/VALUE names the scenarios of a [[sweep]]")
         return value
 

@@ -164,10 +164,10 @@ def fault_lines(error: ValidationError) -> list[str]:
     """Return one line per error: the path of the key in the file, what is wrong and what would be right."""
     faults = error.errors(include_url=False)
     places = [fault["loc"] for fault in faults]
-    return [_line(fault) for fault in faults if not _lacks_what_is_wrong(fault, places)]
+    return [_line(fault) for fault in faults if not _is_consequence(fault, places)]
 
 
-def _lacks_what_is_wrong(fault: Any, places: list[tuple[int | str, ...]]) -> bool:
+def _is_consequence(fault: Any, places: list[tuple[int | str, ...]]) -> bool:
     """Return whether a list is too short only because of invalid members, which have errors of their own."""
     own = fault["loc"]
     return fault["type"] == "too_short" and any(own == place[: len(own)] != place for place in places)
@@ -190,8 +190,8 @@ def _line(fault: Any) -> str:
             return f"{path}: {fault['ctx']['error']}"
         case _:
             message = fault["msg"].replace("Input should", "should")
-            shown = repr(fault["input"])
-            return f"{path}: {message}" + (f" (it is {shown})" if len(shown) <= 60 else "")
+            text = repr(fault["input"])
+            return f"{path}: {message}" + (f" (it is {text})" if len(text) <= 60 else "")
 
 
 def _path(location: tuple[int | str, ...]) -> str:

@@ -22,68 +22,68 @@ _MESH = ("mesh_unit", "mesh_overlap")
 _NUMBERS = ("mass_kg", "inertia_kg_m2", *_LINK)
 
 
-def written(scenario: Scenario) -> dict[str, Any]:
+def serialized(scenario: Scenario) -> dict[str, Any]:
     """Return a scenario as plain data, with the numbers computed from its mesh or shape."""
     return scenario.model_dump(mode="json", exclude_none=True)
 
 
-def as_written(told: Mapping[str, Any], where: str, *, allow_code: bool = False) -> Scenario:
-    """Return the scenario from the output of `written`; `where` names it in messages.
+def deserialized(data: Mapping[str, Any], where: str, *, allow_code: bool = False) -> Scenario:
+    """Return the scenario from the output of `serialized`; `where` names it in messages.
 
     allow_code: it may name functions, whose code runs. Raises InputError with one line per error, also if
-    `written` would not give the same data again.
+    `serialized` would not give the same data again.
     """
     try:
-        by_numbers = {name: told["body"][name] for name in _NUMBERS if name in told["body"]}
-        context = {"written": True, "allow_code": allow_code}
-        scenario = Scenario.model_validate({**told, "body": by_numbers}, context=context)
-        if (shaped := _shaped(told["body"])) is not None:
+        by_numbers = {name: data["body"][name] for name in _NUMBERS if name in data["body"]}
+        context = {"stored": True, "allow_code": allow_code}
+        scenario = Scenario.model_validate({**data, "body": by_numbers}, context=context)
+        if (shaped := _shaped(data["body"])) is not None:
             scenario = scenario.model_copy(update={"body": shaped})
-        same = written(scenario) == told
+        is_same = serialized(scenario) == data
     except ValidationError as error:
         raise InputError("\n".join(f"{where}: {line}" for line in fault_lines(error))) from None
     except (KeyError, TypeError, ValueError, ArithmeticError) as error:
         raise InputError(f"{where}: is not a scenario as a run writes it: {error!r}") from None
-    if not same:
+    if not is_same:
         raise InputError(f"{where}: is not a scenario as this version of bodycheck writes it")
     return scenario
 
 
-def _shaped(told: Mapping[str, Any]) -> MeshBody | ShapeBody | FileBody | None:
+def _shaped(data: Mapping[str, Any]) -> MeshBody | ShapeBody | FileBody | None:
     """Return the body of a mesh, shape or model file with its stored numbers; else None."""
-    if "of_file" in told:
-        return _of_file(told)
-    if "mesh" not in told and "shape" not in told:
+    if "of_file" in data:
+        return _of_file(data)
+    if "mesh" not in data and "shape" not in data:
         return None
     solid = MassProperties(
-        told["mass_kg"], np.array(told["centre_m"]), np.array(told["inertia_kg_m2"]), tuple(told["notes"])
+        data["mass_kg"], np.array(data["centre_m"]), np.array(data["inertia_kg_m2"]), tuple(data["notes"])
     )
-    known: dict[str, Any] = {name: tuple(told[name]) for name in ("size_m", *_LINK) if name in told}
-    density = told["density_kg_m3"]
+    known: dict[str, Any] = {name: tuple(data[name]) for name in ("size_m", *_LINK) if name in data}
+    density = data["density_kg_m3"]
     body: MeshBody | ShapeBody
-    if "shape" in told:
-        body = ShapeBody.model_construct(None, shape=told["shape"], density_kg_m3=density, **known)
+    if "shape" in data:
+        body = ShapeBody.model_construct(None, shape=data["shape"], density_kg_m3=density, **known)
     else:
-        known |= {name: told[name] for name in _MESH if name in told}
-        facts, light = told["mesh"], solid.at_density(1.0 / density)
+        known |= {name: data[name] for name in _MESH if name in data}
+        facts, light = data["mesh"], solid.at_density(1.0 / density)
         surface = str(facts.get("surface", ""))
         if surface:
             read_obj_text(surface)  # raises ValueError here, and not where it is drawn
-        mesh = MeshSolid(facts["file"], facts["sha256"], told.get("mesh_unit"), light, surface)
+        mesh = MeshSolid(facts["file"], facts["sha256"], data.get("mesh_unit"), light, surface)
         body = MeshBody.model_construct(None, mesh=mesh, density_kg_m3=density, **known)
     vars(body)["solid"] = solid  # fills the cached property, which would read the file
     return body
 
 
-def _of_file(told: Mapping[str, Any]) -> FileBody:
+def _of_file(data: Mapping[str, Any]) -> FileBody:
     link = LinkOfFile(
-        told["of_file"]["name"],
-        told["of_file"]["sha256"],
-        told["mass_kg"],
-        tuple(told["centre_m"]),
-        tuple(tuple(row) for row in told["inertia_kg_m2"]),
-        tuple(told["notes"]),
+        data["of_file"]["name"],
+        data["of_file"]["sha256"],
+        data["mass_kg"],
+        tuple(data["centre_m"]),
+        tuple(tuple(row) for row in data["inertia_kg_m2"]),
+        tuple(data["notes"]),
     )
-    known: dict[str, Any] = {name: told[name] for name in MODEL_FORMATS if name in told}
-    known |= {name: tuple(told[name]) for name in _LINK if name in told}
+    known: dict[str, Any] = {name: data[name] for name in MODEL_FORMATS if name in data}
+    known |= {name: tuple(data[name]) for name in _LINK if name in data}
     return FileBody.model_construct(None, of_file=link, **known)

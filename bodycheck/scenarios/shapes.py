@@ -16,10 +16,10 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from bodycheck._util.checksummed_json import opened, sealed
 from bodycheck._util.compiled_cache import cache_directory
 from bodycheck._util.errors import InputError
 from bodycheck._util.file_digests import digest_of
+from bodycheck._util.files import opened, sealed
 from bodycheck.reference_impl.mass_properties.solid import MassProperties, Overlap
 from bodycheck.reference_impl.mass_properties.solid import primitive as unit_density_primitive
 from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh
@@ -44,7 +44,7 @@ _INTERPRETED_TRIANGLES = 500
 """So many are checked in at most 2 s by interpretation; compilation takes 10 s. Both give the same bits."""
 
 
-def doubts(solid: MassProperties, density: float, unit: Unit | None) -> tuple[str, ...]:
+def plausibility_warnings(solid: MassProperties, density: float, unit: Unit | None) -> tuple[str, ...]:
     """Return one warning for each implausible combination of density, size and mass.
 
     Warn about a large and heavy solid if the unit of its mesh was not specified, and about a small and light
@@ -74,7 +74,7 @@ def _diameter(solid: MassProperties) -> float:
     return 2.0 * math.sqrt(5.0 / 3.0 * 0.5 * float(np.trace(solid.inertia)) / solid.mass)
 
 
-def known_solid(name: str, work_out: Callable[[], tuple[MassProperties, str]]) -> tuple[MassProperties, str]:
+def known_solid(name: str, compute: Callable[[], tuple[MassProperties, str]]) -> tuple[MassProperties, str]:
     """Return the solid of a mesh file and its surface from the cache, or compute and cache them.
 
     name: the file's hash and suffix. The cache key also covers the code that reads and integrates meshes:
@@ -85,16 +85,16 @@ def known_solid(name: str, work_out: Callable[[], tuple[MassProperties, str]]) -
     libraries = "-".join(version(library) for library in ("numpy", "numba"))
     place = cache_directory() / "solids" / f"{code}-{libraries}-{name}"
     with suppress(OSError):
-        kept = opened(place.read_bytes())
-        if kept is not None:
-            centre, inertia = np.array(kept["centre"]), np.array(kept["inertia"])
-            return MassProperties(kept["mass"], centre, inertia, tuple(kept["notes"])), kept["surface"]
-    found, surface = work_out()
+        stored = opened(place.read_bytes())
+        if stored is not None:
+            centre, inertia = np.array(stored["centre"]), np.array(stored["inertia"])
+            return MassProperties(stored["mass"], centre, inertia, tuple(stored["notes"])), stored["surface"]
+    found, surface = compute()
     arrays = {"centre": found.centre.tolist(), "inertia": found.inertia.tolist()}
     with suppress(OSError):
         place.parent.mkdir(parents=True, exist_ok=True)
-        kept = {"mass": found.mass, **arrays, "notes": list(found.notes), "surface": surface}
-        place.write_bytes(sealed(kept))
+        stored = {"mass": found.mass, **arrays, "notes": list(found.notes), "surface": surface}
+        place.write_bytes(sealed(stored))
     return found, surface
 
 
@@ -115,7 +115,7 @@ class MeshSolid:
     def at_density(self, density: float) -> MassProperties:
         """Return the solid at a density in kg/m^3, with warnings about implausible values in its notes."""
         found = self.solid.at_density(density)
-        return replace(found, notes=(*found.notes, *doubts(found, density, self.unit)))
+        return replace(found, notes=(*found.notes, *plausibility_warnings(found, density, self.unit)))
 
 
 def mesh_solid(

@@ -36,51 +36,53 @@ class SolidRequest:
     overlap: Overlap | None = None
 
 
-def mass_properties(asked: SolidRequest) -> MassProperties | Estimate:
+def mass_properties(request: SolidRequest) -> MassProperties | Estimate:
     """Return the mass properties of a mesh or a shape, exact to round-off, or an estimate for a function.
 
     Raises InputError with one line for an unknown name, for a missing or inapplicable option, and for an
     unusable solid.
     """
-    name = asked.name
+    name = request.name
     if Path(name).suffix.lower() in MESH_SUFFIXES:
-        _check_options(asked, "a mesh file", size=False, box=False, mesh=True)
-        return load_mesh(Path(name), asked.density, asked.unit, asked.overlap)
+        _check_options(request, "a mesh file", size=False, box=False, mesh=True)
+        return load_mesh(Path(name), request.density, request.unit, request.overlap)
     if name in PRIMITIVES:
-        _check_options(asked, "a shape", size=True, box=False, monte_carlo=name in _IMPLICIT)
-        exact = primitive(name, asked.size or (), asked.density)
+        _check_options(request, "a shape", size=True, box=False, monte_carlo=name in _IMPLICIT)
+        exact = primitive(name, request.size or (), request.density)
         return (
-            _at_density(estimate(_IMPLICIT[name](*asked.size or ())), asked) if asked.monte_carlo else exact
+            _at_density(estimate(_IMPLICIT[name](*request.size or ())), request)
+            if request.monte_carlo
+            else exact
         )
     if ":" in name:
-        _check_options(asked, "a function", size=False, box=True)
-        function = user_function(name, allow_code=asked.allow_code)
-        return _at_density(estimate_level_set(name, function, asked.box or ()), asked)
+        _check_options(request, "a function", size=False, box=True)
+        function = user_function(name, allow_code=request.allow_code)
+        return _at_density(estimate_level_set(name, function, request.box or ()), request)
     raise InputError(
         f"{name}: is neither a mesh file ({', '.join(MESH_SUFFIXES)}), nor a shape "
         f"({', '.join(PRIMITIVES)}), nor a function (package.module:function)"
     )
 
 
-def _at_density(found: Estimate, asked: SolidRequest) -> Estimate:
+def _at_density(found: Estimate, request: SolidRequest) -> Estimate:
     try:
-        return found.at_density(asked.density)
+        return found.at_density(request.density)
     except ValueError as error:
-        raise InputError(f"{asked.name}: {error}") from None
+        raise InputError(f"{request.name}: {error}") from None
 
 
 def _check_options(
-    asked: SolidRequest, what: str, *, size: bool, box: bool, mesh: bool = False, monte_carlo: bool = False
+    request: SolidRequest, what: str, *, size: bool, box: bool, mesh: bool = False, monte_carlo: bool = False
 ) -> None:
     """Refuse missing options, and those that would be silently ignored."""
-    for option, value, wanted in (("--size-m", asked.size, size), ("--box-m", asked.box, box)):
-        if (value is not None) != wanted:
-            raise InputError(f"{asked.name}: {what} {'requires' if wanted else 'does not take'} {option}")
-    for option, stated in (("--unit", asked.unit), ("--overlap", asked.overlap)):
+    for option, value, expected in (("--size-m", request.size, size), ("--box-m", request.box, box)):
+        if (value is not None) != expected:
+            raise InputError(f"{request.name}: {what} {'requires' if expected else 'does not take'} {option}")
+    for option, stated in (("--unit", request.unit), ("--overlap", request.overlap)):
         if stated is not None and not mesh:
-            raise InputError(f"{asked.name}: {option} is for mesh files, not for {what}")
-    if asked.monte_carlo and not monte_carlo:
-        raise InputError(f"{asked.name}: --monte-carlo is only for {', '.join(_IMPLICIT)}")
+            raise InputError(f"{request.name}: {option} is for mesh files, not for {what}")
+    if request.monte_carlo and not monte_carlo:
+        raise InputError(f"{request.name}: --monte-carlo is only for {', '.join(_IMPLICIT)}")
 
 
 def as_toml(found: MassProperties | Estimate) -> Iterator[str]:

@@ -35,7 +35,7 @@ def user_function(name: str, *, allow_code: bool) -> Callable[..., Any]:
     try:
         module = importlib.import_module(module_name)
     except (Exception, SystemExit) as error:
-        raise InputError(f"{name}: cannot be imported: {said(error)}") from error
+        raise InputError(f"{name}: cannot be imported: {error_text(error)}") from error
     function = getattr(module, function_name, None)
     if not callable(function):
         raise InputError(f"{name}: {module_name} has no function {function_name!r}")
@@ -64,20 +64,20 @@ class UserWrench:
         try:
             found = self.function(t, *copies)
         except (Exception, SystemExit) as error:
-            raise InputError(f"{self.name}: failed at t = {t!r} s: {said(error)}") from error
+            raise InputError(f"{self.name}: failed at t = {t!r} s: {error_text(error)}") from error
         try:
             force, torque = (np.asarray(part, dtype=np.float64) for part in found)
         except (TypeError, ValueError):
             force = torque = np.zeros(0)
         if force.shape != (3,) or torque.shape != (3,) or not np.isfinite([force, torque]).all():
-            shown = " ".join(repr(found).split())
+            text = " ".join(repr(found).split())
             raise InputError(
                 f"{self.name}: must return force and torque, three finite numbers each, "
-                f"not {shown:.80} (t = {t!r} s)"
+                f"not {text:.80} (t = {t!r} s)"
             )
         return force, torque
 
 
-def said(error: BaseException) -> str:
+def error_text(error: BaseException) -> str:
     """Return an exception's type and message in one line."""
     return " ".join(f"{type(error).__name__}: {error}".split())

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from bodycheck.adapters.contract import DEFAULTS, VARIANT, Adapter, Reading, Simulation, read_back_mismatch
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import geodesic_angle, matrix_to_quaternion
-from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, State, Timed, Torque
+from bodycheck.reference_impl.scene import ConstantLoad, PointForce, RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.wrench import Wrench, wrench_between
 from tests.helpers.engine_methods import adapter_of, engine_methods
 from tests.helpers.first_order_maps import SpinStep, explicit_step, implicit_gyroscopic_step, implicit_step
@@ -73,7 +73,7 @@ BODIES = {
     "1e9 kg": RigidBody(1e9 / 3.0, 1e9 * FULL),
 }
 
-LOADS: dict[str, tuple[Timed, ...]] = {
+LOADS: dict[str, tuple[ConstantLoad, ...]] = {
     "free": (),
     "body torque": (Torque("body", np.array([0.3, -0.2, 0.1])),),
     "world torque": (Torque("world", np.array([0.3, -0.2, 0.1])),),
@@ -90,7 +90,7 @@ LOADS["everything"] = (
 
 def scene_of(
     body: RigidBody = BODIES["full"],
-    loads: tuple[Timed, ...] = (),
+    loads: tuple[ConstantLoad, ...] = (),
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Scene:
     """Return a scene that starts off the origin, turned and moving."""
@@ -174,8 +174,8 @@ def mirrored(scene: Scene) -> Scene:
 
 def faster(scene: Scene) -> Scene:
     """Add a part in 1e13 to omega."""
-    turning = scene.initial.omega_body * (1.0 + 1e-13)
-    return replace(scene, initial=replace(scene.initial, omega_body=turning))
+    omega = scene.initial.omega_body * (1.0 + 1e-13)
+    return replace(scene, initial=replace(scene.initial, omega_body=omega))
 
 
 def lighter(scene: Scene) -> Scene:

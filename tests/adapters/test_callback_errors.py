@@ -17,7 +17,7 @@ from bodycheck.reference_impl.scene import CallbackLoad, RigidBody, Scene, State
 from bodycheck.scenarios.user_functions import UserWrench, user_function
 
 LOADS = """
-def sound(t, x, r, v, omega):
+def valid(t, x, r, v, omega):
     return -0.5 * v, -0.2 * omega
 
 
@@ -96,14 +96,14 @@ def adapter_of(engine: str, class_name: str) -> Adapter:
 def test_failing_function_fails_only_its_case(engine: str, class_name: str, method: str) -> None:
     """The message names the function, its error and the time; the worker's next case equals the first."""
     desk = RequestHandler(adapter_of(engine, class_name))
-    sound = {"do": "record", "case": case_message(case_with("sound", method))}
-    first = desk.answer(sound)
+    valid = {"do": "record", "case": case_message(case_with("valid", method))}
+    first = desk.answer(valid)
     assert (first["outcome"], first["stepping"]) == ("ok", "python")
-    for function, said in FAULTS.items():
+    for function, text in FAULTS.items():
         answer = desk.answer({"do": "record", "case": case_message(case_with(function, method))})
         assert answer["outcome"] == "failed"
-        assert f"loads_to_ask:{function}: {said}" in answer["message"]
-        assert desk.answer(sound) == first
+        assert f"loads_to_ask:{function}: {text}" in answer["message"]
+        assert desk.answer(valid) == first
 
 
 @pytest.mark.usefixtures("functions")

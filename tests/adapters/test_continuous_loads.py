@@ -276,7 +276,7 @@ def test_callback_load_equals_the_loads_it_computes(
     """Loads of every kind computed by a callback move a body as they do directly, to round-off."""
     kinds = [name for name in LOADS if not (pivot is not None and name == "gravity gradient")]
     scene = scene_of(tuple(load for name in kinds[:-1] for load in LOADS[name]), pivot)
-    weightless = replace(scene, loads=scene.lasting_loads, gravity=np.zeros(3))
+    weightless = replace(scene, loads=scene.continuous_loads, gravity=np.zeros(3))
 
     def function(t: float, x: Array, r: Array, v: Array, omega: Array) -> tuple[Array, Array]:
         return wrench_at(weightless, t, x, r, v, r.T @ omega)
@@ -355,10 +355,10 @@ def test_order_is_one_under_zero_order_hold(adapter: Adapter, method: str, name:
         with built(adapter, scene, method, scene.duration_s / n) as simulation:
             simulation.advance(n)
             errors[n] = gap(state_of(simulation.read()), truth)
-    seen_errors = {n: error for n, error in errors.items() if error > 5e-13}
-    steps = list(seen_errors)[-3:]
+    resolved_errors = {n: error for n, error in errors.items() if error > 5e-13}
+    steps = list(resolved_errors)[-3:]
     assert len(steps) == 3
-    slope = -np.polyfit(np.log(steps), np.log([seen_errors[n] for n in steps]), 1)[0]
+    slope = -np.polyfit(np.log(steps), np.log([resolved_errors[n] for n in steps]), 1)[0]
     assert slope > order - 0.4
     assert order > 1 or slope < 1.2
 

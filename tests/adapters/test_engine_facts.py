@@ -13,14 +13,14 @@ INERTIA = np.diag([1.0, 2.0, 2.5])
 QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
-def mujoco_body(**said: Any) -> Any:
+def mujoco_body(**properties: Any) -> Any:
     """Return the model of a free body with these moments and further attributes."""
     mujoco = pytest.importorskip("mujoco")
     spec = mujoco.MjSpec()
     body = spec.worldbody.add_body(name="body")
     body.add_freejoint()
     body.mass, body.inertia = 1.0, np.diag(INERTIA)
-    for name, value in said.items():
+    for name, value in properties.items():
         setattr(body, name, value)
     return spec.compile()
 
@@ -48,13 +48,13 @@ def test_mujoco_calls_back_only_with_springs_or_dampers(off: list[str]) -> None:
     mujoco = pytest.importorskip("mujoco")
     model = mujoco_body()
     model.opt.disableflags = sum(int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}")) for name in off)
-    asked: list[float] = []
-    mujoco.set_mjcb_passive(lambda _model, data: asked.append(data.time))
+    times: list[float] = []
+    mujoco.set_mjcb_passive(lambda _model, data: times.append(data.time))
     try:
         mujoco.mj_step(model, mujoco.MjData(model))
     finally:
         mujoco.set_mjcb_passive(None)
-    assert bool(asked) == (len(off) == 1)
+    assert bool(times) == (len(off) == 1)
 
 
 def dart_body() -> tuple[Any, Any, Any]:

@@ -45,7 +45,7 @@ LOADS: dict[str, tuple[Load, ...]] = {
         PointForce("world", np.array([-0.4, 0.3, 0.6]), np.array([0.5, 0.1, 0.0])),
         PointForce("world", np.array([0.2, 0.1, -0.3]), np.zeros(3)),
     ),
-    "lasting": (SineTorque("body", np.array([0.9, -1.2, 0.7]), 2.3, 0.4),),
+    "continuous": (SineTorque("body", np.array([0.9, -1.2, 0.7]), 2.3, 0.4),),
 }
 
 
@@ -126,9 +126,9 @@ def by_the_origin(scene: Scene, h: float, *, implicit: bool) -> State4:
         bias = np.concatenate([m * r @ np.cross(w, np.cross(w, c)), np.cross(w, about_origin @ w)])
         if implicit:
             swing = np.outer(w, c) + (w @ c) * np.eye(3) - 2.0 * np.outer(c, w)
-            turning = skew(w) @ about_origin - skew(about_origin @ w)
+            gyroscopic = skew(w) @ about_origin - skew(about_origin @ w)
             mass[:3, 3:] += h * m * r @ swing
-            mass[3:, 3:] += h * turning
+            mass[3:, 3:] += h * gyroscopic
         push = np.concatenate([force, torque + np.cross(c, r.T @ force)])
         change = np.linalg.solve(mass, h * (push - bias))
         v, w = v + change[:3], w + change[3:]
@@ -212,7 +212,7 @@ def test_read_back_reads_the_welded_child(planted: str) -> None:
 @pytest.mark.parametrize("name", [*BY_THE_ORIGIN, *RK4])
 def test_reset_repeats_the_run_bitwise(name: str) -> None:
     """A second run after reset is bit for bit the same."""
-    scene = scene_of(LOADS["lasting"], LINKS["turned"])
+    scene = scene_of(LOADS["continuous"], LINKS["turned"])
     ends = []
     with built(name, scene, 1e-2) as simulation:
         for _ in range(2):

@@ -24,8 +24,8 @@ def test_announcement_of_a_built_in_engine_passes_the_check_unchanged(name: str)
     adapter = get_adapter(name)
     protocol.check_engine(adapter)
     build = Build("c0de", "installed", {"python": "3"})
-    said = protocol.announcement(adapter, build)
-    engine, accepted = protocol.engine_of(protocol.message_of(protocol.line_of(said)))
+    message = protocol.announcement(adapter, build)
+    engine, accepted = protocol.engine_of(protocol.message_of(protocol.line_of(message)))
     assert accepted == protocol.LARGEST_MESSAGE
     assert engine.build == build
     assert {name: asdict(method) for name, method in engine.methods.items()} == {

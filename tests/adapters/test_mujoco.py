@@ -11,7 +11,15 @@ import pytest
 from bodycheck.adapters.contract import read_back_mismatch
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum
-from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, SineTorque, State, Timed, Torque
+from bodycheck.reference_impl.scene import (
+    ConstantLoad,
+    PointForce,
+    RigidBody,
+    Scene,
+    SineTorque,
+    State,
+    Torque,
+)
 from bodycheck.reference_impl.wrench import wrench_between
 from tests.helpers.expected_messages import ExpectedMessage
 
@@ -22,7 +30,7 @@ from bodycheck.adapters.mujoco import MuJoCo, MuJoCoSimulation  # noqa: E402 - i
 BEYOND_THE_LIMIT = np.array([1.0, 2.0, np.nextafter(3.0, 4.0)])  # a plate, by a round-off more than flat
 
 
-def scene_of(inertia: Array, loads: tuple[Timed, ...] = (), *, mass: float = 1.0) -> Scene:
+def scene_of(inertia: Array, loads: tuple[ConstantLoad, ...] = (), *, mass: float = 1.0) -> Scene:
     """Return a scene of a turning body."""
     initial = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.1, 2.0, 0.1]))
     return Scene(RigidBody(mass, inertia), initial, loads, np.zeros(3), duration_s=1.0, samples=2)
@@ -92,7 +100,9 @@ def test_mass_matrix_follows_the_moments_set_afterwards() -> None:
         ((PointForce("world", np.ones(3), np.ones(3)), PointForce("body", np.ones(3), np.ones(3))), 2),
     ],
 )
-def test_model_has_only_the_actuators_that_the_loads_need(loads: tuple[Timed, ...], actuators: int) -> None:
+def test_model_has_only_the_actuators_that_the_loads_need(
+    loads: tuple[ConstantLoad, ...], actuators: int
+) -> None:
     """There is one actuator for all body-fixed forces, one per point of a world force, and no other."""
     assert built(scene_of(np.eye(3), loads))._model.nu == actuators
 
@@ -161,15 +171,15 @@ def test_warnings_are_neither_printed_nor_written(
 ) -> None:
     """An unstable run prints and writes nothing, and the user's own handler stays in place."""
     monkeypatch.chdir(tmp_path)
-    heard: list[str] = []
+    messages: list[str] = []
     before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(heard.append)
+    mujoco.set_mju_user_warning(messages.append)
     try:
         test_unstable_body_is_not_reset_to_rest()
         mujoco.get_mju_user_warning()("still mine")
     finally:
         mujoco.set_mju_user_warning(before)
-    assert heard == ["still mine"]
+    assert messages == ["still mine"]
     assert capfd.readouterr() == ("", "")
     assert not list(tmp_path.iterdir())
 
@@ -195,9 +205,9 @@ def test_callback_is_removed_after_each_call() -> None:
     simulation = built(loaded_by_a_sine())
     simulation.advance(3)
     assert mujoco.get_mjcb_passive() is None
-    lasting = simulation._lasting
-    assert lasting is not None
-    with pytest.raises(ZeroDivisionError), lasting.acting_on(simulation._data, 1):
+    passive_loads = simulation._continuous
+    assert passive_loads is not None
+    with pytest.raises(ZeroDivisionError), passive_loads.acting_on(simulation._data, 1):
         raise ZeroDivisionError
     assert mujoco.get_mjcb_passive() is None
 
@@ -205,10 +215,10 @@ def test_callback_is_removed_after_each_call() -> None:
 def test_callback_acts_on_its_own_model_only() -> None:
     """Stepping a model while another one's loads are set applies none of them."""
     loaded, free = built(loaded_by_a_sine()), built(loaded_by_a_sine())
-    lasting = loaded._lasting
-    assert lasting is not None
+    passive_loads = loaded._continuous
+    assert passive_loads is not None
     before = free.read()
-    with lasting.acting_on(loaded._data, 0):
+    with passive_loads.acting_on(loaded._data, 0):
         mujoco.mj_step(free._model, free._data, nstep=5)
     after = free.read()
     assert before.omega_body is not None
@@ -218,7 +228,7 @@ def test_callback_acts_on_its_own_model_only() -> None:
 def test_unexpected_evaluations_are_reported(expected_message: ExpectedMessage) -> None:
     """It is an error if MuJoCo evaluates forces more often than a step has stages."""
     simulation = built(loaded_by_a_sine(), "rk4")
-    lasting = simulation._lasting
-    assert lasting is not None
-    with expected_message.raises(RuntimeError), lasting.acting_on(simulation._data, 1):
+    passive_loads = simulation._continuous
+    assert passive_loads is not None
+    with expected_message.raises(RuntimeError), passive_loads.acting_on(simulation._data, 1):
         mujoco.mj_step(simulation._model, simulation._data, nstep=2)

@@ -169,7 +169,7 @@ def node_worker(tmp_path_factory: pytest.TempPathFactory) -> Iterator[subprocess
         assert process.wait(60) == 0
 
 
-def asked(process: subprocess.Popen[str], **request: object) -> dict[str, object]:
+def answer_to(process: subprocess.Popen[str], **request: object) -> dict[str, object]:
     """Return the answer to a request."""
     assert process.stdin is not None
     assert process.stdout is not None
@@ -190,13 +190,13 @@ def test_javascript_protocol_announces_what_its_facts_state(node_worker: subproc
         message = case_message(Case(scene, "leapfrog", Setting(dt_s=0.02)))
         expected = by_the_reference(scene)
         for do in ("record", "replay"):
-            answer = protocol.answer_of(asked(node_worker, do=do, case=message), scene.sample_times)
+            answer = protocol.answer_of(answer_to(node_worker, do=do, case=message), scene.sample_times)
             assert answer.outcome == "ok", answer.message
             assert_same(answer, expected)
     pivoted = case_message(Case(scene_under(()), "leapfrog", Setting(dt_s=0.02)))
     pivoted["scene"]["pivot"] = [0.0, 0.0, 1.0]
-    assert asked(node_worker, do="record", case=pivoted)["outcome"] == "unsupported"
-    assert asked(node_worker, do="something")["outcome"] == "failed"
+    assert answer_to(node_worker, do="record", case=pivoted)["outcome"] == "unsupported"
+    assert answer_to(node_worker, do="something")["outcome"] == "failed"
 
 
 # ------------------------------------------------------------------------------------ what runs, and where
@@ -219,8 +219,8 @@ def test_stating_the_facts_imports_no_engine() -> None:
         "print(sum(len(stated_by(name).methods) for name in optional_engines()))\n"
         "print(*sys.modules, sep='\\n')\n"
     )
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    count, *modules = said.splitlines()
+    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    count, *modules = output.splitlines()
     assert int(count) > 40
     engines = [
         "rapier3d",
@@ -324,7 +324,7 @@ def needy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     plug_in = write_wheel(wheels, "needy_plugin", "0.1", {"needy_plugin.py": PLUG_IN}, points)
     shutil.unpack_archive(plug_in, here, "zip")
     monkeypatch.syspath_prepend(str(here))
-    monkeypatch.setattr(environments, "cache_home", lambda: tmp_path / "cache")
+    monkeypatch.setattr(environments, "cache_dir", lambda: tmp_path / "cache")
     for variable, value in (("UV_FIND_LINKS", str(wheels)), ("UV_NO_INDEX", "1"), ("UV_OFFLINE", "1")):
         monkeypatch.setenv(variable, value)
     registry._plugged_in.cache_clear()

@@ -166,7 +166,7 @@ def fake(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeUv:
     """Put a fake in uv's place, and the environments into a folder of the test."""
     made = FakeUv()
     monkeypatch.setattr(environments, "uv", made)
-    monkeypatch.setattr(environments, "cache_home", lambda: tmp_path)
+    monkeypatch.setattr(environments, "cache_dir", lambda: tmp_path)
     return made
 
 
@@ -198,11 +198,11 @@ def test_environment_has_the_python_that_the_adapter_requires(
     fake: FakeUv, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """uv may download it, and the environment for another Python is another one."""
-    asked: list[tuple[str, bool]] = []
+    requested: list[tuple[str, bool]] = []
 
     def uv_of_any_python(*words: str, downloads: bool = False) -> str:
         if words[0] == "venv":
-            asked.append((words[2], downloads))
+            requested.append((words[2], downloads))
         return fake(*words)
 
     monkeypatch.setattr(environments, "uv", uv_of_any_python)
@@ -210,7 +210,7 @@ def test_environment_has_the_python_that_the_adapter_requires(
     stated = SimpleNamespace(requires_python="==3.12.*", requires=("mujoco",))
     monkeypatch.setattr(environments, "stated_by", lambda _: stated)
     assert environments.python_of(PIN) != here
-    assert asked == [(sys.executable, False), ("==3.12.*", True)]
+    assert requested == [(sys.executable, False), ("==3.12.*", True)]
 
 
 def test_other_requirements_of_an_adapter_make_another_environment(
@@ -286,7 +286,7 @@ def test_cache_that_cannot_be_written_is_reported(
 ) -> None:
     """One line names the engine, the folder and the reason."""
     (tmp_path / "file").touch()
-    monkeypatch.setattr(environments, "cache_home", lambda: tmp_path / "file")
+    monkeypatch.setattr(environments, "cache_dir", lambda: tmp_path / "file")
     with expected_message.raises(UnavailableError):
         environments.python_of(PIN)
 
@@ -329,7 +329,7 @@ def test_plug_in_is_installed_with_its_engine(
 @pytest.mark.usefixtures("fake")
 def test_cache_folder_is_created(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The cache folder is created with its parents."""
-    monkeypatch.setattr(environments, "cache_home", lambda: tmp_path / "no" / "such")
+    monkeypatch.setattr(environments, "cache_dir", lambda: tmp_path / "no" / "such")
     assert environments.python_of(PIN).exists()
 
 
@@ -479,7 +479,7 @@ def test_environment_commands_list_and_remove(tmp_path: Path, expected_message: 
     for words in ((), ("mujoco==3.6.0", "--all"), ("mujoco==3.8.0",)):
         refused = run_bodycheck(tmp_path, "environments", "remove", *words)
         assert refused.returncode == 2
-        expected_message(refused.stderr)
+        expected_message(refused.stderr.strip())
     assert all(place.exists() for place in places)
     removed = run_bodycheck(tmp_path, "environments", "remove", "mujoco==3.6.0")
     assert removed.stdout.split() == [str(places[0])]
@@ -491,15 +491,15 @@ def test_environment_commands_list_and_remove(tmp_path: Path, expected_message: 
 @pytest.mark.parametrize(("status", "said"), [(0, LISTED), (1, "")])
 def test_folder_named_pip_is_not_imported(status: int, said: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A folder `pip` in the working directory is ignored; without pip nothing is configured."""
-    asked: list[list[str]] = []
+    requested: list[list[str]] = []
 
     def run(words: list[str], **_: object) -> CompletedProcess[str]:
-        asked.append(words)
+        requested.append(words)
         return CompletedProcess(words, status, LISTED, "")
 
     monkeypatch.setattr(uv.subprocess, "run", run)
     assert uv._pip_config.__wrapped__() == said
-    assert asked == [[sys.executable, "-P", "-m", "pip", "config", "list"]]
+    assert requested == [[sys.executable, "-P", "-m", "pip", "config", "list"]]
 
 
 @pytest.mark.parametrize(("status", "said"), [(0, "global.cert='/own.pem'\n"), (1, "")])
@@ -546,7 +546,7 @@ def npm(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeNpm:
     made = FakeNpm()
     monkeypatch.setattr(environments.shutil, "which", lambda name: f"/bin/{name}")
     monkeypatch.setattr(environments.subprocess, "run", made)
-    monkeypatch.setattr(environments, "cache_home", lambda: tmp_path)
+    monkeypatch.setattr(environments, "cache_dir", lambda: tmp_path)
     return made
 
 

@@ -208,10 +208,15 @@ from bodycheck.reference_impl.rotations import quaternion_product
 def _slope(state):
     force, torque = state.loads()
     inertia, omega = state.body.inertia, state.omega_body
-    turning = np.linalg.solve(inertia, torque - np.cross(omega, inertia @ omega))
+    angular_acceleration = np.linalg.solve(inertia, torque - np.cross(omega, inertia @ omega))
     rate = 0.5 * quaternion_product(state.quaternion, np.array([0.0, *omega]))
-    speeding = force / state.body.mass
-    return {"position": state.velocity, "velocity": speeding, "omega_body": turning, "quaternion": rate}
+    acceleration = force / state.body.mass
+    return {
+        "position": state.velocity,
+        "velocity": acceleration,
+        "omega_body": angular_acceleration,
+        "quaternion": rate,
+    }
 
 
 def _moved(state, slope, dt):

@@ -13,7 +13,15 @@ from scipy.spatial.transform import Rotation
 from bodycheck.adapters.contract import read_back_mismatch
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import geodesic_angle
-from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, SineTorque, State, Timed, Torque
+from bodycheck.reference_impl.scene import (
+    ConstantLoad,
+    PointForce,
+    RigidBody,
+    Scene,
+    SineTorque,
+    State,
+    Torque,
+)
 from bodycheck.reference_impl.wrench import wrench_between
 from tests.helpers.first_order_maps import SpinStep, explicit_step, implicit_gyroscopic_step
 
@@ -33,7 +41,7 @@ WORLD_FORCE = PointForce("world", np.array([0.5, 0.3, -0.8]), np.array([0.2, -0.
 both_methods = pytest.mark.parametrize("method", ["multibody", "maximal"])
 
 
-def scene_of(loads: tuple[Timed, ...] = (), inertia: Array = INERTIA) -> Scene:
+def scene_of(loads: tuple[ConstantLoad, ...] = (), inertia: Array = INERTIA) -> Scene:
     """Return a scene of a body at rest in the air, turned."""
     initial = State(np.zeros(3), np.array([0.5, -0.5, 0.1, 0.7]), np.zeros(3), np.zeros(3))
     return Scene(RigidBody(1.3, inertia), initial, loads, np.zeros(3), duration_s=1.0, samples=2)
@@ -140,7 +148,7 @@ def test_one_call_makes_every_step(adapter: PyBullet, method: str, dt_s: float, 
     ],
 )
 def test_stepping_is_native_where_no_load_rotates_with_the_body(
-    adapter: PyBullet, method: str, loads: tuple[Timed, ...], stepping: str
+    adapter: PyBullet, method: str, loads: tuple[ConstantLoad, ...], stepping: str
 ) -> None:
     """Bullet's substeps are used under gravity and loads that are constant in world axes."""
     simulation = adapter.build(scene_of(loads), method, 1e-2)

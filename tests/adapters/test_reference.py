@@ -9,7 +9,7 @@ import pytest
 
 from bodycheck.adapters.contract import read_back_mismatch
 from bodycheck.adapters.reference import Reference
-from bodycheck.reference_impl.scene import Drag, PointForce, RigidBody, Scene, State, Timed, Torque
+from bodycheck.reference_impl.scene import ConstantLoad, Drag, PointForce, RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.truth.certification import solve_truth
 from tests.helpers.expected_messages import ExpectedMessage
 
@@ -26,7 +26,7 @@ PUSH = PointForce("world", np.array([1.0, 0.5, 0.0]), np.zeros(3), 0.7)
     [(), (PULSE, PUSH), (Drag(0.1, 0.5 * TOP.body.inertia), PUSH)],
     ids=["free", "pulse and push", "drag"],
 )
-def test_closed_form_equals_the_exact_truth(loads: tuple[Timed, ...]) -> None:
+def test_closed_form_equals_the_exact_truth(loads: tuple[ConstantLoad, ...]) -> None:
     """The method reads back the scene, and its samples are those of the exact truth."""
     scene, reference = replace(TOP, loads=loads), Reference()
     assert reference.unsupported(scene, "exact") is None

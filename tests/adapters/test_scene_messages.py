@@ -102,9 +102,9 @@ def test_reference_supports_callback_loads_where_it_can(
     scene = parse_scenario(text, "linked.toml", allow_code=True).scene
     adapter: Adapter = Reference()
     reasons = {name: adapter.unsupported(scene, name) for name in adapter.methods}
-    compiled = [m.name for m in INTEGRATORS.values() if m.lasting == "every stage" and m.tableau is None]
+    compiled = [m.name for m in INTEGRATORS.values() if m.continuous == "every stage" and m.tableau is None]
     single = [name for name, method in adapter.methods.items() if method.precision == "float32"]
     refused = {"exact": "closed form", "taylor": "series", **dict.fromkeys(compiled, "compiled")}
-    refused |= dict.fromkeys(single, "constant loads only")
+    refused |= dict.fromkeys(single, "constant loads")
     assert {name for name, reason in reasons.items() if reason} == set(refused)
     assert all(words in (reasons[name] or "") for name, words in refused.items())

@@ -68,8 +68,8 @@ def test_worker_of_the_docs_gives_the_answers_of_the_docs() -> None:
     timed = re.compile(r'("cpu_s": )[^}]*')
     answers = answers_of(WORKERS["of the docs"][0], REQUESTS)
     assert [timed.sub(r"\1", line) for line in answers] == [timed.sub(r"\1", line) for line in ANSWERS]
-    asked = {json.loads(line)["do"] for line in REQUESTS if line.startswith("{")}
-    assert asked == {"record", "prepare", "lap", "stable-step"}
+    requested = {json.loads(line)["do"] for line in REQUESTS if line.startswith("{")}
+    assert requested == {"record", "prepare", "lap", "stable-step"}
 
 
 @pytest.mark.parametrize("line", [line for line in REQUESTS if '"case"' in line])
@@ -148,8 +148,12 @@ BROKEN = {
     ),
     "another mass": ('"mass": scene', '"mass": 2.0 * scene', "invalid .* mass is 4. in the engine, not 2."),
     "nothing measured": ('if scene["loads"]', 'if True or scene["loads"]', "a case ends well: nothing was"),
-    "another id": ('"id": asked, **answer', '"id": 7, **answer', "failed .* it answered 7, not 1"),
-    "no id": ('"id": asked, "outcome": "failed"', '"outcome": "failed"', "NOT KEPT: .* under the id null: "),
+    "another id": ('"id": request_id, **answer', '"id": 7, **answer', "failed .* it answered 7, not 1"),
+    "no id": (
+        '"id": request_id, "outcome": "failed"',
+        '"outcome": "failed"',
+        "NOT KEPT: .* under the id null: ",
+    ),
     "no time": ("time.process_time() - begin", "0.0", "NOT KEPT: a lap of it is timed: it took no time"),
     "no search, but a lap": (
         'request["do"] == "lap"',
@@ -444,7 +448,7 @@ def test_wrong_answer_fails_its_case(
 def test_worker_that_closes_its_output_is_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The run does not wait until its time limit."""
     employ(answering("os.close(1); time.sleep(1000)"), tmp_path, monkeypatch)
-    monkeypatch.setattr("bodycheck.adapters.workers.worker_process._DYING_S", 0.1)
+    monkeypatch.setattr("bodycheck.adapters.workers.worker_process._EXIT_WAIT_S", 0.1)
     engine_pool = EnginePool()
     try:
         answer = engine_pool.ask("drift", {"do": "lap"}, PATIENCE_S)

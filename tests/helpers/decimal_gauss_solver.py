@@ -160,13 +160,13 @@ class Oracle:
     def rates(self, t: Decimal, y: Vec) -> Vec:
         """R' = R [omega]x, L' = torque, x' = v, v' = F / m."""
         rotation, _, spin, position, velocity = self.parts(y)
-        turning = [cross(row, spin) for row in rotation]  # (R [omega]x) row by row is row x omega
+        matrix_rate = [cross(row, spin) for row in rotation]  # (R [omega]x) row by row is row x omega
         omega = times(rotation, spin)
         force, torque = [self.mass * g for g in self.gravity], [Decimal(0)] * 3
         for load in self.scene.loads:
             push, turn = self.wrench(load, t, rotation, position, velocity, omega)
             force, torque = plus(force, push), plus(torque, turn)
-        flat = [x for row in turning for x in row]
+        flat = [x for row in matrix_rate for x in row]
         if self.pivot is not None:
             torque = plus(torque, cross(plus(position, self.place, -1), force))
             return [*flat, *torque, *[Decimal(0)] * 6]

@@ -20,7 +20,7 @@ def adapter_of(engine: str) -> Adapter:
     return adapter
 
 
-def engine_methods(engines: Iterable[str], wanted: Callable[[Adapter, str], bool]) -> list[Any]:
+def engine_methods(engines: Iterable[str], accepts: Callable[[Adapter, str], bool]) -> list[Any]:
     """Return a test parameter (adapter, method) for each wanted method; absent engines are skipped."""
     found: list[Any] = []
     for engine in engines:
@@ -32,6 +32,6 @@ def engine_methods(engines: Iterable[str], wanted: Callable[[Adapter, str], bool
         found += [
             pytest.param(adapter, method, id=f"{engine}:{method}")
             for method in adapter.methods
-            if wanted(adapter, method)
+            if accepts(adapter, method)
         ]
     return found

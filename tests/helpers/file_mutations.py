@@ -263,8 +263,8 @@ def _bomb(name: str, rows: int) -> bytes:
     """Return an npz of some MB at most that declares, and truly holds, so many rows of zeros."""
     whole = io.BytesIO()
     header = io.BytesIO()
-    told = {"descr": "|u1", "fortran_order": False, "shape": (rows, 3)}
-    np.lib.format.write_array_header_1_0(header, told)
+    header_text = {"descr": "|u1", "fortran_order": False, "shape": (rows, 3)}
+    np.lib.format.write_array_header_1_0(header, header_text)
     with (
         zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
         archive.open(f"{name}.npy", "w") as member,
@@ -284,10 +284,10 @@ def _packed(arrays: dict[str, Any], odd: str, method: int, flags: int, shape: st
             content = member.getvalue()
             if name == odd and shape is not None:
                 end = 10 + int.from_bytes(content[8:10], "little")
-                told = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}".ljust(end - 11)[
-                    : end - 11
-                ]
-                content = content[:10] + told.encode() + b"\n" + content[end:]
+                header_text = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}".ljust(
+                    end - 11
+                )[: end - 11]
+                content = content[:10] + header_text.encode() + b"\n" + content[end:]
             archive.writestr(f"{name}.npy", content, compress_type=method if name == odd else None)
         if flags:
             archive.NameToInfo[f"{odd}.npy"].flag_bits |= flags

@@ -11,9 +11,9 @@ import numpy as np
 
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation
 from bodycheck.adapters.reference import Reference
+from bodycheck.adapters.registry import registered
 from bodycheck.reference_impl.scene import Scene
 from tests.helpers.scenario_texts import tumbling
-from tests.helpers.temporary_engines import registered
 
 if TYPE_CHECKING:
     from bodycheck.reports.run_files.run_tables import Run

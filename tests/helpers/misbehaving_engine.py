@@ -27,10 +27,10 @@ from bodycheck.reference_impl.wrench import plan_steps
 from tests.helpers.my_integrator import step
 
 BAD_STEP_S = 0.01
-SOUND_STEPS_S = (0.05, 0.02)
+VALID_STEPS_S = (0.05, 0.02)
 FLOOD_BYTES = 100_000_000
 
-_spoilt = threading.Event()
+_is_broken = threading.Event()
 
 
 class UnprintableError(Exception):
@@ -109,7 +109,7 @@ def _leave_a_child() -> None:
 
 
 def _spoil() -> None:
-    _spoilt.set()
+    _is_broken.set()
 
 
 ACTS: dict[str, Callable[[], None]] = {
@@ -235,7 +235,7 @@ class Misbehaving:
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Build a sound simulation and, at the finest step, spoil it."""
-        if _spoilt.is_set():
+        if _is_broken.is_set():
             raise RuntimeError("spoilt by a case before this one")
         simulation = _stepper(scene, dt_s)
         if not self._sound and abs(dt_s - BAD_STEP_S) < 1e-9:

@@ -21,7 +21,7 @@ from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 
 BASES = {"rk4": 4, "m1": 1}
 """The healthy bases and their orders."""
-SOUND = "sound"
+NO_FAULT = "sound"
 """The method in which nothing is planted."""
 
 _CLAMP, _ANGLE, _ADDITIVE, _OLD_VELOCITY, _WORLD_OMEGA, _SINGLE, _DRAG_ENERGY, _BODY_VELOCITY, _NORMAL = (
@@ -478,13 +478,13 @@ class Faulty:
         self.name = f"faulty-{base}"
         self._order = BASES[base]
         known = replace(Reference().methods[base], lasting="held over the step", changed_defaults=())
-        names = (SOUND, *(fault.name for fault in FAULTS))
+        names = (NO_FAULT, *(fault.name for fault in FAULTS))
         self.methods: Mapping[str, Method] = {name: replace(known, name=name) for name in names}
 
     def unsupported(self, scene: Scene, method: str) -> str | None:
         """Refuse what the bases have not."""
-        if scene.lasting_loads:
-            return "no lasting loads"
+        if scene.continuous_loads:
+            return "no continuous loads"
         return "no pivot" if scene.pivot is not None and method != "pivot-ignored" else None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> FaultySimulation:

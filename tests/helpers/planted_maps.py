@@ -29,7 +29,7 @@ class FaultyMap:
     def unsupported(self, scene: Scene, method: str) -> str | None:
         """Refuse what the maps have not."""
         del method
-        return "no lasting loads" if scene.lasting_loads or scene.pivot is not None else None
+        return "no continuous loads" if scene.continuous_loads or scene.pivot is not None else None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> FaultySimulation:
         """Return a simulation with the faults."""
@@ -61,10 +61,10 @@ def _step(model: Model, state: Array, load: Array, h: float) -> Array:
     x, v, w, q = state[0:3], state[3:6], state[6:9], state[9:13]
     rotation = quaternion_to_matrix(q)
     moment = load[12:].reshape(3, 3) @ rotation
-    turning = np.array(
+    gyroscopic_torque = np.array(
         [moment[1, 2] - moment[2, 1], moment[2, 0] - moment[0, 2], moment[0, 1] - moment[1, 0]]
     )
-    torque = load[6:9] + rotation.T @ load[9:12] + turning
+    torque = load[6:9] + rotation.T @ load[9:12] + gyroscopic_torque
     asleep = s[at.ASLEEP]
     if v @ v < asleep**2 and w @ w < asleep**2:
         return state

@@ -225,7 +225,7 @@ def truth_scene(kind: str, scene: Scene) -> Scene:
     """Return what the truth is asked for: the loads of the last kind are behind a function."""
     if kind != "function":
         return scene
-    wrench = sum_of_wrenches(scene.lasting_loads, replace(scene, gravity=np.zeros(3)))
+    wrench = sum_of_wrenches(scene.continuous_loads, replace(scene, gravity=np.zeros(3)))
     return replace(scene, loads=(CallbackLoad("tests:hidden", wrench),))
 
 
@@ -367,13 +367,13 @@ def ratios(truth: Truth, exact: Exact) -> tuple[Array, Array]:
     motion = truth.trajectory
     errors = np.zeros((4, len(exact)))
     for k, (rotation, spin, position, velocity) in enumerate(exact):
-        said = MP.matrix(
+        found = MP.matrix(
             [
                 [MP.mpf(x.numerator) / x.denominator for x in row]
                 for row in rational_rotation(motion.attitude[k])
             ]
         )
-        gaps = [2 * MP.asin(MP.norm(said - rotation) / MP.sqrt(8))]
+        gaps = [2 * MP.asin(MP.norm(found - rotation) / MP.sqrt(8))]
         for value, true in (
             (motion.omega_body, spin),
             (motion.position_m, position),

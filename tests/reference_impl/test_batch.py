@@ -124,10 +124,10 @@ def test_steps_may_be_made_in_any_portions(method: BatchMethod) -> None:
 def test_no_torque_equals_zero_torque(method: BatchMethod) -> None:
     """Free bodies equal those under a zero torque, bit for bit; velocities stay."""
     free, moments, _ = bodies(9)
-    held, start = free.copy(), free.copy()
+    with_zero_torque, start = free.copy(), free.copy()
     advance_batch(free, moments, 0.02, 20, method)
-    advance_batch(held, moments, 0.02, 20, method, np.zeros((3, 9)))
-    assert np.array_equal(free, held)
+    advance_batch(with_zero_torque, moments, 0.02, 20, method, np.zeros((3, 9)))
+    assert np.array_equal(free, with_zero_torque)
     assert np.array_equal(free[3:6], start[3:6])
     assert np.max(np.abs(free[0:3] - start[0:3] - 0.4 * start[3:6])) <= 8 * EPS
 

@@ -22,7 +22,7 @@ print(cache_directory(), len([*cache_directory().rglob("*.nbi")]))
 
 
 @pytest.fixture
-def anew(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def fresh_cache(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Let the folder be looked for as a new process does."""
     monkeypatch.setenv(compiled_cache.KERNELS_FOR_NOW, "")
     cache_directory.cache_clear()
@@ -30,7 +30,7 @@ def anew(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     cache_directory.cache_clear()
 
 
-@pytest.mark.usefixtures("anew")
+@pytest.mark.usefixtures("fresh_cache")
 def test_writable_cache_is_used_silently(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -41,7 +41,7 @@ def test_writable_cache_is_used_silently(
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.usefixtures("anew")
+@pytest.mark.usefixtures("fresh_cache")
 def test_processes_of_a_command_share_a_temporary_cache(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

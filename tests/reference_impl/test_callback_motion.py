@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators import INTEGRATORS
-from bodycheck.reference_impl.integrators.callback_motion import solve_black_box
+from bodycheck.reference_impl.integrators.callback_motion import solve_with_callback
 from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
 from bodycheck.reference_impl.rotations import (
     geodesic_angle,
@@ -38,11 +38,11 @@ BODY_TORQUE, WORLD_TORQUE, BODY_FORCE = (
     np.array([-0.3, 0.8, 0.2]),
     np.array([0.2, 0.5, -0.6]),
 )
-HELD = Wrench(BODY_TORQUE, WORLD_TORQUE, BODY_FORCE, np.zeros(3), ((AT, PULL),))
+CONSTANT = Wrench(BODY_TORQUE, WORLD_TORQUE, BODY_FORCE, np.zeros(3), ((AT, PULL),))
 
 
-def held(_t: float, _x: Array, rotation: Array, _v: Array, _omega: Array) -> tuple[Array, Array]:
-    """Return the forces and torques of HELD, in world axes."""
+def constant_wrench(_t: float, _x: Array, rotation: Array, _v: Array, _omega: Array) -> tuple[Array, Array]:
+    """Return the forces and torques of CONSTANT, in world axes."""
     force = rotation @ BODY_FORCE + PULL
     return force, rotation @ BODY_TORQUE + WORLD_TORQUE + np.cross(rotation @ AT, PULL)
 
@@ -60,9 +60,9 @@ def of_everything(
 def test_steps_equal_those_of_the_kernel() -> None:
     """Under constant torques and forces the states are those of the dop853 kernel to round-off."""
     samples = np.linspace(0.0, 1.25, 6)
-    found = solve_black_box(BODY, START, held, samples, 0.05)
+    found = solve_with_callback(BODY, START, constant_wrench, samples, 0.05)
     state = np.concatenate([START.position, START.velocity, START.omega_body, START.quaternion])
-    load = HELD.packed(BODY, np.zeros(3))
+    load = CONSTANT.packed(BODY, np.zeros(3))
     assert found.quaternion is not None
     assert found.omega_body_rad_s is not None
     for k in range(6):
@@ -77,7 +77,7 @@ def test_compiled_function_gives_the_same_motion() -> None:
     """numba's function gives the same motion as the Python function that it was compiled from."""
     compiled = numba.njit(of_everything)
     samples = np.array([0.0, 0.3, 1.0])
-    plain, fast = (solve_black_box(BODY, START, f, samples, 0.1) for f in (of_everything, compiled))
+    plain, fast = (solve_with_callback(BODY, START, f, samples, 0.1) for f in (of_everything, compiled))
     assert np.max(np.abs(plain.position_m - fast.position_m)) <= 64 * EPS
     assert np.max(np.abs(plain.attitude - fast.attitude)) <= 64 * EPS
     assert np.max(np.abs(plain.omega_body - fast.omega_body)) <= 64 * EPS
@@ -103,7 +103,7 @@ def test_order_is_eight_for_a_wrench_of_everything() -> None:
     """The function gets time, position, attitude, velocity and omega in world axes of its stage."""
     position, quaternion = solved(2.0)
     steps = (10, 14, 20)
-    found = [solve_black_box(BODY, START, of_everything, np.array([0.0, 2.0]), 2.0 / n) for n in steps]
+    found = [solve_with_callback(BODY, START, of_everything, np.array([0.0, 2.0]), 2.0 / n) for n in steps]
     for errors in (
         [float(geodesic_angle(motion.attitude[-1], quaternion)) for motion in found],
         [float(np.linalg.norm(motion.position_m[-1] - position)) for motion in found],
@@ -118,10 +118,10 @@ def test_every_sample_is_the_end_of_a_step() -> None:
 
     def watching(t: float, x: Array, rotation: Array, v: Array, omega: Array) -> tuple[Array, Array]:
         seen.append(t)
-        return held(t, x, rotation, v, omega)
+        return constant_wrench(t, x, rotation, v, omega)
 
     samples = np.array([0.5, 0.6, 0.95])
-    motion = solve_black_box(BODY, START, watching, samples, 0.1)
+    motion = solve_with_callback(BODY, START, watching, samples, 0.1)
     assert np.array_equal(motion.t_s, samples)
     assert np.array_equal(motion.position_m[0], START.position)
     starts = seen[::12]
@@ -131,8 +131,8 @@ def test_every_sample_is_the_end_of_a_step() -> None:
 
 def test_no_samples_give_no_motion() -> None:
     """An empty list of times gives an empty trajectory, and time 0 alone the initial state."""
-    assert solve_black_box(BODY, START, held, np.array([]), 0.1).position_m.shape == (0, 3)
-    single = solve_black_box(BODY, START, held, np.array([3.0]), 0.1)
+    assert solve_with_callback(BODY, START, constant_wrench, np.array([]), 0.1).position_m.shape == (0, 3)
+    single = solve_with_callback(BODY, START, constant_wrench, np.array([3.0]), 0.1)
     assert np.array_equal(single.attitude[0], START.quaternion)
 
 
@@ -140,21 +140,21 @@ def test_no_samples_give_no_motion() -> None:
 def test_impossible_steps_are_refused(dt: float, expected_message: ExpectedMessage) -> None:
     """A step that is not a positive number of seconds is named."""
     with expected_message.raises(ValueError):
-        solve_black_box(BODY, START, held, np.array([0.0, 1.0]), dt)
+        solve_with_callback(BODY, START, constant_wrench, np.array([0.0, 1.0]), dt)
 
 
 @pytest.mark.parametrize("times", [[0.0, 0.0], [1.0, 0.5], [0.0, math.nan], [[0.0, 1.0]]])
 def test_impossible_times_are_refused(times: list[float], expected_message: ExpectedMessage) -> None:
     """Times that do not ascend are named."""
     with expected_message.raises(ValueError):
-        solve_black_box(BODY, START, held, np.array(times), 0.1)
+        solve_with_callback(BODY, START, constant_wrench, np.array(times), 0.1)
 
 
 def test_nan_in_the_initial_state_is_refused(expected_message: ExpectedMessage) -> None:
     """NaN in the initial state is named."""
     bad = State(np.array([0.0, math.nan, 0.0]), START.quaternion, START.velocity, START.omega_body)
     with expected_message.raises(ValueError):
-        solve_black_box(BODY, bad, held, np.array([0.0, 1.0]), 0.1)
+        solve_with_callback(BODY, bad, constant_wrench, np.array([0.0, 1.0]), 0.1)
 
 
 @pytest.mark.parametrize("value", [np.array([0.0, math.nan, 0.0]), np.zeros(2), np.array([math.inf, 0, 0])])
@@ -162,4 +162,4 @@ def test_result_of_the_function_is_checked(value: Array, expected_message: Expec
     """A force or a torque that is not three finite numbers is named, with its time."""
     for answer in ((value, np.zeros(3)), (np.zeros(3), value)):
         with expected_message.raises(ValueError):
-            solve_black_box(BODY, START, lambda *_, answer=answer: answer, np.array([0.0, 1.0]), 0.1)
+            solve_with_callback(BODY, START, lambda *_, answer=answer: answer, np.array([0.0, 1.0]), 0.1)

@@ -35,7 +35,7 @@ from bodycheck.reference_impl.scene import (
     State,
     Torque,
 )
-from bodycheck.reference_impl.taylor.solution import Resolution, course_of, solve
+from bodycheck.reference_impl.taylor.solution import Resolution, forcings_of, solve
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reference_impl.truth.motion_distance import distances
@@ -54,7 +54,9 @@ _TENSOR = _Q @ np.diag([1.0, 2.0, 2.5]) @ _Q.T
 FULL: Array = 0.5 * (_TENSOR + _TENSOR.T)
 BRICK: Array = np.diag([1.0, 2.0, 2.5])
 BALL: Array = np.diag([2.0, 2.0, 2.0])
-HELD: Array = np.array([[5.0, 1.0, 0.0], [1.0, 5.0, 0.0], [0.0, 0.0, 5.0]])  # axes (1, 1, 0), (1, -1, 0), z
+DIAGONAL: Array = np.array(
+    [[5.0, 1.0, 0.0], [1.0, 5.0, 0.0], [0.0, 0.0, 5.0]]
+)  # axes (1, 1, 0), (1, -1, 0), z
 TILTED = (0.9, -0.3, 0.2, 0.5)
 QUARTER_TURN = (1.0, 1.0, 0.0, 0.0)  # about x
 TIMES = np.array([0.0, 0.1, 1.0, 2.5, 2.6, 5.3])
@@ -104,9 +106,9 @@ SCENES: dict[str, Scene] = {
     ),
     "drag alone": scene_of(BRICK, (1.3, 0, 0), drag(0.3, [0.1, 0.25, 0.3])),
     "drag of full tensor": scene_of(
-        HELD, (0.7, 0.7, 0), drag(0.0, [[0.3, 0.1, 0], [0.1, 0.3, 0], [0, 0, 1]])
+        DIAGONAL, (0.7, 0.7, 0), drag(0.0, [[0.3, 0.1, 0], [0.1, 0.3, 0], [0, 0, 1]])
     ),
-    "about a held axis": scene_of(HELD, (0.7, -0.7, 0), body_torque(0.25, -0.25, 0)),
+    "about a held axis": scene_of(DIAGONAL, (0.7, -0.7, 0), body_torque(0.25, -0.25, 0)),
     "a couple of thrusters": scene_of(
         BRICK,
         (0, 0, 0),
@@ -354,7 +356,7 @@ FINE = Resolution(30, 1e-32, 19)
 
 def certified(scene: Scene, t_s: Array) -> Trajectory:
     """Return the motion by the double-double Taylor solver."""
-    state = solve(course_of(scene, float(t_s[-1])), scene.initial, t_s, FINE).high
+    state = solve(forcings_of(scene, float(t_s[-1])), scene.initial, t_s, FINE).high
     return Trajectory(t_s, state[:, 10:13], state[:, 7:10], state[:, 0:4], None, None, state[:, 4:7])
 
 

@@ -122,11 +122,11 @@ def test_momenta_are_the_sums_over_the_points(body: Cloud) -> None:
     velocities = body.chunk_velocities()
     arms = body.points @ body.rotation.T
     linear = sum(m * v for m, v in zip(body.masses, velocities, strict=True))
-    turning = sum(m * np.cross(r, v) for m, r, v in zip(body.masses, arms, velocities, strict=True))
+    orbital = sum(m * np.cross(r, v) for m, r, v in zip(body.masses, arms, velocities, strict=True))
     scale = float(np.sum(body.masses * np.linalg.norm(arms, axis=1) * np.linalg.norm(velocities, axis=1)))
     assert np.max(np.abs(linear_momentum(body.mass, body.velocity) - linear)) <= 64 * EPS * body.mass * 20
     spin = angular_momentum(body.rotation, body.inertia, body.omega_body)
-    assert np.max(np.abs(spin - turning)) <= 64 * EPS * scale
+    assert np.max(np.abs(spin - orbital)) <= 64 * EPS * scale
     # and so does I(t) omega, all in world axes
     assert (
         np.max(np.abs(inertia_world(body.rotation, body.inertia) @ body.omega_world - spin))

@@ -17,7 +17,7 @@ OLD_NS = 10**18
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a folder of two files, with its own cache next to it and a clock that is much later."""
-    monkeypatch.setattr(file_digests, "cache_home", lambda: tmp_path / "cache")
+    monkeypatch.setattr(file_digests, "cache_dir", lambda: tmp_path / "cache")
     later = time.time_ns() + 3_000_000_000
     monkeypatch.setattr(file_digests.time, "time_ns", lambda: later)
     made = tmp_path / "package"

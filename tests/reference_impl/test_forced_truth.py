@@ -56,25 +56,25 @@ def test_truth_of_forced_motion_lies_within_its_bounds(name: str) -> None:
         kinetic = max(oracle.energies(r, w, x, v)[0] for r, _, w, x, v in exact)
         largest = max(norm(momentum) for _, momentum, _, _, _ in exact)
         for k, (rotation, momentum, spin, position, velocity) in enumerate(exact):
-            said = rotation_of(motion.attitude[k])
-            said_spin, said_position, said_velocity = (
+            found_rotation = rotation_of(motion.attitude[k])
+            found_spin, found_position, found_velocity = (
                 decimals(values[k]) for values in (motion.omega_body, motion.position_m, motion.velocity_m_s)
             )
             chord = sum(
-                (dot(d, d) for d in (plus(*rows, -1) for rows in zip(said, rotation, strict=True))),
+                (dot(d, d) for d in (plus(*rows, -1) for rows in zip(found_rotation, rotation, strict=True))),
                 Decimal(0),
             )
             angle = (chord / 2).sqrt()  # |R - S|_F = 2 sqrt(2) sin(angle / 2)
             assert angle <= Decimal(truth.bound_rad[k])
             energy = oracle.energies(rotation, spin, position, velocity)[1]
-            said_energy = oracle.energies(said, said_spin, said_position, said_velocity)[1]
-            assert abs(said_energy - energy) <= Decimal(truth.bound_energy[k]) * kinetic
-            said_momentum = times(said, times(oracle.inertia, said_spin))
-            assert norm(plus(said_momentum, momentum, -1)) <= Decimal(truth.bound_momentum[k]) * largest
+            found_energy = oracle.energies(found_rotation, found_spin, found_position, found_velocity)[1]
+            assert abs(found_energy - energy) <= Decimal(truth.bound_energy[k]) * kinetic
+            found_momentum = times(found_rotation, times(oracle.inertia, found_spin))
+            assert norm(plus(found_momentum, momentum, -1)) <= Decimal(truth.bound_momentum[k]) * largest
             for one, other, bound in (
-                (said_spin, spin, truth.bound_omega_rad_s[k]),
-                (said_position, position, truth.bound_m[k]),
-                (said_velocity, velocity, truth.bound_m_s[k]),
+                (found_spin, spin, truth.bound_omega_rad_s[k]),
+                (found_position, position, truth.bound_m[k]),
+                (found_velocity, velocity, truth.bound_m_s[k]),
             ):
                 assert norm(plus(one, other, -1)) <= Decimal(bound)
                 assert Decimal(bound) <= Decimal("4e-15") * (1 + norm(other))  # what closed forms claim

@@ -21,7 +21,7 @@ import pytest
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.free_rotation import FreeRotation, FreeRotations, free_rotations
-from bodycheck.reference_impl.free_rotation.set_up import begin
+from bodycheck.reference_impl.free_rotation.set_up import set_up_tumbling
 from tests.helpers.expected_messages import ExpectedMessage
 
 MP = mpmath.MPContext()
@@ -702,11 +702,11 @@ def test_exact_decision_does_not_change_the_motion(offset: float, monkeypatch: p
     state = (tensor_of([4, 5, 9]), QUATERNION, _Q @ [3 * (1 + offset), 2, 1])
     decided = FreeRotation.from_state(*state).at([1e9])
 
-    def doubt(*arguments: Any) -> None:
-        begin(*arguments)
+    def undecided(*arguments: Any) -> None:
+        set_up_tumbling(*arguments)
         arguments[-1].fill(True)
 
-    monkeypatch.setattr(free_rotations, "begin", doubt)
+    monkeypatch.setattr(free_rotations, "set_up_tumbling", undecided)
     exact = FreeRotation.from_state(*state).at([1e9])
     assert np.abs(decided[0] - exact[0]).max() < 4e-15
     assert np.abs(decided[1] - exact[1]).max() < 1e-14

@@ -121,8 +121,8 @@ def solved(kind: str) -> tuple[Array, Array, Array, Array]:
                     force = [a + b for a, b in zip(force, value, strict=True)]
                     value = cross(times(r, [mpmath.mpf(c) for c in load.at]), value)
                 torque = [a + b for a, b in zip(torque, value, strict=True)]
-            turning = [-c for row in range(3) for c in cross(omega, r[3 * row : 3 * row + 3])]
-            return [*turning, *torque, *v, *(c / mpmath.mpf(BODY.mass) for c in force)]
+            matrix_rate = [-c for row in range(3) for c in cross(omega, r[3 * row : 3 * row + 3])]
+            return [*matrix_rate, *torque, *v, *(c / mpmath.mpf(BODY.mass) for c in force)]
 
         start = [*rotation, *momentum, *map(mpmath.mpf, START.position), *map(mpmath.mpf, START.velocity)]
         end = mpmath.odefun(rates, 0, start, tol=mpmath.mpf("1e-18"))(DURATION)
@@ -285,16 +285,16 @@ def test_splitting_conserves_under_a_force_with_a_potential() -> None:
     load, state = wrench_named("world force").packed(BODY, np.zeros(3)), packed_start(SPLITTING6)
     still = np.concatenate([np.zeros(6), state[6:]])  # the centre of mass falls away: left out of E
 
-    def turning_energy() -> float:
+    def spin_energy() -> float:
         rotation = quaternion_to_matrix(still[9:])
         kinetic = float(rotational_energy(BODY.inertia, omega_of(still, SPLITTING6)))
         return kinetic - float(pull.value @ rotation @ pull.at)
 
-    energy, along = turning_energy(), float(still[6:9] @ pull.value)
+    energy, along = spin_energy(), float(still[6:9] @ pull.value)
     worst_energy = worst_along = 0.0
     for _ in range(100):
         SPLITTING6.advance(still, packed_body(BODY), load, 0.05, 1000)
-        worst_energy = max(worst_energy, abs(turning_energy() / energy - 1.0))
+        worst_energy = max(worst_energy, abs(spin_energy() / energy - 1.0))
         worst_along = max(worst_along, abs(float(still[6:9] @ pull.value) / along - 1.0))
     assert worst_energy <= 1e-7
     assert worst_along <= 1e-12

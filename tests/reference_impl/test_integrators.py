@@ -255,10 +255,10 @@ def test_motion_of_the_centre_is_exact_without_force(method: Integrator) -> None
 def torque_at(rotation: Array, load: Array) -> Array:
     """Return the torque of a packed load, in body axes."""
     moment = load[12:].reshape(3, 3) @ rotation
-    turning = np.array(
+    gyroscopic_torque = np.array(
         [moment[1, 2] - moment[2, 1], moment[2, 0] - moment[0, 2], moment[0, 1] - moment[1, 0]]
     )
-    return np.asarray(load[6:9] + rotation.T @ load[9:12] + turning)
+    return np.asarray(load[6:9] + rotation.T @ load[9:12] + gyroscopic_torque)
 
 
 def acceleration_at(rotation: Array, load: Array, mass: float) -> Array:
@@ -275,11 +275,11 @@ def rates_at(state: Array, body: RigidBody, load: Array) -> Array:
     """Return the rates of x, v, omega and q under a packed load."""
     omega, q = state[6:9], state[9:]
     matrix = quaternion_to_matrix(q)
-    turning = torque_at(matrix, load) - np.cross(omega, body.inertia @ omega)
+    net_torque = torque_at(matrix, load) - np.cross(omega, body.inertia @ omega)
     attitude = 0.5 * quaternion_product(q, np.array([0.0, *omega]))
-    linear_acceleration = np.linalg.inv(body.inertia) @ turning
+    angular_acceleration = np.linalg.inv(body.inertia) @ net_torque
     return np.concatenate(
-        [state[3:6], acceleration_at(matrix, load, body.mass), linear_acceleration, attitude]
+        [state[3:6], acceleration_at(matrix, load, body.mass), angular_acceleration, attitude]
     )
 
 
@@ -614,7 +614,7 @@ def test_sphere_spins_steadily(method: Integrator) -> None:
     found = stepped(scene, method, steps, dt)
     assert np.max(np.abs(found.omega_body - omega)) <= steps * 8 * EPS
     speed = float(np.linalg.norm(omega))
-    turn = steps * method.turn(dt * speed) / speed
+    turn = steps * method.step_angle(dt * speed) / speed
     expected = quaternion_product(scene.initial.quaternion, exp_quaternion(turn * omega))
     assert geodesic_angle(found.quaternion, expected) <= steps * 8 * EPS
 
@@ -627,7 +627,7 @@ def test_spin_about_a_principal_axis_is_steady(method: Integrator) -> None:
         found = stepped(
             scene_of(body=RigidBody(1.0, np.diag([1.0, 2.0, 2.5])), start=spun), method, 500, 0.02
         )
-        turn = 500 * method.turn(0.02 * 1.7)
+        turn = 500 * method.step_angle(0.02 * 1.7)
         expected = quaternion_product(START.quaternion, exp_quaternion(turn * np.eye(3)[axis]))
         assert geodesic_angle(found.quaternion, expected) <= 500 * 16 * EPS
 

@@ -84,9 +84,9 @@ def test_full_disk_prints_one_line(
     monkeypatch.setattr(CheckedCacheFile, "_open_for_write", full)
     used()
     used()
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert said.endswith(
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert message.endswith(
         "cannot be written: No space left on device; compiled code is cached for this command only\n"
     )
-    assert str(folder) in said
+    assert str(folder) in message

@@ -10,7 +10,11 @@ from scipy.integrate import solve_ivp
 from bodycheck.adapters.contract import Reading
 from bodycheck.adapters.reference import FixedStep, Reference
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.continuous_loads import lasting_wrench_at, packed_lasting, rotation_vector
+from bodycheck.reference_impl.continuous_loads import (
+    continuous_wrench_at,
+    packed_continuous_loads,
+    rotation_vector,
+)
 from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.integrators.facts import Integrator
 from bodycheck.reference_impl.loads.kinds.magnetic_dipole import MagneticDipole
@@ -42,7 +46,7 @@ START = State(
     velocity=np.array([0.3, 0.1, -0.2]),
     omega_body=np.array([0.9, 1.3, -0.8]),
 )
-LASTING: dict[str, ContinuousLoad] = {
+CONTINUOUS: dict[str, ContinuousLoad] = {
     "sine torque in body axes": SineTorque("body", np.array([0.9, -1.2, 0.7]), 2.3, 0.4),
     "sine torque in world axes": SineTorque("world", np.array([0.9, -1.2, 0.7]), 2.3, 0.4),
     "drag": Drag(0.8, np.array([[0.5, 0.1, 0.0], [-0.2, 0.4, 0.1], [0.0, 0.3, 0.6]])),
@@ -51,7 +55,7 @@ LASTING: dict[str, ContinuousLoad] = {
     "gravity gradient": GravityGradient(0.9),
     "magnetic dipole": MagneticDipole(np.array([0.8, -0.5, 0.6]), np.array([0.9, 0.7, -1.1])),
 }
-every_kind = pytest.mark.parametrize("load", LASTING.values(), ids=LASTING.keys())
+every_kind = pytest.mark.parametrize("load", CONTINUOUS.values(), ids=CONTINUOUS.keys())
 every_integrator = pytest.mark.parametrize("method", INTEGRATORS.values(), ids=INTEGRATORS.keys())
 
 
@@ -129,7 +133,7 @@ def test_load_is_its_formula(load: ContinuousLoad, seed: int) -> None:
     rng = np.random.default_rng(seed)
     t, q = float(rng.uniform(0.0, 10.0)), normalised(rng.normal(size=4))
     x, v, w = rng.normal(size=(3, 3))
-    found = lasting_wrench_at(t, x, quaternion_to_matrix(q), v, w, packed_lasting(scene_of(load)))
+    found = continuous_wrench_at(t, x, quaternion_to_matrix(q), v, w, packed_continuous_loads(scene_of(load)))
     expected = np.concatenate(exact_wrench(load, t, x, q, v, w))
     np.testing.assert_allclose(found, expected, rtol=0, atol=200 * EPS * max(1.0, np.max(np.abs(expected))))
     assert np.any(np.abs(expected) > 1e-2)
@@ -137,19 +141,21 @@ def test_load_is_its_formula(load: ContinuousLoad, seed: int) -> None:
 
 def test_loads_are_summed() -> None:
     """All loads together are the sum of each alone, two of a kind among them."""
-    loads = (*LASTING.values(), SineTorque("body", np.array([0.1, 0.2, 0.3]), 5.0, 1.0))
+    loads = (*CONTINUOUS.values(), SineTorque("body", np.array([0.1, 0.2, 0.3]), 5.0, 1.0))
     at = (0.7, START.position, START.rotation, START.velocity, START.omega_world)
-    sums = sum(lasting_wrench_at(*at, packed_lasting(scene_of(load))) for load in loads)
-    together = lasting_wrench_at(*at, packed_lasting(scene_of(*loads)))
+    sums = sum(continuous_wrench_at(*at, packed_continuous_loads(scene_of(load))) for load in loads)
+    together = continuous_wrench_at(*at, packed_continuous_loads(scene_of(*loads)))
     np.testing.assert_allclose(together, sums, rtol=0, atol=1e-14)
-    np.testing.assert_array_equal(lasting_wrench_at(*at, packed_lasting(scene_of())), np.zeros(6))
+    np.testing.assert_array_equal(continuous_wrench_at(*at, packed_continuous_loads(scene_of())), np.zeros(6))
 
 
 def test_spring_of_zero_length_exerts_no_force() -> None:
     """Where the body point lies on the anchor there is no force."""
     spring = Spring(START.position, np.zeros(3), 3.0, 0.5)
     at = (0.0, START.position, START.rotation, START.velocity, START.omega_world)
-    np.testing.assert_array_equal(lasting_wrench_at(*at, packed_lasting(scene_of(spring))), np.zeros(6))
+    np.testing.assert_array_equal(
+        continuous_wrench_at(*at, packed_continuous_loads(scene_of(spring))), np.zeros(6)
+    )
 
 
 @pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (3, 0, 4), (1, 2, -2)])
@@ -195,15 +201,15 @@ def solved(scene: Scene) -> Trajectory:
 
     The loads are those of the tests above.
     """
-    loads, start, inertia = packed_lasting(scene), scene.initial, scene.body.inertia
+    loads, start, inertia = packed_continuous_loads(scene), scene.initial, scene.body.inertia
 
     def rates(t: float, y: Array) -> Array:
         x, v, q, w = np.split(y, [3, 6, 10])
         r = quaternion_to_matrix(q)
-        wrench = lasting_wrench_at(t, x, r, v, r @ w, loads)
-        linear_acceleration = np.linalg.solve(inertia, r.T @ wrench[3:] - np.cross(w, inertia @ w))
-        turning = 0.5 * quaternion_product(q, np.array([0.0, *w]))
-        return np.concatenate([v, wrench[:3] / scene.body.mass, turning, linear_acceleration])
+        wrench = continuous_wrench_at(t, x, r, v, r @ w, loads)
+        angular_acceleration = np.linalg.solve(inertia, r.T @ wrench[3:] - np.cross(w, inertia @ w))
+        quaternion_rate = 0.5 * quaternion_product(q, np.array([0.0, *w]))
+        return np.concatenate([v, wrench[:3] / scene.body.mass, quaternion_rate, angular_acceleration])
 
     y0 = np.concatenate([start.position, start.velocity, start.quaternion, start.omega_body])
     y = solve_ivp(rates, (0.0, scene.duration_s), y0, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1:].T

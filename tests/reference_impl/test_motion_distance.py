@@ -34,6 +34,6 @@ def test_rounding_is_the_sum_over_all_numbers(rows: int, monkeypatch: pytest.Mon
         for column in np.eye(value.shape[1]):
             shifted = replace(motion, **{name: value * (1.0 + step * column)})
             expected += closeness.distances(SCENE, motion, shifted) * 2.0**-53 / step
-    monkeypatch.setattr(closeness, "_MOST_ROWS", rows)
+    monkeypatch.setattr(closeness, "_MAX_ROWS", rows)
     assert expected.min() > 0.0
     assert closeness.rounding(SCENE, motion) == pytest.approx(expected, rel=1e-6, abs=0.0)

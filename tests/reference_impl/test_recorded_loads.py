@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.continuous_loads import lasting_wrench_at, packed_lasting
+from bodycheck.reference_impl.continuous_loads import continuous_wrench_at, packed_continuous_loads
 from bodycheck.reference_impl.loads import load_kinds
 from bodycheck.reference_impl.loads.load import ContinuousLoad, Instants
 from bodycheck.reference_impl.pivot import about_pivot
@@ -41,7 +41,7 @@ class Recorded(ContinuousLoad):
     def wrench(self, scene: Scene, at: Instants) -> tuple[Array, Array]:
         """Return what the load does."""
         if isinstance(self.load, Spring):  # whose own formula branches at no length
-            arm = at.turned(self.load.at)
+            arm = at.rotated(self.load.at)
             d = at.position + arm - self.load.anchor
             length = np.sqrt(np.sum(d**2, axis=-1))
             force = -self.load.stiffness * (length - self.load.rest_length) / length * d
@@ -74,7 +74,7 @@ def test_recorded_wrench_equals_that_of_the_kernel(load: ContinuousLoad, seed: i
     q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     at = (float(rng.uniform(0.0, 9.0)), rng.normal(size=3), q * np.linalg.det(q), *rng.normal(size=(2, 3)))
     recorded, known = (
-        lasting_wrench_at(*at, packed_lasting(scene_of(one))) for one in (Recorded(load), load)
+        continuous_wrench_at(*at, packed_continuous_loads(scene_of(one))) for one in (Recorded(load), load)
     )
     np.testing.assert_allclose(recorded, known, rtol=0, atol=4e-15 * max(1.0, np.max(np.abs(known))))
 
@@ -104,7 +104,7 @@ def test_recorded_load_about_a_pivot_equals_the_loads_own(load: ContinuousLoad) 
     rotation, omega = START.rotation, START.omega_world
     at = (0.4, np.array([0.2, 0.5, -0.1]), np.ascontiguousarray(rotation), np.zeros(3), omega)
     recorded, known = (
-        lasting_wrench_at(*at, packed_lasting(about_pivot(scene_of(one, PIVOT))))
+        continuous_wrench_at(*at, packed_continuous_loads(about_pivot(scene_of(one, PIVOT))))
         for one in (Recorded(load), load)
     )
     np.testing.assert_allclose(recorded[3:], known[3:], rtol=0, atol=1e-14)
@@ -142,7 +142,7 @@ def test_each_operation_is_recorded(name: str) -> None:
     at = (0.7, START.position, np.ascontiguousarray(START.rotation), START.velocity, START.omega_world)
     expected = load.wrench(scene, Instants(np.array(at[0]), *at[1:]))
     np.testing.assert_allclose(
-        lasting_wrench_at(*at, packed_lasting(scene)), np.concatenate(expected), rtol=4e-15
+        continuous_wrench_at(*at, packed_continuous_loads(scene)), np.concatenate(expected), rtol=4e-15
     )
     truth = certified_truth(scene, scene.sample_times)
     assert np.max(truth.bound_rad) < 1e-14
@@ -161,7 +161,7 @@ def test_unsupported_operation_is_refused(
 ) -> None:
     """A branch and a function without a known series are refused by name."""
     with expected_message.raises(TypeError):
-        packed_lasting(scene_of(Formula(formula)))
+        packed_continuous_loads(scene_of(Formula(formula)))
 
 
 @pytest.mark.parametrize("page", ["scenarios.md", "workers.md"])

@@ -19,7 +19,7 @@ from tests.helpers.expected_messages import ExpectedMessage
 
 def hidden(scene: Scene) -> Scene:
     """Return the scene with its continuous loads as one callback load."""
-    wrench = sum_of_wrenches(scene.lasting_loads, replace(scene, gravity=np.zeros(3)))
+    wrench = sum_of_wrenches(scene.continuous_loads, replace(scene, gravity=np.zeros(3)))
     return replace(scene, loads=(*scene.piecewise_constant_loads, CallbackLoad("tests:wrench", wrench)))
 
 

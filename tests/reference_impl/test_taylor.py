@@ -31,7 +31,7 @@ from bodycheck.reference_impl.scene import (
     Torque,
     TorsionSpring,
 )
-from bodycheck.reference_impl.taylor.solution import Resolution, Solution, course_of, resolution_for, solve
+from bodycheck.reference_impl.taylor.solution import Resolution, Solution, forcings_of, resolution_for, solve
 from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reference_impl.truth.motion_distance import potential_energy
 from tests.helpers.expected_messages import ExpectedMessage
@@ -271,7 +271,7 @@ def rotation_of(q: Vector) -> Vector:
 def test_double_doubles_are_right_to_thirty_digits(name: str) -> None:
     """R, omega, v and x under each load agree with the oracle to 1e-28, halfway and at the end."""
     scene = CASES[name]
-    solution = solve(course_of(scene, 2.0), scene.initial, np.array([1.0, 2.0]), TRUE)
+    solution = solve(forcings_of(scene, 2.0), scene.initial, np.array([1.0, 2.0]), TRUE)
     for row, expected in enumerate(forty_digits(name, 6)):
         assert np.max(distances(solution, row, expected)) <= 1e-28
 
@@ -281,7 +281,7 @@ def test_double_doubles_are_right_to_thirty_digits(name: str) -> None:
 def test_doubles_are_right_to_their_round_off(name: str) -> None:
     """The same in doubles to ten times eps times the sensitivity, which is small within two seconds."""
     scene = CASES[name]
-    solution = solve(course_of(scene, 2.0), scene.initial, np.array([1.0, 2.0]), FINE)
+    solution = solve(forcings_of(scene, 2.0), scene.initial, np.array([1.0, 2.0]), FINE)
     for row, expected in enumerate(forty_digits(name, 6)):
         assert np.max(distances(solution, row, expected)) <= 10.0 * EPS * 4.0
 
@@ -294,8 +294,8 @@ def test_truth_lies_within_its_bounds(name: str) -> None:
     assert truth.trusted_until_s == np.inf
     for row, expected in enumerate(forty_digits(name, 6)):
         with mpmath.workdps(50):
-            said = matrix_of(truth.trajectory.attitude[row])
-            gap = mpmath.sqrt(sum((a - b) ** 2 for a, b in zip(said, expected[:9], strict=True)))
+            rotation = matrix_of(truth.trajectory.attitude[row])
+            gap = mpmath.sqrt(sum((a - b) ** 2 for a, b in zip(rotation, expected[:9], strict=True)))
             angle = float(2 * mpmath.asin(gap / mpmath.sqrt(8)))
         assert angle <= truth.bound_rad[row]
         omega = np.array([float(x) for x in expected[9:12]])
@@ -336,9 +336,9 @@ def test_gravity_gradient_conserves_the_jacobi_integral() -> None:
 def test_calls_of_few_steps_continue_bit_for_bit(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Compiled code that returns after every second step gives the states of one call."""
     scene, times = CASES[name], np.array([0.0, 0.1, 0.77, 1.1, 2.0])
-    whole = solve(course_of(scene, 2.0), scene.initial, times, FINE)
+    whole = solve(forcings_of(scene, 2.0), scene.initial, times, FINE)
     monkeypatch.setattr("bodycheck.reference_impl.taylor.solution._STEPS_PER_CALL", 2)
-    parts = solve(course_of(scene, 2.0), scene.initial, times, FINE)
+    parts = solve(forcings_of(scene, 2.0), scene.initial, times, FINE)
     assert whole.steps > 2
     assert (parts.steps, parts.lost) == (whole.steps, whole.lost)
     assert parts.high.tobytes() == whole.high.tobytes()
@@ -356,7 +356,7 @@ def test_signal_interrupts_a_motion_that_would_take_years() -> None:
     signal.setitimer(signal.ITIMER_REAL, 0.2)
     try:
         with pytest.raises(KeyboardInterrupt):
-            solve(course_of(scene, until), scene.initial, np.array([until]), FINE)
+            solve(forcings_of(scene, until), scene.initial, np.array([until]), FINE)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
@@ -377,7 +377,7 @@ def test_specialised_kernels_equal_the_general_one() -> None:
     free, general = scene_under(), scene_under(*idle)
     times = np.array([0.0, 0.7, 2.0])
     for resolution in (FINE, TRUE):
-        one, other = (solve(course_of(s, 2.0), s.initial, times, resolution) for s in (free, general))
+        one, other = (solve(forcings_of(s, 2.0), s.initial, times, resolution) for s in (free, general))
         gap = np.abs((one.high - other.high) + (one.low - other.low))
         assert np.max(gap) <= (1e-14 if resolution is FINE else 1e-29)
 
@@ -395,8 +395,8 @@ def test_million_steps_conserve_to_4e_15(omega: tuple[float, float, float]) -> N
     body = RigidBody(1.0, np.diag([1.0, 2.0, 3.0]))
     start = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array(omega))
     scene = Scene(body, start, (), np.zeros(3), 4e5, 2)
-    course = course_of(scene, 4e5)
-    found = solve(course, start, np.array([4e5]), Resolution(18, 1e-17, 4))
+    forcings = forcings_of(scene, 4e5)
+    found = solve(forcings, start, np.array([4e5]), Resolution(18, 1e-17, 4))
     q, spin = found.high[0, 0:4], body.inertia @ found.high[0, 4:7]
     first = body.inertia @ start.omega_body
     energy = (found.high[0, 4:7] @ spin) / (start.omega_body @ first)
@@ -425,9 +425,9 @@ def test_dense_output_equals_short_runs() -> None:
     load = Torque("body", A, from_s=0.3, until_s=1.1)
     scene = scene_under(load, SineTorque("world", B, 1.7, 0.3))
     times = np.array([0.0, 0.1, 0.3, 0.77, 1.1, 1.3, 2.0])
-    many = solve(course_of(scene, 2.0), scene.initial, times, TRUE)
+    many = solve(forcings_of(scene, 2.0), scene.initial, times, TRUE)
     for k, t in enumerate(times):
-        alone = solve(course_of(scene, float(t)), scene.initial, times[k : k + 1], TRUE)
+        alone = solve(forcings_of(scene, float(t)), scene.initial, times[k : k + 1], TRUE)
         assert np.max(np.abs((alone.high[0] - many.high[k]) + (alone.low[0] - many.low[k]))) <= 1e-29
 
 
@@ -457,7 +457,7 @@ def test_impossible_tolerances_are_refused(tolerance: float) -> None:
 def test_errors_follow_the_tolerance(tolerance: float) -> None:
     """The error after two seconds of the mixture is below a hundred tolerances."""
     scene = CASES["mixture"]
-    solution = solve(course_of(scene, 2.0), scene.initial, np.array([1.0, 2.0]), resolution_for(tolerance))
+    solution = solve(forcings_of(scene, 2.0), scene.initial, np.array([1.0, 2.0]), resolution_for(tolerance))
     assert np.max(distances(solution, 1, forty_digits("mixture", 6)[1])) <= 100.0 * tolerance + 40.0 * EPS
 
 
@@ -465,7 +465,7 @@ SHORT_MOTIONS = """
 import json, sys
 import numpy as np
 from bodycheck.reference_impl.scene import *
-from bodycheck.reference_impl.taylor.solution import Resolution, course_of, solve
+from bodycheck.reference_impl.taylor.solution import Resolution, forcings_of, solve
 
 tensor = np.array([[1.3, 0.1, -0.2], [0.1, 1.7, 0.15], [-0.2, 0.15, 2.1]])
 a, b = np.array([0.7, -0.4, 0.9]), np.array([0.2, 0.35, -0.15])
@@ -477,7 +477,7 @@ found = []
 for acting in ((), loads):
     scene = Scene(RigidBody(1.7, tensor), start, acting, np.array([0.0, 0.0, -1.5]), 0.1, 2)
     for resolution in (Resolution(12, 1e-14), Resolution(20, 1e-30, 13)):
-        out = solve(course_of(scene, 0.1), start, np.array([0.05, 0.1]), resolution)
+        out = solve(forcings_of(scene, 0.1), start, np.array([0.05, 0.1]), resolution)
         found.append([out.high.tolist(), out.low.tolist()])
 print(json.dumps(found))
 """

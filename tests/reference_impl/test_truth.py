@@ -51,9 +51,9 @@ def errors(scene: Scene, truth: Truth, exact: list[Exact]) -> Errors:
         def energy_of(
             spin: mpmath.matrix, velocity: mpmath.matrix, position: mpmath.matrix
         ) -> list[mpmath.mpf]:
-            turning = (spin.T * inertia * spin)[0] / 2
-            moving = mass * (velocity.T * velocity)[0] / 2
-            return [turning + moving, turning + moving - mass * (pull.T * position)[0]]
+            rotational = (spin.T * inertia * spin)[0] / 2
+            translational = mass * (velocity.T * velocity)[0] / 2
+            return [rotational + translational, rotational + translational - mass * (pull.T * position)[0]]
 
         for k, state in enumerate(exact):
             y = state.values()
@@ -62,26 +62,26 @@ def errors(scene: Scene, truth: Truth, exact: list[Exact]) -> Errors:
                 rotation[i // 3, i % 3] = y[i]
             momentum, velocity, position = (mpmath.matrix(y[i : i + 3]) for i in (9, 12, 15))
             spin = inverse * rotation.T * momentum
-            said = mpmath.matrix(
+            found_rotation = mpmath.matrix(
                 [
                     [mpmath.mpf(x.numerator) / x.denominator for x in line]
                     for line in rational_rotation(motion.quaternion[k])
                 ]
             )
-            said_spin, said_velocity, said_position = (
+            found_spin, found_velocity, found_position = (
                 mpmath.matrix(values[k].tolist())
                 for values in (motion.omega_body, motion.velocity_m_s, motion.position_m)
             )
             # |R - S|_F = 2 sqrt(2) sin(angle / 2)
-            found["angle"].append(2 * mpmath.asin(mpmath.norm(said - rotation) / mpmath.sqrt(8)))
+            found["angle"].append(2 * mpmath.asin(mpmath.norm(found_rotation - rotation) / mpmath.sqrt(8)))
             true_energy = energy_of(spin, velocity, position)
             found["energy"].append(
-                abs(energy_of(said_spin, said_velocity, said_position)[1] - true_energy[1])
+                abs(energy_of(found_spin, found_velocity, found_position)[1] - true_energy[1])
             )
-            found["momentum"].append(mpmath.norm(said * inertia * said_spin - momentum))
-            found["omega"].append(mpmath.norm(said_spin - spin))
-            found["position"].append(mpmath.norm(said_position - position))
-            found["velocity"].append(mpmath.norm(said_velocity - velocity))
+            found["momentum"].append(mpmath.norm(found_rotation * inertia * found_spin - momentum))
+            found["omega"].append(mpmath.norm(found_spin - spin))
+            found["position"].append(mpmath.norm(found_position - position))
+            found["velocity"].append(mpmath.norm(found_velocity - velocity))
             kinetic.append(float(true_energy[0]))
             momenta.append(float(mpmath.norm(momentum)))
     arrays = {name: np.array([float(x) for x in values]) for name, values in found.items()}
@@ -326,7 +326,7 @@ def test_sensitivity_of_a_chaotic_motion_is_not_saturated() -> None:
     start = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.1, 2.0, 0.1]))
     torque = Torque("world", np.array([0.3, -0.2, 0.1]))
     scene = Scene(RigidBody(1.0, np.diag([1.0, 2.0, 3.0])), start, (torque,), np.zeros(3), 50.0, 2)
-    said = float(solve_truth(scene, np.array([50.0])).round_off_rad[0]) / EPS
+    predicted = float(solve_truth(scene, np.array([50.0])).round_off_rad[0]) / EPS
     nudge = 1e-13
     pushed = replace(start, omega_body=start.omega_body + np.array([0.0, 0.0, nudge]))
     (there,), (elsewhere,) = (
@@ -336,4 +336,4 @@ def test_sensitivity_of_a_chaotic_motion_is_not_saturated() -> None:
     # |R - S|_F = sqrt(2) angle for a small angle; the truth's nudges are relative to its largest |omega|
     grown = float(np.linalg.norm(apart)) / math.sqrt(2.0) / nudge
     assert grown > 1e8
-    assert grown < said < 30.0 * grown
+    assert grown < predicted < 30.0 * grown

@@ -129,7 +129,7 @@ def test_run_without_a_truth_is_refused(x: str, tmp_path: Path, expected_message
 # --------------------------------------------------------------------------------------- where it begins
 
 
-TURNED = np.array([0.6, 0.48, -0.64, 3e-7])  # whose norm is 1 + 4.5e-14
+ROTATED = np.array([0.6, 0.48, -0.64, 3e-7])  # whose norm is 1 + 4.5e-14
 WORLD = np.array([0.3, 1.0, -0.2])
 
 
@@ -141,13 +141,13 @@ def test_omega_is_that_of_the_world_after_1e9_s(tensor: np.ndarray) -> None:
 
     R(t) = exp(L t / A) R(0) exp((1 / C - 1 / A) l3 t e3), of a symmetric top and of a sphere.
     """
-    start = State(np.zeros(3), TURNED, np.zeros(3), np.zeros(3))
+    start = State(np.zeros(3), ROTATED, np.zeros(3), np.zeros(3))
     start = replace(start, omega_body=start.rotation.T @ WORLD, exact_omega_world=WORLD)
     t_s = 1e9
     truth = solve_truth(Scene(RigidBody(1.0, tensor), start, (), np.zeros(3), 1.0, 2), np.array([t_s]))
     mp = mpmath.mp.clone()
     mp.dps = 50
-    first = rotation(mp, TURNED)
+    first = rotation(mp, ROTATED)
     world = mp.matrix(WORLD.tolist())
     momentum = first * mp.matrix(tensor.tolist()) * first.T * world
     low, high = mp.mpf(tensor[0, 0]), mp.mpf(tensor[2, 2])

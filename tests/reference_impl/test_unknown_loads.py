@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from bodycheck.adapters.contract import Setting
-from bodycheck.adapters.engine_loads import HeldLoads
+from bodycheck.adapters.engine_loads import ZeroOrderHold
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.registry import get_adapter
 from bodycheck.adapters.workers.case_messages import scene_message
 from bodycheck.reference_impl.closed_forms.exact_motion import closed_form_of
-from bodycheck.reference_impl.continuous_loads import packed_lasting
-from bodycheck.reference_impl.loads_at import lasting_wrench_of, sum_of_wrenches
+from bodycheck.reference_impl.continuous_loads import packed_continuous_loads
+from bodycheck.reference_impl.loads_at import continuous_wrench_of, sum_of_wrenches
 from bodycheck.reference_impl.pivot import about_pivot
 from bodycheck.reference_impl.scene import Load, RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.taylor.forcing import forcing_between
@@ -63,10 +63,10 @@ CONSUMERS: dict[str, Callable[[], object]] = {
     "Taylor constants": lambda: forcing_between(SCENE, 0.0, 1.0),
     "Taylor series": lambda: TaylorMotion.of(SCENE, 1e-12),
     "principal axes": lambda: packed_rotation(SCENE, PrincipalFrame.of(SCENE.body), 0.0, 1.0),
-    "lasting constants": lambda: packed_lasting(SCENE),
-    "lasting wrench": lambda: lasting_wrench_of(SCENE)(*AT),
+    "continuous constants": lambda: packed_continuous_loads(SCENE),
+    "continuous wrench": lambda: continuous_wrench_of(SCENE)(*AT),
     "sum of wrenches": lambda: sum_of_wrenches(SCENE.loads, SCENE)(*AT),
-    "held between steps": lambda: HeldLoads(SCENE, 0.1),
+    "held between steps": lambda: ZeroOrderHold(SCENE, 0.1),
     "timed wrench": lambda: wrench_of(((cast("Torque", MAGNET), 1.0),)),
     "pivot": lambda: about_pivot(replace(SCENE, pivot=np.ones(3))),
     "potential energy": lambda: potential_energy(SCENE, MOTION),

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque
-from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, State, Timed, Torque
+from bodycheck.reference_impl.scene import ConstantLoad, PointForce, RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.wrench import (
     Leg,
     StepPlan,
@@ -35,7 +35,7 @@ AT_REST = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zer
 
 
 def scene_with(
-    *loads: Timed, duration_s: float = 1.0, samples: int = 11, gravity: Array | None = None
+    *loads: ConstantLoad, duration_s: float = 1.0, samples: int = 11, gravity: Array | None = None
 ) -> Scene:
     """Return a scene at rest under these loads."""
     pull = np.zeros(3) if gravity is None else gravity
@@ -55,7 +55,7 @@ def test_packed_wrench_is_the_sum_of_its_loads(seed: int) -> None:
     """At any R the kernels' torque and acceleration are the sums over the loads, by np.cross."""
     rng = np.random.default_rng(seed)
     rotation = Rotation.random(random_state=seed).as_matrix()
-    loads: list[Timed] = []
+    loads: list[ConstantLoad] = []
     force, torque = BODY.mass * GRAVITY, np.zeros(3)
     scale = float(np.linalg.norm(force))
     for axes in ("body", "world"):
@@ -86,7 +86,7 @@ def test_packed_wrench_is_the_sum_of_its_loads(seed: int) -> None:
         ),
     ],
 )
-def test_each_load_is_in_its_own_part(load: Timed, parts: dict[str, list[float]]) -> None:
+def test_each_load_is_in_its_own_part(load: ConstantLoad, parts: dict[str, list[float]]) -> None:
     """A load is in the parts of its kind and axes only, times its share."""
     wrench = wrench_of(((load, 0.25),))
     for name in ("torque_body", "torque_world", "force_body", "force_world"):
@@ -176,8 +176,8 @@ def test_plan_covers_the_time_and_keeps_the_impulse(
         if leg.ends_at_sample:
             sampled.append(done)
     assert sampled == [stride * k for k in range(1, samples)]
-    lasting = [min(load.until_s, duration) - max(load.from_s, 0.0) for load in loads]
-    expected = sum(max(time, 0.0) for time in lasting)
+    durations = [min(load.until_s, duration) - max(load.from_s, 0.0) for load in loads]
+    expected = sum(max(time, 0.0) for time in durations)
     # a switch within 1e-9 of a step counts as on the grid: that much of a step may be lost, at both ends
     slack = (2e-9 * plan.dt_s + 8 * EPS * duration) * max(len(loads), 1)
     assert impulse(plan, plan.legs())[0] == pytest.approx(expected, rel=0.0, abs=slack)
@@ -225,11 +225,11 @@ def test_switches_inside_steps_are_counted() -> None:
 def test_loads_outside_the_duration_change_nothing() -> None:
     """A load that ends before 0 or begins at the end or later leaves one segment without torque."""
     plan = plan_steps(scene_with(pulse(-2.0, -1.0), pulse(1.0, 2.0), pulse(5.0, math.inf)), 0.1)
-    assert len(plan.stretches) == 1
-    assert plan.stretches[0][1].is_zero
+    assert len(plan.segments) == 1
+    assert plan.segments[0][1].is_zero
     always = plan_steps(scene_with(pulse(-1.0, math.inf)), 0.1)
-    assert len(always.stretches) == 1
-    assert always.stretches[0][1].torque_body[0] == 1.0
+    assert len(always.segments) == 1
+    assert always.segments[0][1].torque_body[0] == 1.0
 
 
 def test_switches_are_those_inside_the_open_interval() -> None:
@@ -274,9 +274,9 @@ def test_refused_step_names_the_nearest_that_divide(
     """A step that does not divide the interval is refused with the nearest that do."""
     with expected_message.raises(ValueError) as refusal:
         steps_per_sample(interval, dt)
-    said = str(refusal.value)
-    assert repr(dt) in said
-    nearest = said.split("the nearest that do: ")[1].split(" or ")
+    message = str(refusal.value)
+    assert repr(dt) in message
+    nearest = message.split("the nearest that do: ")[1].split(" or ")
     assert sorted(float(text) for text in nearest) == sorted(named)
     for text in nearest:
         assert steps_per_sample(interval, float(text)) >= 1

@@ -14,7 +14,7 @@ import pytest
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.shard import Shard
-from bodycheck.adapters.importers import HeldLink
+from bodycheck.adapters.importers import ImportedLink
 from bodycheck.reports.audit.audit import Audit, Body, Comparison, Difference, read_audit
 from bodycheck.reports.audit.audit_document import audit_data, failures, sarif
 from bodycheck.reports.audit.audit_page import audit_page
@@ -96,7 +96,7 @@ def test_known_fault_names_its_issue() -> None:
 def test_added_damping_and_limits_are_named() -> None:
     """Damping and limits that the file does not have are reported."""
     joint = Joint("j", "revolute", 1, damping=0.0, limits=None)
-    held = HeldLink("a", 1.0, [0, 0, 0], np.eye(3).tolist(), damping=0.04, limits=(-1.0, 1.0))
+    held = ImportedLink("a", 1.0, [0, 0, 0], np.eye(3).tolist(), damping=0.04, limits=(-1.0, 1.0))
     damping, limits = joint_causes(joint, held)
     assert damping.startswith("damping added")
     assert limits.startswith("limits added")

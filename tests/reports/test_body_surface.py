@@ -15,9 +15,9 @@ from bodycheck.reports.comparison.environment_diff import redefined
 from bodycheck.reports.render.body_surface import REACH, BodySurface, polygons_of, surface_of
 from bodycheck.scenarios.body import ShapeBody
 from bodycheck.scenarios.library import load_scenario
-from bodycheck.scenarios.mesh_files.decimation import MOST_TRIANGLES, decimated, obj_text, read_obj_text
+from bodycheck.scenarios.mesh_files.decimation import MAX_TRIANGLES, decimated, obj_text, read_obj_text
 from bodycheck.scenarios.model import Scenario
-from bodycheck.scenarios.serialization import as_written, written
+from bodycheck.scenarios.serialization import deserialized, serialized
 
 
 def volume(vertices: Array, faces: tuple[tuple[int, ...], ...]) -> float:
@@ -73,13 +73,13 @@ def test_mesh_is_drawn_about_its_centre_of_mass(t_handle: Scenario) -> None:
 
 def test_stored_scenario_keeps_the_mesh(t_handle: Scenario) -> None:
     """The surface survives writing and reading; a run that lacks it has the same definition, and a box."""
-    told = written(t_handle)
-    again = as_written(told, "here")
+    told = serialized(t_handle)
+    again = deserialized(told, "here")
     assert np.array_equal(surface_of(again.body).vertices, surface_of(t_handle.body).vertices)
-    older = written(t_handle)
+    older = serialized(t_handle)
     del older["body"]["mesh"]["surface"]
     assert not redefined({"scenarios": {"one": older}}, {"scenarios": {"one": told}})
-    box = surface_of(as_written(older, "here").body)
+    box = surface_of(deserialized(older, "here").body)
     assert (len(box.faces), box.name) == (6, "a box of the same inertia")
 
 
@@ -88,10 +88,10 @@ def test_stored_scenario_keeps_the_mesh(t_handle: Scenario) -> None:
 )
 def test_damaged_surface_is_refused(surface: object, t_handle: Scenario) -> None:
     """A stored surface that cannot be drawn is a fault of its file, named by its place."""
-    told = written(t_handle)
+    told = serialized(t_handle)
     told["body"]["mesh"]["surface"] = surface
     with pytest.raises(InputError, match=r"^here: "):
-        as_written(told, "here")
+        deserialized(told, "here")
 
 
 def bumpy_sphere(rings: int) -> tuple[Array, Array]:
@@ -117,8 +117,8 @@ def test_large_mesh_is_decimated(rings: int) -> None:
     """A mesh keeps at most 600 triangles, its size and about its volume; a small one is unchanged."""
     vertices, triangles = bumpy_sphere(rings)
     kept, faces = decimated(vertices, triangles)
-    assert len(faces) <= MOST_TRIANGLES
-    assert (len(triangles) <= MOST_TRIANGLES) == (len(faces) == len(triangles))
+    assert len(faces) <= MAX_TRIANGLES
+    assert (len(triangles) <= MAX_TRIANGLES) == (len(faces) == len(triangles))
     assert np.allclose(np.ptp(kept, axis=0), np.ptp(vertices, axis=0), rtol=0.2)
     whole = volume(vertices, tuple(map(tuple, triangles)))
     assert volume(kept, tuple(map(tuple, faces))) == pytest.approx(whole, rel=0.12)
@@ -151,7 +151,7 @@ def test_many_triangles_in_a_file_reach_the_scenario(tmp_path: Path) -> None:
         encoding="utf-8",
     )
     scenario = load_scenario(tmp_path / "one.toml")
-    text = written(scenario)["body"]["mesh"]["surface"]
-    assert 300 < text.count("f ") <= MOST_TRIANGLES
+    text = serialized(scenario)["body"]["mesh"]["surface"]
+    assert 300 < text.count("f ") <= MAX_TRIANGLES
     assert len(text) < 30_000
     assert surface_of(scenario.body).name == "the mesh part.obj"

@@ -17,14 +17,13 @@ import bodycheck
 from bodycheck.adapters.contract import Adapter, Engine
 from bodycheck.adapters.example import Example, ExampleSimulation
 from bodycheck.adapters.execution import Answer, Case, record, replay
-from bodycheck.adapters.registry import distribution_of
+from bodycheck.adapters.registry import distribution_of, registered
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.probes.conformance import CHECKS, Bench, Check
 from bodycheck.reports.probes.finding import Finding
 from bodycheck.runs.engine_checks import check_adapter
 from tests.helpers.faulty_adapters import FAULTS, FaultyExample
 from tests.helpers.in_process_cli import run_bodycheck
-from tests.helpers.temporary_engines import registered
 
 TIMEOUT_S = 60.0
 

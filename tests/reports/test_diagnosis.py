@@ -16,6 +16,7 @@ import bodycheck
 from bodycheck.adapters.contract import Setting
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.pybullet import PyBullet
+from bodycheck.adapters.registry import registered
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.diagnosis.diagnosis import Diagnosis, bases_for, diagnosed
 from bodycheck.reports.diagnosis.engine_model import Grid
@@ -34,7 +35,6 @@ from tests.helpers.in_process_cli import run_bodycheck
 from tests.helpers.planted_faults import FAULTS as PLANTED
 from tests.helpers.planted_faults import Faulty
 from tests.helpers.planted_maps import FaultyMap
-from tests.helpers.temporary_engines import registered
 
 STEPS = {"full-tensor": 1e-2, "powered-flight": 2e-2, "body-torque": 0.1, "fast-flight": 2e-4}
 KNOWN = frozenset({"position", "velocity", "attitude", "omega"})
@@ -249,7 +249,7 @@ def test_a_run_diagnoses_wrong_methods_only(
     for words in (("--case", "nothing"), ("--case", "a,b,c"), ("--out", "why.xls")):
         refused = run_bodycheck(tmp_path, "explain", "run", *words)
         assert (refused.returncode, refused.stdout) == (2, "")
-        expected_message(refused.stderr)
+        expected_message(refused.stderr.strip())
 
 
 @pytest.mark.slow

@@ -11,8 +11,9 @@ import pytest
 
 from bodycheck.adapters.contract import Engine, Method, ReadBack, Reading, Setting
 from bodycheck.adapters.execution import Answer, Case
+from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.one_step_maps import BY_ALIAS, EXACT, MAPS
-from bodycheck.reference_impl.one_step_maps.one_step_map import Motion, Solid, Step, no_loads, scene_loads
+from bodycheck.reference_impl.one_step_maps.one_step_map import Motion, Solid, Step, scene_loads
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.scene import RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
@@ -26,6 +27,13 @@ from bodycheck.reports.probes.fingerprint import (
     steps_along,
 )
 from bodycheck.reports.probes.laws import REVERSE, STATES, Checked, check_laws
+
+
+def no_loads(*motion: Array) -> tuple[Array, Array]:
+    """Return zero force and torque, with the shape of the angular velocity."""
+    *_, omega = motion
+    return np.zeros_like(omega), np.zeros_like(omega)
+
 
 METHOD = Method("under-test", "", 1, 1, "held over the step", "", "")
 ENGINE = Engine("numpy", "1", {METHOD.name: METHOD})

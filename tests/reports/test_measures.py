@@ -19,6 +19,7 @@ from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
 from bodycheck.reference_impl.rotations import exp_matrix, quaternion_to_matrix
 from bodycheck.reference_impl.scene import (
+    ConstantLoad,
     Drag,
     GravityGradient,
     Load,
@@ -27,7 +28,6 @@ from bodycheck.reference_impl.scene import (
     Scene,
     Spring,
     State,
-    Timed,
     Torque,
     TorsionSpring,
 )
@@ -513,7 +513,7 @@ def test_loads_with_a_potential_do_no_work() -> None:
 TENSOR = np.array([[0.9, 0.04, -0.03], [0.04, 1.1, 0.02], [-0.03, 0.02, 1.3]])
 
 
-def tumbling_scene(loads: tuple[Timed, ...] = (), inertia: Array = TENSOR) -> Scene:
+def tumbling_scene(loads: tuple[ConstantLoad, ...] = (), inertia: Array = TENSOR) -> Scene:
     """Return a body thrown and tumbling under gravity for 4 s, sampled often enough for its work."""
     start = State(
         np.array([1.0, -2.0, 0.5]),

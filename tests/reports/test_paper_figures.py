@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from bodycheck._util.errors import InputError, UnavailableError
-from bodycheck.reference_impl.pivot import turning_inertia
+from bodycheck.reference_impl.pivot import rotational_inertia
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.render.body_figures import polhode
 from bodycheck.reports.render.figures import (
@@ -125,7 +125,7 @@ def test_a_style_file_is_followed(run: Run, tmp_path: Path, expected_message: Ex
 def test_the_polhode_of_the_truth_lies_on_the_ellipsoid_of_inertia(run: Run) -> None:
     """w . I w = 1 along the truth; a motion whose omega is a hundredth too large lies outside."""
     problem = run.problems[0]
-    inertia, truth = turning_inertia(problem.scenario.scene), problem.truth.trajectory
+    inertia, truth = rotational_inertia(problem.scenario.scene), problem.truth.trajectory
     moments, _ = principal_frame(inertia)
     on = polhode(truth, truth, inertia)
     np.testing.assert_allclose(np.sum(moments * on**2, axis=1), 1.0, rtol=1e-12)

@@ -11,13 +11,13 @@ from markupsafe import escape
 import bodycheck
 from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.execution import record
+from bodycheck.adapters.registry import registered
 from bodycheck.reports.document import escaped_markdown, markdown, print_document
 from bodycheck.reports.probes.probe import probe_rows
 from bodycheck.reports.render.html import render_report
 from bodycheck.reports.summary.sentences import Summary, run_document
-from tests.helpers.planted_faults import BASES, FAULTS, SOUND, Fault, Faulty
+from tests.helpers.planted_faults import BASES, FAULTS, NO_FAULT, Fault, Faulty
 from tests.helpers.reported_results import reported_results
-from tests.helpers.temporary_engines import registered
 
 if TYPE_CHECKING:
     from bodycheck.reports.run_files.run_tables import Run
@@ -53,7 +53,7 @@ def test_probes_see_each_planted_fault_but_those_that_they_cannot(base: str) -> 
         if not any(row["verdict"] == "inconsistent" or row["message"] for row in rows):
             silent.add(name)
     undetectable = {fault.name for fault in FAULTS if base in fault.undetectable}
-    assert silent == {SOUND, *undetectable, *NOT_BY_PROBES}
+    assert silent == {NO_FAULT, *undetectable, *NOT_BY_PROBES}
 
 
 def check_reports(base: str, faults: Sequence[Fault], capsys: pytest.CaptureFixture[str]) -> None:
@@ -62,7 +62,7 @@ def check_reports(base: str, faults: Sequence[Fault], capsys: pytest.CaptureFixt
     So must nothing that the table calls undetectable, nor the sound base.
     """
     adapter = Faulty(base)
-    methods = [f"{adapter.name}:{name}" for name in (SOUND, *(fault.name for fault in faults))]
+    methods = [f"{adapter.name}:{name}" for name in (NO_FAULT, *(fault.name for fault in faults))]
     with registered(adapter):
         run = bodycheck.run(["smoke"], engines=methods, speed=False)
     found = reported_results(run)

@@ -16,9 +16,8 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.scenarios.body import GivenBody, MeshBody
 from bodycheck.scenarios.library import load_scenario, load_scenarios
 from bodycheck.scenarios.model import Scenario
-from bodycheck.scenarios.serialization import as_written
-from bodycheck.scenarios.serialization import written as written_down
-from bodycheck.scenarios.shapes import doubts, primitive
+from bodycheck.scenarios.serialization import deserialized, serialized
+from bodycheck.scenarios.shapes import plausibility_warnings, primitive
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.scenario_parsing import parse_scenario
 
@@ -150,34 +149,34 @@ def test_same_scenario_given_twice_is_read_once(name: str) -> None:
 def test_manifest_entry_of_a_mesh_reproduces_the_body(tmp_path: Path) -> None:
     """The entry is JSON with the mesh's name, hash and surface, and its numbers give the same body."""
     scenario = written(tmp_path)
-    told = json.loads(json.dumps(scenario.model_dump(mode="json", exclude_none=True)))["body"]
+    dumped = json.loads(json.dumps(scenario.model_dump(mode="json", exclude_none=True)))["body"]
     data = (tmp_path / "part.obj").read_bytes()
-    surface = told["mesh"].pop("surface")
+    surface = dumped["mesh"].pop("surface")
     assert surface.count("\nf ") == 20  # two hexagons and six rectangles in triangles
-    assert told["mesh"] == {"file": "part.obj", "sha256": sha256(data).hexdigest()}
-    assert told["density_kg_m3"] == 8.0
+    assert dumped["mesh"] == {"file": "part.obj", "sha256": sha256(data).hexdigest()}
+    assert dumped["density_kg_m3"] == 8.0
     _, centre, _ = of_boxes(BRACKET, Fraction(8))
-    assert told["centre_m"] == pytest.approx(centre.tolist(), rel=1e-15, abs=0.0)
-    given = GivenBody.model_validate({key: told[key] for key in ("mass_kg", "inertia_kg_m2")})
+    assert dumped["centre_m"] == pytest.approx(centre.tolist(), rel=1e-15, abs=0.0)
+    given = GivenBody.model_validate({key: dumped[key] for key in ("mass_kg", "inertia_kg_m2")})
     assert given.mass_kg == scenario.scene.body.mass
     assert np.array_equal(given.inertia_kg_m2, scenario.scene.body.inertia)
 
 
 def test_manifest_entry_of_a_shape_has_its_numbers() -> None:
     """The entry has the shape's keys, its mass and its inertia."""
-    told = load_scenario("torus-spin-up").model_dump(mode="json", exclude_none=True)["body"]
-    assert (told["shape"], told["size_m"], told["density_kg_m3"]) == ("torus", [1.0, 0.2], 50.0)
-    assert told["mass_kg"] == pytest.approx(50 * 2 * np.pi**2 * 0.04, rel=1e-15, abs=0.0)
-    assert told["inertia_kg_m2"][2][2] == pytest.approx(told["mass_kg"] * 1.03, rel=1e-15, abs=0.0)
+    dumped = load_scenario("torus-spin-up").model_dump(mode="json", exclude_none=True)["body"]
+    assert (dumped["shape"], dumped["size_m"], dumped["density_kg_m3"]) == ("torus", [1.0, 0.2], 50.0)
+    assert dumped["mass_kg"] == pytest.approx(50 * 2 * np.pi**2 * 0.04, rel=1e-15, abs=0.0)
+    assert dumped["inertia_kg_m2"][2][2] == pytest.approx(dumped["mass_kg"] * 1.03, rel=1e-15, abs=0.0)
 
 
 def test_corrected_mesh_has_a_note(tmp_path: Path) -> None:
     """An inside-out bracket gives the same body and a note; a correct one gives none."""
-    turned, sound = written(tmp_path, text=bracket(inside_out=True)), written(tmp_path)
+    turned, expected = written(tmp_path, text=bracket(inside_out=True)), written(tmp_path)
     assert turned.body.notes == ("the mesh was inside-out; all its triangles were reversed",)
     assert turned.model_dump(mode="json")["body"]["notes"] == list(turned.body.notes)
-    assert sound.body.notes == ()
-    assert np.allclose(turned.scene.body.inertia, sound.scene.body.inertia, rtol=1e-15)
+    assert expected.body.notes == ()
+    assert np.allclose(turned.scene.body.inertia, expected.scene.body.inertia, rtol=1e-15)
 
 
 DENSITY = "density_kg_m3 = 1000\n"
@@ -278,12 +277,12 @@ def test_stored_mesh_body_is_read_without_its_mesh(stated: str, tmp_path: Path) 
     (tmp_path / "x.toml").write_text(f'{HEAD}mesh = "part.obj"\n{stated}density_kg_m3 = 8.0\n')
     scenario = load_scenario(tmp_path / "x.toml")
     (tmp_path / "part.obj").unlink()
-    facts = json.loads(json.dumps(written_down(scenario)))
+    facts = json.loads(json.dumps(serialized(scenario)))
     assert {key: facts["body"].get(key) for key in ("mesh_unit", "mesh_overlap")} == {
         "mesh_unit": "mm" if "unit" in stated else None,
         "mesh_overlap": "count-twice" if "overlap" in stated else None,
     }
-    again = as_written(facts, "manifest.json")
+    again = deserialized(facts, "manifest.json")
     assert isinstance(again.body, MeshBody)
     assert isinstance(scenario.body, MeshBody)
     assert again.body.mesh == scenario.body.mesh
@@ -293,13 +292,13 @@ def test_stored_mesh_body_is_read_without_its_mesh(stated: str, tmp_path: Path) 
 def test_implausible_mesh_has_a_warning() -> None:
     """100 mm read as m, 0.1 m read as mm, and a density in t/mm^3 give a warning each; a ship gives none."""
     large, small = (primitive("box", [size] * 3, 2700.0) for size in (100.0, 1e-4))
-    assert doubts(large, 2700.0, None) == (
+    assert plausibility_warnings(large, 2700.0, None) == (
         "warning: about 129 m across and 2.7e+09 kg; if the mesh is in mm, specify the unit (--unit mm, or "
         "mesh_unit in a scenario): 0.129 m and 2.7 kg",
     )
-    assert doubts(large, 2700.0, "m") == ()
-    assert "is the mesh really in mm, not in m?" in doubts(small, 2700.0, "mm")[0]
-    assert doubts(small, 2700.0, None) == ()
-    assert doubts(primitive("box", [0.1] * 3, 7.85e-9), 7.85e-9, None)[0].startswith(
+    assert plausibility_warnings(large, 2700.0, "m") == ()
+    assert "is the mesh really in mm, not in m?" in plausibility_warnings(small, 2700.0, "mm")[0]
+    assert plausibility_warnings(small, 2700.0, None) == ()
+    assert plausibility_warnings(primitive("box", [0.1] * 3, 7.85e-9), 7.85e-9, None)[0].startswith(
         "warning: implausible den"
     )

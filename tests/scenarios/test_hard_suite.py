@@ -91,8 +91,8 @@ def test_stiff_loads_are_beyond_the_explicit_limit() -> None:
             rates.append((spring, math.sqrt(load.stiffness / spring.scene.body.mass)))
         if isinstance(load, Drag):
             rates.append((drag, load.linear / drag.scene.body.mass))
-            turning = np.linalg.eigvals(np.linalg.solve(drag.scene.body.inertia, load.angular))
-            rates.append((drag, float(turning.real.max())))
+            eigenvalues = np.linalg.eigvals(np.linalg.solve(drag.scene.body.inertia, load.angular))
+            rates.append((drag, float(eigenvalues.real.max())))
     assert len(rates) == 3
     for scenario, rate in rates:
         assert min(scenario.steps) < 2.0 / rate < max(scenario.steps)

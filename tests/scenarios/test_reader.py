@@ -298,8 +298,8 @@ def test_unreadable_files_are_named(tmp_path: Path) -> None:
     """A missing file, a folder and binary data are each refused in one line with the file's name."""
     binary = tmp_path / "binary.toml"
     binary.write_bytes(b"\xff\xfe\x00")
-    for path, why in ((tmp_path / "no.toml", "No such file"), (tmp_path, "directory"), (binary, "UTF-8")):
-        with pytest.raises(InputError, match=why) as caught:
+    for path, reason in ((tmp_path / "no.toml", "No such file"), (tmp_path, "directory"), (binary, "UTF-8")):
+        with pytest.raises(InputError, match=reason) as caught:
             load_scenario(path)
         assert str(path) in str(caught.value)
         assert "\n" not in str(caught.value)
@@ -328,8 +328,8 @@ def test_centre_moves_with_the_rotation_about_a_pivot() -> None:
     # R takes z to -y: the centre is 0.5 m along -y from the pivot, and omega is (1, -3, 2)
     expected = np.cross([1.0, -3.0, 2.0], [0.0, -0.5, 0.0])
     assert scene.initial.velocity == pytest.approx(expected, abs=1e-15)
-    said = pivoted(turned + f"\nvelocity_m_s = {(expected * (1.0 + 1e-10)).tolist()}").scene
-    assert np.array_equal(said.initial.velocity, scene.initial.velocity)
+    explicit = pivoted(turned + f"\nvelocity_m_s = {(expected * (1.0 + 1e-10)).tolist()}").scene
+    assert np.array_equal(explicit.initial.velocity, scene.initial.velocity)
 
 
 def test_each_kind_of_forcing_becomes_its_load() -> None:
@@ -445,12 +445,12 @@ def test_family_has_a_child_for_each_value(tmp_path: Path) -> None:
     path = tmp_path / "family.toml"
     path.write_text(SWEPT)
     found = load_scenarios([path])
-    assert [how for how, _ in found] == [f"{path}/0.001", f"{path}/1e-12"]
+    assert [spec for spec, _ in found] == [f"{path}/0.001", f"{path}/1e-12"]
     assert [scenario.name for _, scenario in found] == ["good/0.001", "good/1e-12"]
     assert {scenario.family for _, scenario in found} == {"good"}
     assert [scenario.scene.initial.omega_body[0] for _, scenario in found] == [1e-3, 1e-12]
-    for how, scenario in found:
-        assert load_scenario(how) == scenario
+    for spec, scenario in found:
+        assert load_scenario(spec) == scenario
     assert load_scenario(f"{path}/1e-3") == found[0][1]
 
 
@@ -468,9 +468,9 @@ def test_value_with_slashes_names_its_child(tmp_path: Path) -> None:
         '[[sweep]]\nkey = "body.mesh"\nvalues = ["parts/a.obj", "parts/b.obj"]\n'
     )
     found = load_scenarios([path])
-    assert [how for how, _ in found] == [f"{path}/parts/a.obj", f"{path}/parts/b.obj"]
-    for how, scenario in found:
-        assert load_scenario(how) == scenario
+    assert [spec for spec, _ in found] == [f"{path}/parts/a.obj", f"{path}/parts/b.obj"]
+    for spec, scenario in found:
+        assert load_scenario(spec) == scenario
 
 
 @pytest.mark.parametrize(
@@ -567,8 +567,8 @@ def test_names_suites_and_paths_may_be_mixed(tmp_path: Path) -> None:
     """A scenario requested twice is returned once, and each stores how it was requested."""
     path = tmp_path / "mine.toml"
     path.write_text(GOOD)
-    asked = ["sphere", str(path), "smoke", "sphere"]
-    assert [how for how, _ in load_scenarios(asked)] == ["sphere", str(path), *suites()["smoke"]]
+    specs = ["sphere", str(path), "smoke", "sphere"]
+    assert [spec for spec, _ in load_scenarios(specs)] == ["sphere", str(path), *suites()["smoke"]]
 
 
 def test_different_scenarios_of_one_name_are_refused(
@@ -589,7 +589,7 @@ def test_unknown_name_lists_the_known_names(expected_message: ExpectedMessage) -
 
 
 @pytest.mark.parametrize(
-    ("typed", "meant"),
+    ("typed", "suggestion"),
     [
         ("Intermediate-Axis", "intermediate-axis"),
         ("intermediate axis", "intermediate-axis"),
@@ -603,7 +603,7 @@ def test_misspelt_name_suggests_the_nearest(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     typed: str,
-    meant: str,
+    suggestion: str,
     expected_message: ExpectedMessage,
 ) -> None:
     """A misspelt name is refused in a short line with the nearest name."""
@@ -611,7 +611,7 @@ def test_misspelt_name_suggests_the_nearest(
     (tmp_path / "mine.toml").write_text(GOOD)
     with pytest.raises(InputError) as refused:
         load_scenarios([typed])
-    assert f" {meant}" in str(refused.value)
+    assert f" {suggestion}" in str(refused.value)
     expected_message(str(refused.value))
 
 

@@ -116,10 +116,10 @@ def _rates(document: dict[str, Any], physics: Physics, state: Array) -> Array:
     torque = torque - physics.gyroscopic * np.cross(omega, momentum)
     towards = np.cross(momentum, np.cross(momentum, omega)) / np.linalg.norm(momentum)
     torque = torque + physics.energy_drag * towards  # |L| stays
-    turning = 0.5 * np.concatenate([[-q[1:] @ omega], q[0] * omega + np.cross(q[1:], omega)])
+    quaternion_rate = 0.5 * np.concatenate([[-q[1:] @ omega], q[0] * omega + np.cross(q[1:], omega)])
     falling = gravity + force / (physics.mass * document["body"]["mass_kg"]) - physics.linear_damping * v
     spinning = np.linalg.solve(inertia, torque) - physics.angular_damping * omega
-    return np.concatenate([v, falling, turning, spinning])
+    return np.concatenate([v, falling, quaternion_rate, spinning])
 
 
 def _step(document: dict[str, Any], physics: Physics, state: Array, dt_s: float) -> Array:

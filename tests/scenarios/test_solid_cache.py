@@ -25,43 +25,43 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "solids"
 
 
-def asked(name: str = "abc.stl") -> tuple[MassProperties, int]:
+def solid_and_computations(name: str = "abc.stl") -> tuple[MassProperties, int]:
     """Return the solid of a file, and how often it was worked out."""
     times: list[str] = []
 
-    def work_out() -> tuple[MassProperties, str]:
+    def compute() -> tuple[MassProperties, str]:
         times.append(name)
         return SOLID, SURFACE
 
-    solid, surface = known_solid(name, work_out)
+    solid, surface = known_solid(name, compute)
     assert surface == SURFACE
     return solid, len(times)
 
 
 def test_solid_is_computed_once(folder: Path) -> None:
     """The second time all numbers and notes come from the cache; another mesh's do not."""
-    assert asked()[1] == 1
-    found, times = asked()
+    assert solid_and_computations()[1] == 1
+    found, times = solid_and_computations()
     assert times == 0
     assert (found.mass, found.notes) == (SOLID.mass, SOLID.notes)
     assert found.centre.tobytes() == SOLID.centre.tobytes()
     assert found.inertia.tobytes() == SOLID.inertia.tobytes()
-    assert asked("abc.obj")[1] == 1
+    assert solid_and_computations("abc.obj")[1] == 1
     assert len(list(folder.iterdir())) == 2
 
 
 @pytest.mark.parametrize("damage", ["cut", "changed", "empty"])
 def test_damaged_solid_is_computed_again(damage: str, folder: Path) -> None:
     """A damaged entry counts as absent and is replaced."""
-    asked()
+    solid_and_computations()
     (file,) = folder.iterdir()
     whole = file.read_bytes()
     file.write_bytes({"cut": whole[:-9], "changed": whole.replace(b"0.1", b"0.2"), "empty": b""}[damage])
-    assert asked()[1] == 1
+    assert solid_and_computations()[1] == 1
     assert file.read_bytes() == whole
 
 
 def test_cache_that_cannot_be_written_is_ignored(folder: Path) -> None:
     """The solid is computed each time, and no error is reported."""
     folder.write_text("a file where the folder should be")
-    assert [asked()[1] for _ in range(2)] == [1, 1]
+    assert [solid_and_computations()[1] for _ in range(2)] == [1, 1]

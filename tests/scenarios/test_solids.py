@@ -179,12 +179,12 @@ def test_printed_body_can_be_used_in_a_scenario(shape: str) -> None:
 def test_printed_estimate_has_an_error_for_each_number() -> None:
     """Mass, centre and inertia are printed at full precision with their standard errors."""
     found = estimated("ring")
-    told = tomllib.loads("\n".join(as_toml(found)))
-    assert told["body"]["mass_kg"] == found.properties.mass
-    assert told["solid"]["mass_standard_error_kg"] == found.mass_error
-    assert told["solid"]["centre_standard_error_m"] == found.centre_error.tolist()
-    assert told["solid"]["inertia_standard_error_kg_m2"] == found.inertia_error.tolist()
-    assert set(told["body"]) == {"mass_kg", "inertia_kg_m2"}
+    data = tomllib.loads("\n".join(as_toml(found)))
+    assert data["body"]["mass_kg"] == found.properties.mass
+    assert data["solid"]["mass_standard_error_kg"] == found.mass_error
+    assert data["solid"]["centre_standard_error_m"] == found.centre_error.tolist()
+    assert data["solid"]["inertia_standard_error_kg_m2"] == found.inertia_error.tolist()
+    assert set(data["body"]) == {"mass_kg", "inertia_kg_m2"}
 
 
 def users(function: str, **how: object) -> SolidRequest:

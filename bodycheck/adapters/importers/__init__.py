@@ -24,11 +24,10 @@ _MODULES = {
 
 
 @dataclass(frozen=True)
-class HeldLink:
+class ImportedLink:
     """What an engine holds of a link: mass, centre (3,) in link axes, tensor (3, 3) about it in link axes.
 
-    damping, limits: of the joint to its parent, in SI units; None where there is no such number. movable:
-    whether forces can move it.
+    damping, limits: of the joint to its parent, in SI units; None where there is no such number.
     """
 
     name: str
@@ -37,7 +36,6 @@ class HeldLink:
     inertia_kg_m2: Sequence[Sequence[float]]
     damping: float | None = None
     limits: tuple[float, float] | None = None
-    movable: bool = True
 
 
 @dataclass(frozen=True)
@@ -66,7 +64,7 @@ class Importer(Protocol):
     FLAGS: Mapping[str, Mapping[str, str]]
     """Format -> flags -> the settings that they mean. Formats that the engine does not read are absent."""
 
-    held: Callable[[ImportRequest], list[HeldLink]]
+    imported_links: Callable[[ImportRequest], list[ImportedLink]]
     """Import a file and return the engine's links; any exception means that the import failed."""
 
     spin: Callable[[ImportRequest, SpinRequest], Array]
@@ -102,10 +100,10 @@ def answered(engine: str, message: Mapping[str, Any]) -> dict[str, Any]:
         return {"outcome": "unsupported", "message": f"{engine} does not read {request.format}"}
     if "spin" in message:
         return {"outcome": "ok", "rotation": reads.spin(request, SpinRequest(**message["spin"])).tolist()}
-    return {"outcome": "ok", "links": [_plain(link) for link in reads.held(request)]}
+    return {"outcome": "ok", "links": [_plain(link) for link in reads.imported_links(request)]}
 
 
-def _plain(link: HeldLink) -> dict[str, Any]:
+def _plain(link: ImportedLink) -> dict[str, Any]:
     """Return a link as JSON can hold it: NaN and infinite numbers as text."""
     plain: dict[str, Any] = asdict(link)
     plain["mass"] = repr(float(link.mass))
@@ -115,7 +113,7 @@ def _plain(link: HeldLink) -> dict[str, Any]:
     return plain
 
 
-def held_link(plain: Mapping[str, Any]) -> HeldLink:
+def imported_link(plain: Mapping[str, Any]) -> ImportedLink:
     """Return the link of a worker's answer; raises ValueError, TypeError or KeyError if it is not one."""
     centre, inertia = np.array(plain["centre_m"], float), np.array(plain["inertia_kg_m2"], float)
     if centre.shape != (3,) or inertia.shape != (3, 3):
@@ -123,12 +121,11 @@ def held_link(plain: Mapping[str, Any]) -> HeldLink:
             f"link {plain['name']!r:.60} has a centre {centre.shape} and a tensor {inertia.shape}"
         )
     limits = plain.get("limits")
-    return HeldLink(
+    return ImportedLink(
         str(plain["name"]),
         float(plain["mass"]),
         centre.tolist(),
         inertia.tolist(),
         None if plain.get("damping") is None else float(plain["damping"]),
         None if limits is None else (float(limits[0]), float(limits[1])),
-        bool(plain.get("movable", True)),
     )

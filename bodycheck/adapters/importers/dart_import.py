@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bodycheck.adapters.importers import DEFAULT, HeldLink, ImportRequest, SpinRequest
+from bodycheck.adapters.importers import DEFAULT, ImportedLink, ImportRequest, SpinRequest
 from bodycheck.reference_impl.arrays import Array
 
 FLAGS = {
@@ -46,20 +46,20 @@ def _has_world(file: str) -> bool:
     return b"<world" in re.sub(rb"<!--.*?-->", b"", Path(file).read_bytes(), flags=re.DOTALL)
 
 
-def held(request: ImportRequest) -> list[HeldLink]:
+def imported_links(request: ImportRequest) -> list[ImportedLink]:
     """Return the body nodes of every skeleton that the file makes."""
     skeletons = _skeletons(request)
     return [_link(one.getBodyNode(k)) for one in skeletons for k in range(one.getNumBodyNodes())]
 
 
-def _link(node: Any) -> HeldLink:
+def _link(node: Any) -> ImportedLink:
     inertia, joint = node.getInertia(), node.getParentJoint()
     damping = limits = None
     if joint.getNumDofs() == 1:
         damping = float(joint.getDampingCoefficient(0))
         low, high = joint.getPositionLowerLimit(0), joint.getPositionUpperLimit(0)
         limits = (float(low), float(high)) if np.isfinite([low, high]).all() else None
-    return HeldLink(
+    return ImportedLink(
         node.getName(),
         float(inertia.getMass()),
         np.array(inertia.getLocalCOM()).tolist(),

@@ -6,7 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from bodycheck.adapters.importers import DEFAULT, RECOMMENDED, HeldLink, ImportRequest, SpinRequest, tensor_of
+from bodycheck.adapters.importers import (
+    DEFAULT,
+    RECOMMENDED,
+    ImportedLink,
+    ImportRequest,
+    SpinRequest,
+    tensor_of,
+)
 from bodycheck.reference_impl.arrays import Array
 
 FLAGS = {
@@ -28,13 +35,13 @@ def _spec(request: ImportRequest) -> Any:
     return mujoco.MjSpec.from_file(request.file)
 
 
-def held(request: ImportRequest) -> list[HeldLink]:
+def imported_links(request: ImportRequest) -> list[ImportedLink]:
     """Return the bodies of the compiled model, the world left out."""
     model = _spec(request).compile()
     return [_link(model, body) for body in range(1, model.nbody)]
 
 
-def _link(model: Any, body: int) -> HeldLink:
+def _link(model: Any, body: int) -> ImportedLink:
     import mujoco
 
     joint, damping, limits = model.body_jntadr[body], None, None
@@ -46,14 +53,13 @@ def _link(model: Any, body: int) -> HeldLink:
         if model.jnt_limited[joint]:
             low, high = model.jnt_range[joint]
             limits = (float(low), float(high))
-    return HeldLink(
+    return ImportedLink(
         model.body(body).name,
         float(model.body_mass[body]),
         model.body_ipos[body].tolist(),
         tensor_of(model.body_inertia[body], model.body_iquat[body]),
         damping,
         limits,
-        bool(model.body_weldid[body]),
     )
 
 

@@ -10,7 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from bodycheck.adapters.importers import DEFAULT, RECOMMENDED, HeldLink, ImportRequest, SpinRequest, tensor_of
+from bodycheck.adapters.importers import (
+    DEFAULT,
+    RECOMMENDED,
+    ImportedLink,
+    ImportRequest,
+    SpinRequest,
+    tensor_of,
+)
 from bodycheck.reference_impl.arrays import Array
 
 FLAGS = {
@@ -43,7 +50,7 @@ def _loaded(request: ImportRequest) -> Iterator[tuple[Any, int, tuple[int, ...]]
         pybullet.disconnect(client)
 
 
-def held(request: ImportRequest) -> list[HeldLink]:
+def imported_links(request: ImportRequest) -> list[ImportedLink]:
     """Return base and links of every body that the file makes."""
     with _loaded(request) as (bullet, client, bodies):
         found = []
@@ -59,15 +66,15 @@ def held(request: ImportRequest) -> list[HeldLink]:
         return found
 
 
-def _link(name: str, info: Any, joint: Any) -> HeldLink:
+def _link(name: str, info: Any, joint: Any) -> ImportedLink:
     x, y, z, w = info[4]
     damping = limits = None
     if joint is not None and joint[2] != _FIXED:
         damping = float(joint[6])
         if joint[2] in (_REVOLUTE, _PRISMATIC) and joint[8] <= joint[9]:  # lower > upper: no limit
             limits = (float(joint[8]), float(joint[9]))
-    mass = float(info[0])
-    return HeldLink(name, mass, list(info[3]), tensor_of(info[2], (w, x, y, z)), damping, limits, mass != 0.0)
+    tensor = tensor_of(info[2], (w, x, y, z))
+    return ImportedLink(name, float(info[0]), list(info[3]), tensor, damping, limits)
 
 
 def spin(request: ImportRequest, spin: SpinRequest) -> Array:

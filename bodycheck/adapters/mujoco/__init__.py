@@ -32,7 +32,7 @@ from bodycheck.adapters.mujoco.mj_model import (
 )
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
-from bodycheck.reference_impl.loads_at import lasting_wrench_of
+from bodycheck.reference_impl.loads_at import continuous_wrench_of
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import Wrench
 
@@ -59,8 +59,9 @@ _BUILDS: dict[str, Build] = {
 
 # With autoreset off, BADQPOS, BADQVEL and BADQACC only mean that a number is large or not finite, which the
 # state shows too. After the following two, the engine continues with other numbers than it was given.
-_ALTERING = (mujoco.mjtWarning.mjWARN_INERTIA, mujoco.mjtWarning.mjWARN_BADCTRL)
-_ALTERING_AT = [int(warning) for warning in _ALTERING]  # a member of the enumeration is slow as an index
+_ALTERING_WARNINGS = (mujoco.mjtWarning.mjWARN_INERTIA, mujoco.mjtWarning.mjWARN_BADCTRL)
+# a member of the enumeration is slow as an index
+_ALTERING_INDICES = [int(warning) for warning in _ALTERING_WARNINGS]
 _BAD_SPEED_AT = int(mujoco.mjtWarning.mjWARN_BADQVEL)
 
 _FULL_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
@@ -97,7 +98,7 @@ class MuJoCo:
             return None
         from bodycheck.adapters.mujoco.rollouts import record_rollouts
 
-        with _unheard():
+        with _muted_warnings():
             return record_rollouts(self, batch)
 
 
@@ -108,8 +109,8 @@ class MuJoCoSimulation:
 
     def __init__(self, scene: Scene, method: str, dt_s: float) -> None:
         label, _, variant = method.partition(VARIANT)
-        untouched, build = method.endswith(DEFAULTS), _BUILDS[variant]
-        off = () if untouched else OFF if scene.lasting_loads else OFF + PASSIVE_OFF
+        with_defaults, build = method.endswith(DEFAULTS), _BUILDS[variant]
+        off = () if with_defaults else OFF if scene.continuous_loads else OFF + PASSIVE_OFF
         self._initial, self._pivot = scene.initial, scene.pivot
         self._points = loaded_points(scene)
         self._model = compiled(scene, _INTEGRATORS[label], dt_s, self._points, off, build)
@@ -119,7 +120,7 @@ class MuJoCoSimulation:
         self._is_off_centre = bool(np.any(self._arm))
         self.stepping = "python" if scene.has_callback_load else "native"
         nodes = _NODES.get(label, (0.0,))
-        self._lasting = self._passive_loads(scene, dt_s, nodes) if scene.lasting_loads else None
+        self._continuous = self._passive_loads(scene, dt_s, nodes) if scene.continuous_loads else None
         self._data = mujoco.MjData(self._model)
         # views of the engine's memory: getting them from mjData again costs more than copying them
         self._qpos, self._qvel = self._data.qpos, self._data.qvel
@@ -132,21 +133,21 @@ class MuJoCoSimulation:
         """Return the continuous loads as MuJoCo's callback: compiled, unless there is a user's function."""
         # importing numba takes half of a worker's start, and most scenes have no such load
         from bodycheck.adapters.mujoco.passive_loads import CallbackLoads, PassiveLoads
-        from bodycheck.reference_impl.continuous_loads import packed_lasting
+        from bodycheck.reference_impl.continuous_loads import packed_continuous_loads
 
         axes, anchor = self._axes.matrix.T, None if scene.pivot is None else self._anchor()
         arm = self._axes.body_vector(self._arm)
         if scene.has_callback_load:
-            return CallbackLoads(lasting_wrench_of(scene), axes, anchor, arm, dt_s, nodes)
-        return PassiveLoads(packed_lasting(scene), axes, anchor, arm, dt_s, nodes)
+            return CallbackLoads(continuous_wrench_of(scene), axes, anchor, arm, dt_s, nodes)
+        return PassiveLoads(packed_continuous_loads(scene), axes, anchor, arm, dt_s, nodes)
 
     def read_back(self) -> ReadBack:
         """Return the model as read from mjModel and mjData."""
         model, axes = self._model, self._axes.matrix
-        held, self._arm = mass_properties(model), self._arm_of_the_joint()
+        properties, self._arm = mass_properties(model), self._arm_of_the_joint()
         return ReadBack(
-            mass=held.mass,
-            inertia=axes @ held.inertia @ axes.T,
+            mass=properties.mass,
+            inertia=axes @ properties.inertia @ axes.T,
             dt_s=float(model.opt.timestep),
             gravity=model.opt.gravity.copy(),
             state=self.read(),
@@ -162,8 +163,8 @@ class MuJoCoSimulation:
             frame = matrix_of(self._qpos[-4:])
             arm, omega = frame @ self._arm, frame @ self._qvel[-3:]
             self._qpos[:3], self._qvel[:3] = initial.position - arm, initial.velocity - np.cross(omega, arm)
-        if self._lasting is not None:
-            self._lasting.reset()
+        if self._continuous is not None:
+            self._continuous.reset()
 
     def apply(self, wrench: Wrench) -> None:
         """Write the wrench to inputs that the engine itself rotates into body axes at every stage.
@@ -184,8 +185,10 @@ class MuJoCoSimulation:
 
     def advance(self, steps: int) -> None:
         """Make the steps in one call of mj_step."""
-        lasting = nullcontext() if self._lasting is None else self._lasting.acting_on(self._data, steps)
-        with _unheard(), lasting:
+        continuous = (
+            nullcontext() if self._continuous is None else self._continuous.acting_on(self._data, steps)
+        )
+        with _muted_warnings(), continuous:
             mujoco.mj_step(self._model, self._data, nstep=steps)
 
     def read(self) -> Reading:
@@ -248,20 +251,20 @@ class MuJoCoSimulation:
         counts = self._warned
         if counts[_BAD_SPEED_AT]:
             return  # beyond 1e10 rad/s the motion has diverged, which the state shows
-        for warning, place in zip(_ALTERING, _ALTERING_AT, strict=True):
+        for warning, place in zip(_ALTERING_WARNINGS, _ALTERING_INDICES, strict=True):
             if counts[place]:
                 raise RuntimeError(f"MuJoCo warned of {warning.name} in {counts[place]} evaluations")
 
 
 @contextmanager
-def _unheard() -> Iterator[None]:
+def _muted_warnings() -> Iterator[None]:
     """Keep MuJoCo's warnings off the terminal and out of MUJOCO_LOG.TXT; mjData still counts them."""
-    heard_by = mujoco.get_mju_user_warning()
+    handler = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(_ignore)
     try:
         yield
     finally:
-        mujoco.set_mju_user_warning(heard_by)
+        mujoco.set_mju_user_warning(handler)
 
 
 def _ignore(message: str) -> None:

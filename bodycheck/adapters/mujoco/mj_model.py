@@ -160,14 +160,14 @@ def compiled(
     link = link_frame(scene)
     body = spec.worldbody.add_body(name="body")
     _add_joint(body, scene, link, build)
-    centre, turn = link.point(np.zeros(3)), link.turned(matrix_to_quaternion(axes))
+    centre, quaternion = link.point(np.zeros(3)), link.rotated(matrix_to_quaternion(axes))
     solid = body
     if build == "welded":
-        solid = body.add_body(name="welded", pos=centre, quat=turn)
-        centre, turn = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+        solid = body.add_body(name="welded", pos=centre, quat=quaternion)
+        centre, quaternion = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
     solid.mass = scene.body.mass
     solid.ipos = centre  # if unset, the compiler silently drops iquat
-    solid.iquat = turn
+    solid.iquat = quaternion
     # A flat plate's moments may violate the triangle inequality by round-off, which the compiler rejects.
     solid.inertia = np.minimum(moments, np.roll(moments, 1) + np.roll(moments, 2))
 
@@ -196,14 +196,14 @@ def mass_properties(model: mujoco.MjModel) -> MassProperties:
     """Return the mass properties of the body with everything welded to it, in the body's frame."""
     masses = model.body_mass[BODY:]
     total = float(np.sum(masses))
-    turns, places = [np.eye(3)], [model.body_ipos[BODY]]
+    rotations, places = [np.eye(3)], [model.body_ipos[BODY]]
     for child in range(BODY + 1, model.nbody):
-        turns.append(matrix_of(model.body_quat[child]))
-        places.append(model.body_pos[child] + turns[-1] @ model.body_ipos[child])
+        rotations.append(matrix_of(model.body_quat[child]))
+        places.append(model.body_pos[child] + rotations[-1] @ model.body_ipos[child])
     centre = np.asarray((masses / total) @ np.array(places))
     inertia = np.zeros((3, 3))
-    for k, (turn, place) in enumerate(zip(turns, places, strict=True), start=BODY):
-        axes, arm = turn @ matrix_of(model.body_iquat[k]), place - centre
+    for k, (rotation, place) in enumerate(zip(rotations, places, strict=True), start=BODY):
+        axes, arm = rotation @ matrix_of(model.body_iquat[k]), place - centre
         inertia += axes @ np.diag(model.body_inertia[k]) @ axes.T
         inertia += model.body_mass[k] * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     return MassProperties(total, centre, inertia)
@@ -230,7 +230,7 @@ def _add_joint(body: mujoco.MjsBody, scene: Scene, link: LinkFrame, build: Build
 def _add_force(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, point: Point, link: LinkFrame) -> None:
     """Add an actuator whose gear is the force; one per point is cheaper than one per component."""
     place = link.point(np.zeros(3) if point is None else np.array(point))
-    body.add_site(name=name, pos=place, quat=link.turned(np.array([1.0, 0.0, 0.0, 0.0])))
+    body.add_site(name=name, pos=place, quat=link.rotated(np.array([1.0, 0.0, 0.0, 0.0])))
     axes_of_the_world = "" if point is None else "world"
     spec.add_actuator(
         name=name, trntype=mujoco.mjtTrn.mjTRN_SITE, target=name, refsite=axes_of_the_world, gear=np.zeros(6)

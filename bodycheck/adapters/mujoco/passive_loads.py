@@ -19,7 +19,7 @@ from numba import carray, cfunc, types
 from numba.extending import intrinsic
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.continuous_loads import lasting_wrench
+from bodycheck.reference_impl.continuous_loads import continuous_wrench
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import (
     add,
@@ -32,12 +32,12 @@ from bodycheck.reference_impl.kernels.small_vectors import (
     vector_at,
 )
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
-from bodycheck.reference_impl.scene import Wrenching
+from bodycheck.reference_impl.scene import WrenchFunction
 
-# what the callback is told through memory: addresses, and how many loads' numbers there are
+# what the callback receives through memory: addresses, and how many loads' numbers there are
 _DATA, _QPOS, _QVEL, _PASSIVE, _CLOCK, _JOINT, _LOADS, _LENGTH = range(8)
-_told = np.zeros(8, dtype=np.int64)
-_TOLD_AT = _told.ctypes.data
+_shared = np.zeros(8, dtype=np.int64)
+_SHARED_ADDRESS = _shared.ctypes.data
 callback_in_use = threading.Lock()
 """Held while MuJoCo's one callback is set."""
 
@@ -78,17 +78,17 @@ class PassiveLoads:
         """
         evaluations = self._clock[0] + steps * self._clock[2]
         with callback_in_use:
-            _told[_DATA], _told[_LENGTH] = data._address, len(self._loads)
-            _told[_QPOS], _told[_QVEL] = data.qpos.ctypes.data, data.qvel.ctypes.data
-            _told[_PASSIVE] = data.qfrc_passive.ctypes.data
-            _told[_CLOCK], _told[_JOINT] = self._clock.ctypes.data, self._joint.ctypes.data
-            _told[_LOADS] = self._loads.ctypes.data
+            _shared[_DATA], _shared[_LENGTH] = data._address, len(self._loads)
+            _shared[_QPOS], _shared[_QVEL] = data.qpos.ctypes.data, data.qvel.ctypes.data
+            _shared[_PASSIVE] = data.qfrc_passive.ctypes.data
+            _shared[_CLOCK], _shared[_JOINT] = self._clock.ctypes.data, self._joint.ctypes.data
+            _shared[_LOADS] = self._loads.ctypes.data
             mujoco.set_mjcb_passive(_callback()[1])
             try:
                 yield
             finally:
                 mujoco.set_mjcb_passive(None)
-                _told[_DATA] = 0
+                _shared[_DATA] = 0
         if self._clock[0] != evaluations:
             raise RuntimeError(
                 f"MuJoCo evaluated passive forces {self._clock[0]:g} times, not {evaluations:g}"
@@ -113,14 +113,14 @@ def _add_passive(
     x, v = add(vector_at(joint, 1), arm), cross(omega, arm)
     if not is_ball:
         x, v = add(vector_at(qpos, 0), arm), add(vector_at(qvel, 0), v)
-    force, torque = lasting_wrench(t, x, rotation, v, omega, loads)
+    force, torque = continuous_wrench(t, x, rotation, v, omega, loads)
     if not is_ball:
         for i in range(3):
             passive[i] += force[i]
-    turning = transposed_times(frame, add(torque, cross(arm, force)))
-    passive[first] += turning[0]
-    passive[first + 1] += turning[1]
-    passive[first + 2] += turning[2]
+    joint_torque = transposed_times(frame, add(torque, cross(arm, force)))
+    passive[first] += joint_torque[0]
+    passive[first + 1] += joint_torque[1]
+    passive[first + 2] += joint_torque[2]
 
 
 @intrinsic  # type: ignore[untyped-decorator]  # numba ships no types
@@ -139,18 +139,18 @@ def _callback() -> tuple[Any, Any]:
     add_passive = _add_passive.dispatcher  # numba knows no Kernel before the first one is compiled
 
     def passive(_: int, data: int) -> None:
-        told = carray(_pointer(_TOLD_AT), 8, np.int64)
-        if told[_DATA] != data:
+        shared = carray(_pointer(_SHARED_ADDRESS), 8, np.int64)
+        if shared[_DATA] != data:
             return
-        joint = carray(_pointer(told[_JOINT]), 16, np.float64)
+        joint = carray(_pointer(shared[_JOINT]), 16, np.float64)
         is_ball = joint[0] == 1.0
         add_passive(
-            carray(_pointer(told[_QPOS]), 7, np.float64),
-            carray(_pointer(told[_QVEL]), 6, np.float64),
-            carray(_pointer(told[_PASSIVE]), 6, np.float64),
-            carray(_pointer(told[_CLOCK]), 3 + _STAGES, np.float64),
+            carray(_pointer(shared[_QPOS]), 7, np.float64),
+            carray(_pointer(shared[_QVEL]), 6, np.float64),
+            carray(_pointer(shared[_PASSIVE]), 6, np.float64),
+            carray(_pointer(shared[_CLOCK]), 3 + _STAGES, np.float64),
             joint,
-            carray(_pointer(told[_LOADS]), told[_LENGTH], np.float64),
+            carray(_pointer(shared[_LOADS]), shared[_LENGTH], np.float64),
             is_ball,
         )
 
@@ -164,7 +164,7 @@ class CallbackLoads:
 
     def __init__(
         self,
-        wrench: Wrenching,
+        wrench: WrenchFunction,
         axes: Array,
         anchor: Array | None,
         arm: Array,

@@ -44,7 +44,7 @@ def _recorded(engine: MuJoCo, batch: Batch) -> BatchAnswer:
             endings[row], messages[row] = "invalid", fault
         else:
             built[row] = simulation
-    states = rolled(list(built.values()), batch.template.samples - 1, batch.steps_per_sample)
+    states = rollout_states(list(built.values()), batch.template.samples - 1, batch.steps_per_sample)
     for (row, simulation), motion in zip(built.items(), states, strict=True):
         if abs(motion[-1, _TIME] - batch.template.duration_s) > 0.5 * dt_s:
             # it stopped at a warning, about which the simulation of the body alone says more
@@ -66,7 +66,7 @@ class _OneByOne:
         self.unsupported, self.build = engine.unsupported, engine.build
 
 
-def rolled(simulations: list[MuJoCoSimulation], intervals: int, stride: int) -> Array:
+def rollout_states(simulations: list[MuJoCoSimulation], intervals: int, stride: int) -> Array:
     """Return the states at both ends of each interval of `stride` steps: (m, intervals + 1, k).
 
     A state is the time, qpos and qvel. The simulations themselves stay at their start.

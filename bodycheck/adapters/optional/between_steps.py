@@ -63,7 +63,7 @@ class BetweenSteps:
     def apply(self, wrench: Wrench) -> None:
         """Replace the constant loads."""
         self._loads.wrench = wrench
-        self._is_loaded = not wrench.is_zero or bool(self._scene.lasting_loads)
+        self._is_loaded = not wrench.is_zero or bool(self._scene.continuous_loads)
 
     def advance(self, steps: int) -> None:
         """Make the steps; each evaluates the loads at its start."""
@@ -73,11 +73,11 @@ class BetweenSteps:
             return
         for _ in range(steps):
             state = self._body.read()
-            turn = rotation_of(state)
-            omega = state.omega_world if state.omega_body is None else turn @ state.omega_body
+            rotation = rotation_of(state)
+            omega = state.omega_world if state.omega_body is None else rotation @ state.omega_body
             t_s = self._steps_made * self._dt_s
-            force, torque = self._loads.at(t_s, state.position, turn, state.velocity, omega)  # type: ignore[arg-type]
-            self._body.step(1, force, turn @ torque)
+            force, torque = self._loads.at(t_s, state.position, rotation, state.velocity, omega)  # type: ignore[arg-type]
+            self._body.step(1, force, rotation @ torque)
             self._steps_made += 1
 
     def read(self) -> Reading:

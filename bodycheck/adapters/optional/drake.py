@@ -131,9 +131,9 @@ class DrakeSimulation:
     def _inertia(self) -> Any:
         from pydrake.all import RotationalInertia, SpatialInertia
 
-        turn = self._link.rotation
-        held = turn.T @ self._scene.body.inertia @ turn
-        moments = (held[0, 0], held[1, 1], held[2, 2], held[0, 1], held[0, 2], held[1, 2])
+        rotation = self._link.rotation
+        inertia = rotation.T @ self._scene.body.inertia @ rotation
+        moments = (inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2])
         centre = self._link.point(np.zeros(3))
         return SpatialInertia.MakeFromCentralInertia(
             self._scene.body.mass, centre, RotationalInertia(*moments)
@@ -162,9 +162,9 @@ class DrakeSimulation:
     def _force_on_link(self, t_s: float, state: Array) -> tuple[Array, Array]:
         """Return force and torque (3,) about the centre of mass in world axes, of a state (q, v)."""
         position, quaternion, velocity = self._link.of_body(state[4:7], state[:4], state[10:], state[7:10])
-        turn = quaternion_to_matrix(quaternion)
-        force, torque = self._loads.at(t_s, position, turn, velocity, state[7:10])
-        return force, turn @ torque
+        rotation = quaternion_to_matrix(quaternion)
+        force, torque = self._loads.at(t_s, position, rotation, velocity, state[7:10])
+        return force, rotation @ torque
 
     def read(self) -> Reading:
         """Return copies of the plant's positions and velocities, the quaternion as it is."""
@@ -174,14 +174,14 @@ class DrakeSimulation:
 
     def read_back(self) -> ReadBack:
         """Return the model as read from the plant and the integrator."""
-        held = self._body.CalcSpatialInertiaInBodyFrame(self._context)
-        central = held.Shift(held.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
-        turn = self._link.rotation
+        inertia = self._body.CalcSpatialInertiaInBodyFrame(self._context)
+        central = inertia.Shift(inertia.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
+        rotation = self._link.rotation
         step = (
             self._plant.time_step() if self._integrator is None else self._integrator.get_maximum_step_size()
         )
         gravity = np.array(self._plant.gravity_field().gravity_vector())
-        return ReadBack(held.get_mass(), turn @ central @ turn.T, step, gravity, self.read())
+        return ReadBack(inertia.get_mass(), rotation @ central @ rotation.T, step, gravity, self.read())
 
     def close(self) -> None:
         """Do nothing; the simulator is freed with this object."""

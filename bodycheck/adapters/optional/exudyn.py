@@ -116,8 +116,8 @@ class ExudynSimulation:
     def _add_body(self) -> int:
         from exudyn.itemInterface import ObjectRigidBody
 
-        held = self._scene.body.inertia
-        moments = [held[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))]
+        inertia = self._scene.body.inertia
+        moments = [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # the names of 1.12 hold until 2031
             body = ObjectRigidBody(
@@ -152,9 +152,9 @@ class ExudynSimulation:
 
     def _wrench(self, t_s: float) -> tuple[Array, Array]:
         """Return force and torque (3,) in world axes at the present stage."""
-        position, velocity, turn, omega = self._state()
-        force, torque = self._loads.at(t_s, position, turn, velocity, turn @ omega)
-        return force, turn @ torque
+        position, velocity, rotation, omega = self._state()
+        force, torque = self._loads.at(t_s, position, rotation, velocity, rotation @ omega)
+        return force, rotation @ torque
 
     def _largest_force(self, t_s: float) -> float:
         """Return the sum of the norms of forces in N and torques in N m, to which residuals are rounded."""
@@ -197,8 +197,8 @@ class ExudynSimulation:
 
     def read(self) -> Reading:
         """Return copies of the node's outputs; the matrix is its RotationMatrix."""
-        position, velocity, turn, omega = self._state()
-        return Reading(position, velocity, rotation=turn, omega_body=omega)
+        position, velocity, rotation, omega = self._state()
+        return Reading(position, velocity, rotation=rotation, omega_body=omega)
 
     def read_back(self) -> ReadBack:
         """Return the model as read from the system; the step is this adapter's."""

@@ -11,7 +11,6 @@ import numpy as np
 from bodycheck.adapters.contract import Method, ReadBack, Simulation, Solver
 from bodycheck.adapters.optional.scipy_solvers import (
     by_tolerance,
-    own_numbers,
     segments,
     start_of,
     trajectory_of_states,
@@ -47,7 +46,7 @@ class Heyoka:
         """Refuse pivots and continuous loads."""
         if scene.pivot is not None:
             return "the equations are those of a free body"
-        return _NO_SERIES if scene.lasting_loads else None
+        return _NO_SERIES if scene.continuous_loads else None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Raise: the method is controlled by a tolerance."""
@@ -72,7 +71,7 @@ class _HeyokaSolver:
 
     def read_back(self) -> ReadBack:
         """Return the scene's own numbers: there is no engine between."""
-        return own_numbers(self._scene)
+        return ReadBack.of_scene(self._scene)
 
     def solve(self) -> Trajectory:
         """Propagate from switch to switch through the samples."""
@@ -101,7 +100,7 @@ def _equations(scene: Scene) -> list[tuple[Any, Any]]:
     q, omega = heyoka.make_vars("qw", "qx", "qy", "qz"), heyoka.make_vars("w0", "w1", "w2")
     w, i, j, k = q
     a, b, c = omega
-    turn = np.array(
+    rotation = np.array(
         [
             [1.0 - 2.0 * (j * j + k * k), 2.0 * (i * j - w * k), 2.0 * (i * k + w * j)],
             [2.0 * (i * j + w * k), 1.0 - 2.0 * (i * i + k * k), 2.0 * (j * k - w * i)],
@@ -109,18 +108,18 @@ def _equations(scene: Scene) -> list[tuple[Any, Any]]:
         ]
     )
     force_body, force_world, torque_body, torque_world = np.array(par[:12]).reshape(4, 3)
-    moment = np.array(par[12:]).reshape(3, 3) @ turn  # sum of at (R^T force)^T
-    force = turn @ force_body + force_world
+    moment = np.array(par[12:]).reshape(3, 3) @ rotation  # sum of at (R^T force)^T
+    force = rotation @ force_body + force_world
     momentum = body.inertia @ np.array(omega)
-    torque = torque_body + turn.T @ torque_world - np.array(_cross(omega, momentum))
+    torque = torque_body + rotation.T @ torque_world - np.array(_cross(omega, momentum))
     torque = torque + np.array([moment[m, n] - moment[n, m] for m, n in ((1, 2), (2, 0), (0, 1))])
-    turning = [
+    quaternion_rate = [
         -0.5 * (i * a + j * b + k * c),
         0.5 * (w * a + j * c - k * b),
         0.5 * (w * b + k * a - i * c),
         0.5 * (w * c + i * b - j * a),
     ]
-    rates = [*v, *(force / body.mass), *turning, *(np.linalg.inv(body.inertia) @ torque)]
+    rates = [*v, *(force / body.mass), *quaternion_rate, *(np.linalg.inv(body.inertia) @ torque)]
     return list(zip([*x, *v, *q, *omega], rates, strict=True))
 
 

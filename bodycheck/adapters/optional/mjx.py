@@ -114,8 +114,8 @@ class _Port:
 
     def put(self, **state: Array) -> None:
         real = self._data.qpos.dtype
-        held = {name: self._jax.numpy.asarray(value, dtype=real) for name, value in state.items()}
-        self._data = self._data.replace(**held)
+        arrays = {name: self._jax.numpy.asarray(value, dtype=real) for name, value in state.items()}
+        self._data = self._data.replace(**arrays)
 
     def put_gear(self, gear: Array) -> None:
         real = self._data.qpos.dtype
@@ -163,11 +163,11 @@ class _Worlds:
 
     def put(self, **state: Array) -> None:
         more = len(self._data.qpos) - self._bodies
-        held = {}
+        arrays = {}
         for name, value in state.items():
             every = np.concatenate([value, value[-1:].repeat(more, axis=0)])
-            held[name] = self._jax.numpy.asarray(every, dtype=self._real)
-        self._data = self._data.replace(**held)
+            arrays[name] = self._jax.numpy.asarray(every, dtype=self._real)
+        self._data = self._data.replace(**arrays)
 
     def step(self, steps: int) -> None:
         self._data = _stepped(_worlds_steps, self._model, self._data, steps)
@@ -182,7 +182,7 @@ def _steps(model: Any, data: Any, steps: Any) -> Any:
     import jax
     from mujoco import mjx
 
-    return jax.lax.fori_loop(0, steps, lambda _, held: mjx.step(model, held), data)
+    return jax.lax.fori_loop(0, steps, lambda _, arrays: mjx.step(model, arrays), data)
 
 
 def _worlds_steps(model: Any, data: Any, steps: Any) -> Any:

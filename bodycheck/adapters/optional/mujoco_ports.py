@@ -88,8 +88,8 @@ def record_worlds(
     model, (qpos, qvel) = together.model(), states[0]
     endings, messages = list(answer.endings), list(answer.messages)
     for row, scene in enumerate(scenes):
-        held = _held(model, row, _reading(qpos[row], qvel[row]))
-        if fault := read_back_mismatch(scene, dt_s, held, precision):
+        read_back = _read_back(model, row, _reading(qpos[row], qvel[row]))
+        if fault := read_back_mismatch(scene, dt_s, read_back, precision):
             endings[row], messages[row] = "invalid", fault
     for _ in range(batch.template.samples - 1):
         together.step(batch.steps_per_sample)
@@ -149,16 +149,16 @@ class PortSimulation:
 
     def advance(self, steps: int) -> None:
         """Make the steps in one call, unless continuous loads are to be renewed in each."""
-        if not self._scene.lasting_loads:
+        if not self._scene.continuous_loads:
             self._port.step(steps)
             self._steps_made += steps
             return
         for _ in range(steps):
             qpos, qvel = self._port.get()
-            turn = matrix_of(qpos[3:])
+            rotation = matrix_of(qpos[3:])
             t_s = self._steps_made * self._dt_s
-            force, torque = self._loads.at(t_s, qpos[:3], turn, qvel[:3], turn @ qvel[3:])
-            self._push(np.concatenate([force, turn @ torque]))
+            force, torque = self._loads.at(t_s, qpos[:3], rotation, qvel[:3], rotation @ qvel[3:])
+            self._push(np.concatenate([force, rotation @ torque]))
             self._port.step(1)
             self._steps_made += 1
 
@@ -168,7 +168,7 @@ class PortSimulation:
 
     def read_back(self) -> ReadBack:
         """Return the model and the state as the port holds them."""
-        return _held(self._port.model(), 0, self.read())
+        return _read_back(self._port.model(), 0, self.read())
 
     def close(self) -> None:
         """Do nothing; the port is freed with this object."""
@@ -178,7 +178,7 @@ def _reading(qpos: Array, qvel: Array) -> Reading:
     return Reading(qpos[:3], qvel[:3], quaternion=qpos[3:], omega_body=qvel[3:])
 
 
-def _held(model: Any, row: int, reading: Reading) -> ReadBack:
+def _read_back(model: Any, row: int, reading: Reading) -> ReadBack:
     """Return what the port holds of a body; a field without a first axis for the bodies is that of all."""
 
     def field(values: Any, *shape: int) -> Array:

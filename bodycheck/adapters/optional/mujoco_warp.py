@@ -107,9 +107,9 @@ class _Worlds:
         self._data = mujoco_warp.put_data(first, mujoco.MjData(first), nworld=len(models))
 
     def model(self) -> Any:
-        held = self._model
-        option = SimpleNamespace(timestep=held.opt.timestep.numpy(), gravity=held.opt.gravity.numpy())
-        fields = {name: getattr(held, name).numpy() for name in ("body_mass", "body_inertia", "body_iquat")}
+        model = self._model
+        option = SimpleNamespace(timestep=model.opt.timestep.numpy(), gravity=model.opt.gravity.numpy())
+        fields = {name: getattr(model, name).numpy() for name in ("body_mass", "body_inertia", "body_iquat")}
         return SimpleNamespace(**fields, opt=option)
 
     def put(self, **state: Array) -> None:

@@ -81,8 +81,8 @@ class PinocchioSimulation:
         self._model = pinocchio.Model()
         place = pinocchio.SE3.Identity()
         joint = self._model.addJoint(0, pinocchio.JointModelFreeFlyer(), place, "free")
-        turn, self._centre = self._link.rotation, self._link.point(np.zeros(3))
-        solid = pinocchio.Inertia(scene.body.mass, self._centre, turn.T @ scene.body.inertia @ turn)
+        rotation, self._centre = self._link.rotation, self._link.point(np.zeros(3))
+        solid = pinocchio.Inertia(scene.body.mass, self._centre, rotation.T @ scene.body.inertia @ rotation)
         self._model.appendBodyToJoint(joint, solid, place)
         self._model.gravity = pinocchio.Motion(scene.gravity, np.zeros(3))
         self._loads = StageLoads(scene)
@@ -92,16 +92,18 @@ class PinocchioSimulation:
     def reset(self) -> None:
         """Restore the initial state at t = 0, without a wrench."""
         position, quaternion, velocity = self._link.of_origin(self._scene.initial)
-        turn = quaternion_to_matrix(quaternion)
+        rotation = quaternion_to_matrix(quaternion)
         self._q = np.concatenate([position, scalar_last(quaternion)])
-        self._v = np.concatenate([turn.T @ velocity, self._link.rotation.T @ self._scene.initial.omega_body])
+        self._v = np.concatenate(
+            [rotation.T @ velocity, self._link.rotation.T @ self._scene.initial.omega_body]
+        )
         self._steps_made = 0
         self.apply(NO_WRENCH)
 
     def apply(self, wrench: Wrench) -> None:
         """Replace the constant loads."""
         self._loads.wrench = wrench
-        self._is_loaded = not wrench.is_zero or bool(self._scene.lasting_loads)
+        self._is_loaded = not wrench.is_zero or bool(self._scene.continuous_loads)
 
     def advance(self, steps: int) -> None:
         """Make the steps."""
@@ -129,10 +131,10 @@ class PinocchioSimulation:
         generalised = np.zeros(6)
         if self._is_loaded:
             position, quaternion, velocity, omega = self._state(q, v)
-            turn = quaternion_to_matrix(quaternion)
-            force, torque = self._loads.at(t_s, position, turn, velocity, omega)
+            rotation = quaternion_to_matrix(quaternion)
+            force, torque = self._loads.at(t_s, position, rotation, velocity, omega)
             force = force - self._body.mass * self._scene.gravity  # aba has the weight
-            in_link = self._link.rotation.T @ (turn.T @ force)
+            in_link = self._link.rotation.T @ (rotation.T @ force)
             moment = self._link.rotation.T @ torque + np.cross(self._centre, in_link)
             generalised = np.concatenate([in_link, moment])
         return np.asarray(self._pin.aba(self._model, self._data, q, v, generalised)).copy()
@@ -140,9 +142,9 @@ class PinocchioSimulation:
     def _state(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
         """Return position, quaternion, velocity and omega of the body, in world axes."""
         quaternion = scalar_first(q[3:])
-        turn = quaternion_to_matrix(quaternion)
-        omega = turn @ v[3:]
-        return *self._link.of_body(q[:3], quaternion, turn @ v[:3], omega), omega
+        rotation = quaternion_to_matrix(quaternion)
+        omega = rotation @ v[3:]
+        return *self._link.of_body(q[:3], quaternion, rotation @ v[:3], omega), omega
 
     def read(self) -> Reading:
         """Return copies of the state."""
@@ -153,9 +155,9 @@ class PinocchioSimulation:
 
     def read_back(self) -> ReadBack:
         """Return the model as read from Pinocchio; the step is this loop's."""
-        solid, turn = self._model.inertias[1], self._link.rotation
+        solid, rotation = self._model.inertias[1], self._link.rotation
         gravity = np.array(self._model.gravity.linear)
-        return ReadBack(solid.mass, turn @ solid.inertia @ turn.T, self._dt_s, gravity, self.read())
+        return ReadBack(solid.mass, rotation @ solid.inertia @ rotation.T, self._dt_s, gravity, self.read())
 
     def close(self) -> None:
         """Do nothing; the model is freed with this object."""

@@ -88,14 +88,14 @@ class _Body:
 
     def model(self) -> tuple[float, Array, float, Array]:
         solid = self._body.mass_properties
-        turn = quaternion_to_matrix(_quaternion(solid.principal_inertia_local_frame))
-        inertia = turn @ np.diag(array(solid.principal_inertia.to_tuple())) @ turn.T
+        rotation = quaternion_to_matrix(_quaternion(solid.principal_inertia_local_frame))
+        inertia = rotation @ np.diag(array(solid.principal_inertia.to_tuple())) @ rotation.T
         world = self._world
         return self._body.mass, inertia, world.integration_parameters.dt, array(world.gravity.to_tuple())
 
     def set_state(self, state: State) -> None:
-        turn = self._r.Rotation3(*(float(value) for value in state.quaternion))
-        self._body.position = self._r.Isometry3(self._vector(state.position), turn)
+        rotation = self._r.Rotation3(*(float(value) for value in state.quaternion))
+        self._body.position = self._r.Isometry3(self._vector(state.position), rotation)
         self._body.linvel = self._vector(state.velocity)
         self._body.angvel = self._vector(state.omega_world)
 

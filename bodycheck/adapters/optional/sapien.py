@@ -95,8 +95,8 @@ class _Body:
 
     def model(self) -> tuple[float, Array, float, Array]:
         body, system = self._body, self._system
-        turn = quaternion_to_matrix(array(body.cmass_local_pose.q))
-        inertia = turn @ np.diag(array(body.inertia)) @ turn.T
+        rotation = quaternion_to_matrix(array(body.cmass_local_pose.q))
+        inertia = rotation @ np.diag(array(body.inertia)) @ rotation.T
         return body.mass, inertia, system.timestep, array(system.config.gravity)
 
     def set_state(self, state: State) -> None:

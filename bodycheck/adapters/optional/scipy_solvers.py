@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, Solver
+from bodycheck.adapters.contract import Method, ReadBack, Simulation, Solver
 from bodycheck.adapters.engine_loads import StageLoads
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import quaternion_product, quaternion_to_matrix
@@ -93,7 +93,7 @@ class _SciPySolver:
 
     def read_back(self) -> ReadBack:
         """Return the scene's own numbers: there is no engine between."""
-        return own_numbers(self._scene)
+        return ReadBack.of_scene(self._scene)
 
     def solve(self) -> Trajectory:
         """Solve from switch to switch, and evaluate the dense output at the samples."""
@@ -120,11 +120,11 @@ class _SciPySolver:
 
     def _rate(self, t: float, y: Array) -> Array:
         velocity, q, omega = y[3:6], y[6:10], y[10:]
-        turn = quaternion_to_matrix(q)
-        force, torque = self._loads.at(t, y[:3], turn, velocity, turn @ omega)
+        rotation = quaternion_to_matrix(q)
+        force, torque = self._loads.at(t, y[:3], rotation, velocity, rotation @ omega)
         spin = self._inverse @ (torque - np.cross(omega, self._scene.body.inertia @ omega))
-        turning = 0.5 * quaternion_product(q, np.concatenate([[0.0], omega]))
-        return np.concatenate([velocity, force / self._scene.body.mass, turning, spin])
+        quaternion_rate = 0.5 * quaternion_product(q, np.concatenate([[0.0], omega]))
+        return np.concatenate([velocity, force / self._scene.body.mass, quaternion_rate, spin])
 
 
 def segments(scene: Scene) -> list[tuple[float, float]]:
@@ -147,10 +147,3 @@ def trajectory_of_states(t_s: Array, states: Array) -> Trajectory:
         quaternion=states[:, 6:10],
         omega_body_rad_s=states[:, 10:],
     )
-
-
-def own_numbers(scene: Scene) -> ReadBack:
-    """Return what a solver without an engine stores: the scene itself."""
-    start = scene.initial
-    state = Reading(start.position, start.velocity, quaternion=start.quaternion, omega_body=start.omega_body)
-    return ReadBack(scene.body.mass, scene.body.inertia, None, scene.gravity, state)

@@ -17,14 +17,14 @@ import numpy as np
 import pybullet
 
 from bodycheck.adapters.contract import DEFAULTS, VARIANT, Method, ReadBack, Reading, Stepping
-from bodycheck.adapters.engine_loads import HeldLoads
+from bodycheck.adapters.engine_loads import ZeroOrderHold
 from bodycheck.adapters.frames import EngineAxes, link_frame
 from bodycheck.adapters.pybullet.bullet_calls import powers_of_two, read_back, set_substeps
 from bodycheck.adapters.pybullet.spherical_joint import PivotedPyBulletSimulation
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.rotations import hat, matrix_to_quaternion
-from bodycheck.reference_impl.scene import PointForce, Scene, Timed
+from bodycheck.reference_impl.scene import ConstantLoad, PointForce, Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 
 _REFRESHED = "one step at rest before the start, to refresh the world inertia"
@@ -70,12 +70,12 @@ _SUBSTEP_SETTING = f"p.setPhysicsEngineParameter(fixedTimeStep={{dt_s}}, numSubS
 
 _VARIANTS = tuple(
     variant
-    for method, untouched in ((_MULTIBODY, ()), (_MAXIMAL, (_REFRESHED,)))
+    for method, changed in ((_MULTIBODY, ()), (_MAXIMAL, (_REFRESHED,)))
     for variant in (
         replace(
             method,
             name=f"{method.name}{DEFAULTS}",
-            changed_defaults=untouched,
+            changed_defaults=changed,
             snippet=method.snippet.removesuffix(f"; {_UNDAMPED}"),
         ),
         replace(
@@ -120,11 +120,11 @@ class PyBullet:
     def build(self, scene: Scene, method: str, dt_s: float) -> PyBulletSimulation | PivotedPyBulletSimulation:
         """Build the body in its own world."""
         client = self._idle_clients.pop() if self._idle_clients else pybullet.connect(pybullet.DIRECT)
-        give_back = self._idle_clients.append
+        release = self._idle_clients.append
         try:
             if scene.pivot is not None:
-                return PivotedPyBulletSimulation(scene, dt_s, client, give_back)
-            return PyBulletSimulation(scene, method, dt_s, client, give_back)
+                return PivotedPyBulletSimulation(scene, dt_s, client, release)
+            return PyBulletSimulation(scene, method, dt_s, client, release)
         except BaseException:
             pybullet.disconnect(client)  # its world may hold a half-built body
             raise
@@ -136,11 +136,13 @@ class PyBulletSimulation:
     stepping: Stepping
 
     def __init__(
-        self, scene: Scene, method: str, dt_s: float, client: int, give_back: Callable[[int], None]
+        self, scene: Scene, method: str, dt_s: float, client: int, release: Callable[[int], None]
     ) -> None:
-        turning = scene.lasting_loads or not all(_is_uniform(load) for load in scene.piecewise_constant_loads)
-        self.stepping = "python" if turning else "native"
-        self._client, self._give_back, self._closed = client, give_back, False
+        needs_python = scene.continuous_loads or not all(
+            _is_uniform(load) for load in scene.piecewise_constant_loads
+        )
+        self.stepping = "python" if needs_python else "native"
+        self._client, self._release, self._closed = client, release, False
         self._gravity = scene.gravity
         # dt_s / substeps is exact, because the number of substeps is a power of two
         self._substeps = _SUBSTEPS if method.endswith(_SUBSTEPPED) else 1
@@ -148,16 +150,16 @@ class PyBulletSimulation:
         moments, axes = diagonalised(scene.body.inertia)
         self._axes = EngineAxes(axes)
         self._initial = scene.initial
-        self._lasting = HeldLoads(scene, dt_s)
+        self._continuous = ZeroOrderHold(scene, dt_s)
         self._is_maximal = method.startswith(_MAXIMAL.name)
         self._body = _add_body(client, scene, method, moments, axes)
         self.reset()
 
     def read_back(self) -> ReadBack:
         """Return the model as read from the engine."""
-        held = read_back(self._client, self._body, -1, self._axes.matrix, self.read())
-        assert held.dt_s is not None
-        return replace(held, dt_s=held.dt_s * self._substeps)
+        model = read_back(self._client, self._body, -1, self._axes.matrix, self.read())
+        assert model.dt_s is not None
+        return replace(model, dt_s=model.dt_s * self._substeps)
 
     def reset(self) -> None:
         """Restore the initial state, without a wrench, as freshly built."""
@@ -167,7 +169,7 @@ class PyBulletSimulation:
         self.apply(NO_WRENCH)
         pybullet.setGravity(*self._gravity, physicsClientId=self._client)
         self._set_state(self._initial.velocity, self._initial.omega_world)
-        self._lasting.reset()
+        self._continuous.reset()
 
     def _refresh_world_inertia(self) -> None:
         """Make one step at rest in the initial pose.
@@ -184,12 +186,12 @@ class PyBulletSimulation:
         """Prepare the engine's calls, which advance makes before each step or group of steps."""
         to_engine = self._axes.engine_vector
         torque_body, force_body = to_engine(wrench.torque_body), to_engine(wrench.force_body)
-        force_world, turning = wrench.force_world, np.zeros((3, 9))
+        force_world, torque_map = wrench.force_world, np.zeros((3, 9))
         for at, force in wrench.point_forces:
             force_world = force_world + force
-            turning += np.kron(hat(-force), to_engine(at))
+            torque_map += np.kron(hat(-force), to_engine(at))
 
-        self._turns_with_body = bool(np.any(torque_body) or np.any(force_body) or np.any(turning))
+        self._rotates_with_body = bool(np.any(torque_body) or np.any(force_body) or np.any(torque_map))
         push_torque = partial(pybullet.applyExternalTorque, self._body, -1, physicsClientId=self._client)
         push_force = partial(pybullet.applyExternalForce, self._body, -1, physicsClientId=self._client)
         body_axes, world_axes, centre = pybullet.LINK_FRAME, pybullet.WORLD_FRAME, (0.0, 0.0, 0.0)
@@ -200,16 +202,16 @@ class PyBulletSimulation:
             self._pushes.append(partial(push_torque, tuple(wrench.torque_world), world_axes))
         if np.any(force_body):
             self._pushes.append(partial(push_force, tuple(force_body), centre, body_axes))
-        if np.any(force_world) or np.any(turning):
-            self._pushes.append(partial(self._push_in_world, tuple(force_world), turning))
+        if np.any(force_world) or np.any(torque_map):
+            self._pushes.append(partial(self._push_in_world, tuple(force_world), torque_map))
 
     def advance(self, steps: int) -> None:
         """Make many steps in one call, unless the wrench rotates with the body and changes at every step."""
-        if self._turns_with_body or self._lasting:
+        if self._rotates_with_body or self._continuous:
             set_substeps(self._client, self._substep_s, self._substeps)
             for _ in range(steps):
-                if self._lasting:
-                    self._push_lasting()
+                if self._continuous:
+                    self._push_continuous_loads()
                 self._step()
         else:
             for substeps in powers_of_two(steps * self._substeps):
@@ -233,22 +235,24 @@ class PyBulletSimulation:
         if not self._closed:
             self._closed = True
             pybullet.removeBody(self._body, self._client)  # resetSimulation takes five times as long
-            self._give_back(self._client)
+            self._release(self._client)
 
     def _step(self) -> None:
         for push in self._pushes:
             push()
         pybullet.stepSimulation(self._client)
 
-    def _push_lasting(self) -> None:
+    def _push_continuous_loads(self) -> None:
         """Apply the continuous loads at the present state, constant over the step (zero-order hold)."""
         position, quaternion = pybullet.getBasePositionAndOrientation(self._body, self._client)
         velocity, omega = pybullet.getBaseVelocity(self._body, self._client)
         rotation = self._axes.body_rotation(_matrix(quaternion))
-        held = self._lasting.next_wrench(np.array(position), rotation, np.array(velocity), np.array(omega))
+        wrench = self._continuous.next_wrench(
+            np.array(position), rotation, np.array(velocity), np.array(omega)
+        )
         world = pybullet.WORLD_FRAME
-        pybullet.applyExternalForce(self._body, -1, held[:3], position, world, self._client)
-        pybullet.applyExternalTorque(self._body, -1, held[3:], world, self._client)
+        pybullet.applyExternalForce(self._body, -1, wrench[:3], position, world, self._client)
+        pybullet.applyExternalTorque(self._body, -1, wrench[3:], world, self._client)
 
     def _set_state(self, velocity: Array, omega_world: Array) -> None:
         """Set the initial pose and a velocity."""
@@ -257,13 +261,13 @@ class PyBulletSimulation:
         pybullet.resetBasePositionAndOrientation(self._body, position, (x, y, z, w), self._client)
         pybullet.resetBaseVelocity(self._body, velocity, omega_world, self._client)
 
-    def _push_in_world(self, force: tuple[float, ...], turning: Array) -> None:
-        """Apply a world force at the centre of mass, and the torque sum R at x F = turning vec(R).
+    def _push_in_world(self, force: tuple[float, ...], torque_map: Array) -> None:
+        """Apply a world force at the centre of mass, and the torque sum R at x F = torque_map vec(R).
 
         The engine's own call takes absolute points, whose arms would be rounded far from the origin.
         """
         position, quaternion = pybullet.getBasePositionAndOrientation(self._body, self._client)
-        torque = turning @ pybullet.getMatrixFromQuaternion(quaternion)
+        torque = torque_map @ pybullet.getMatrixFromQuaternion(quaternion)
         world = pybullet.WORLD_FRAME
         pybullet.applyExternalForce(self._body, -1, force, position, world, self._client)
         pybullet.applyExternalTorque(self._body, -1, torque, world, self._client)
@@ -274,7 +278,7 @@ def _add_body(client: int, scene: Scene, method: str, moments: Array, axes: Arra
     frame = {}
     if scene.link is not None:
         link = link_frame(scene)
-        w, x, y, z = link.turned(matrix_to_quaternion(axes))
+        w, x, y, z = link.rotated(matrix_to_quaternion(axes))
         frame = {
             "baseInertialFramePosition": link.point(np.zeros(3)),
             "baseInertialFrameOrientation": (x, y, z, w),
@@ -284,13 +288,13 @@ def _add_body(client: int, scene: Scene, method: str, moments: Array, axes: Arra
         baseMass=mass, useMaximalCoordinates=maximal, physicsClientId=client, **frame
     )
     # A body without a shape has no inertia; setting it without the mass makes a btRigidBody static.
-    give = partial(
+    change_dynamics = partial(
         pybullet.changeDynamics, body, -1, mass=mass, localInertiaDiagonal=moments, physicsClientId=client
     )
     if method.endswith(DEFAULTS):
-        give()
+        change_dynamics()
     else:
-        give(
+        change_dynamics(
             linearDamping=0.0,
             angularDamping=0.0,
             maxJointVelocity=math.inf,  # it also clamps the components of the base's velocities
@@ -299,7 +303,7 @@ def _add_body(client: int, scene: Scene, method: str, moments: Array, axes: Arra
     return body
 
 
-def _is_uniform(load: Timed) -> bool:
+def _is_uniform(load: ConstantLoad) -> bool:
     """Return whether the load is constant in world axes for any rotation of the body."""
     return load.axes == "world" and not (isinstance(load, PointForce) and bool(np.any(load.at)))
 

@@ -41,8 +41,8 @@ def set_substeps(client: int, dt_s: float, count: int) -> None:
 
 def powers_of_two(steps: int) -> Iterator[int]:
     """Yield powers of two, at most _MAX_SUBSTEPS, whose sum is `steps`."""
-    whole, rest = divmod(steps, _MAX_SUBSTEPS)
-    for _ in range(whole):
+    full_calls, rest = divmod(steps, _MAX_SUBSTEPS)
+    for _ in range(full_calls):
         yield _MAX_SUBSTEPS
     for place in reversed(range(rest.bit_length())):
         if rest >> place & 1:

@@ -14,7 +14,7 @@ import numpy as np
 import pybullet
 
 from bodycheck.adapters.contract import ReadBack, Reading, Stepping
-from bodycheck.adapters.engine_loads import HeldLoads
+from bodycheck.adapters.engine_loads import ZeroOrderHold
 from bodycheck.adapters.frames import EngineAxes, pivot_place
 from bodycheck.adapters.pybullet.bullet_calls import powers_of_two, read_back, set_substeps
 from bodycheck.reference_impl.arrays import Array
@@ -30,14 +30,14 @@ class PivotedPyBulletSimulation:
 
     stepping: Stepping
 
-    def __init__(self, scene: Scene, dt_s: float, client: int, give_back: Callable[[int], None]) -> None:
+    def __init__(self, scene: Scene, dt_s: float, client: int, release: Callable[[int], None]) -> None:
         assert scene.pivot is not None
         self.stepping = "python" if scene.loads else "native"
-        self._client, self._give_back, self._closed = client, give_back, False
+        self._client, self._release, self._closed = client, release, False
         self._dt_s, self._initial, self._arm = dt_s, scene.initial, -scene.pivot
         moments, axes = diagonalised(scene.body.inertia)
         self._axes = EngineAxes(axes)
-        self._lasting = HeldLoads(scene, dt_s)
+        self._continuous = ZeroOrderHold(scene, dt_s)
         self._body = _add_body(client, scene, moments, self._axes.engine_vector(self._arm))
         pybullet.setGravity(*scene.gravity, physicsClientId=client)
         self.reset()
@@ -54,7 +54,7 @@ class PivotedPyBulletSimulation:
             self._body, _LINK, (x, y, z, w), tuple(omega), physicsClientId=self._client
         )
         set_substeps(self._client, self._dt_s, 1)
-        self._lasting.reset()
+        self._continuous.reset()
         self.apply(NO_WRENCH)
 
     def apply(self, wrench: Wrench) -> None:
@@ -63,7 +63,7 @@ class PivotedPyBulletSimulation:
 
     def advance(self, steps: int) -> None:
         """Make many steps in one call, unless a load rotates with the body and is set at every step."""
-        if self._wrench.is_zero and not self._lasting:
+        if self._wrench.is_zero and not self._continuous:
             for substeps in powers_of_two(steps):
                 set_substeps(self._client, self._dt_s, substeps)
                 pybullet.stepSimulation(self._client)
@@ -93,7 +93,7 @@ class PivotedPyBulletSimulation:
         if not self._closed:
             self._closed = True
             pybullet.removeBody(self._body, self._client)
-            self._give_back(self._client)
+            self._release(self._client)
 
     def _push(self) -> None:
         """Set the joint's torque for one step: the moment about the pivot of all loads except gravity."""
@@ -101,10 +101,14 @@ class PivotedPyBulletSimulation:
         assert state.rotation is not None
         assert state.omega_body is not None
         moment = self._moment(state.rotation)
-        if self._lasting:
+        if self._continuous:
             omega_world = state.rotation @ state.omega_body
-            held = self._lasting.next_wrench(state.position, state.rotation, state.velocity, omega_world)
-            moment += state.rotation.T @ held[3:] + np.cross(self._arm, state.rotation.T @ held[:3])
+            continuous = self._continuous.next_wrench(
+                state.position, state.rotation, state.velocity, omega_world
+            )
+            moment += state.rotation.T @ continuous[3:] + np.cross(
+                self._arm, state.rotation.T @ continuous[:3]
+            )
         pybullet.setJointMotorControlMultiDof(
             self._body,
             _LINK,
@@ -125,7 +129,7 @@ class PivotedPyBulletSimulation:
 
 def _add_body(client: int, scene: Scene, moments: Array, centre: Array) -> int:
     """Put a massless base into an empty world, and the body on it."""
-    unturned = (0.0, 0.0, 0.0, 1.0)
+    identity = (0.0, 0.0, 0.0, 1.0)
     body: int = pybullet.createMultiBody(
         baseMass=0.0,
         basePosition=pivot_place(scene),
@@ -133,9 +137,9 @@ def _add_body(client: int, scene: Scene, moments: Array, centre: Array) -> int:
         linkCollisionShapeIndices=[-1],
         linkVisualShapeIndices=[-1],
         linkPositions=[(0.0, 0.0, 0.0)],
-        linkOrientations=[unturned],
+        linkOrientations=[identity],
         linkInertialFramePositions=[centre],
-        linkInertialFrameOrientations=[unturned],
+        linkInertialFrameOrientations=[identity],
         linkParentIndices=[0],
         linkJointTypes=[pybullet.JOINT_SPHERICAL],
         linkJointAxis=[(0.0, 0.0, 1.0)],
@@ -158,7 +162,7 @@ def _add_body(client: int, scene: Scene, moments: Array, centre: Array) -> int:
         body,
         _LINK,
         pybullet.POSITION_CONTROL,
-        targetPosition=unturned,
+        targetPosition=identity,
         force=[0.0, 0.0, 0.0],
         physicsClientId=client,
     )

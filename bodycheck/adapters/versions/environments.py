@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-from bodycheck._util.cache_dir import cache_home
+from bodycheck._util.cache_dir import cache_dir
 from bodycheck._util.errors import UnavailableError
 from bodycheck._util.file_digests import files_below
 from bodycheck.adapters.programs import Program
@@ -135,7 +135,7 @@ def _place(pin: Pin) -> Path:
     if hasattr(stated_by(pin.engine), "requires"):
         rest += [_other_python(pin), *requirements_of(pin)]
     digest = sha256("\n".join(rest).encode()).hexdigest()[:12]
-    return cache_home() / "environments" / f"{pin.name.replace('==', '-')}-{digest}"
+    return cache_dir() / "environments" / f"{pin.name.replace('==', '-')}-{digest}"
 
 
 def _as_here() -> list[str]:
@@ -214,8 +214,8 @@ class Environment:
 
 def environments() -> list[Environment]:
     """Return the existing environments, sorted by name; an incomplete one has the name of its folder."""
-    home = cache_home() / "environments"
-    folders = [folder for folder in home.iterdir() if folder.is_dir()] if home.is_dir() else []
+    root = cache_dir() / "environments"
+    folders = [folder for folder in root.iterdir() if folder.is_dir()] if root.is_dir() else []
     return sorted((_environment(folder) for folder in folders), key=lambda found: (found.name, found.folder))
 
 
@@ -237,13 +237,13 @@ def remove(environment: Environment) -> None:
 
 
 def _install(pin: Pin, environment: Path, constraints: Sequence[str]) -> None:
-    within, without = environment / "constraints.txt", environment / "overrides.txt"
-    within.write_bytes("\n".join(constraints).encode())
-    without.write_bytes(_NEVER)
+    constraints_file, overrides_file = environment / "constraints.txt", environment / "overrides.txt"
+    constraints_file.write_bytes("\n".join(constraints).encode())
+    overrides_file.write_bytes(_NEVER)
     install = ("pip", "install", "--python", str(environment / "bin" / "python"))
     released, local = _plug_in(pin)
     uv(
-        *(*install, "--no-build", "-c", str(within), "--override", str(without)),
+        *(*install, "--no-build", "-c", str(constraints_file), "--override", str(overrides_file)),
         *requirements_of(pin),
         *released,
         *_NEEDED,

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.formatting import meant
+from bodycheck._util.formatting import suggestion
 from bodycheck.adapters.programs import is_command, program_of
 from bodycheck.adapters.registry import distribution_of, engine_names
 
@@ -50,7 +50,7 @@ def engine_fault(name: str) -> str | None:
         named, _, version = engine.partition("=")
         if named in engine_names():
             return f"{name}: invalid version pin (expected NAME==VERSION, like {named}=={version or '4.0.0'})"
-        return f"unknown engine {engine!r}{meant(engine, engine_names())}"
+        return f"unknown engine {engine!r}{suggestion(engine, engine_names())}"
     if pin is None:
         return None
     if pin.version is None or not is_version(pin.version):

@@ -40,7 +40,7 @@ class UvError(UnavailableError):
         self.refused = refused
 
 
-def uv(*words: str, given: str = "", downloads: bool = False) -> str:
+def uv(*words: str, stdin: str = "", downloads: bool = False) -> str:
     """Run uv with these arguments and this standard input; return its standard output.
 
     downloads: whether it may download a Python that is not installed.
@@ -56,7 +56,7 @@ def uv(*words: str, given: str = "", downloads: bool = False) -> str:
     }
     done = subprocess.run(
         [uv_program(), "--quiet", *words],
-        input=given,
+        input=stdin,
         capture_output=True,
         text=True,
         env=environment,
@@ -82,8 +82,8 @@ def _users_configuration() -> dict[str, str]:
 
 def index_settings() -> list[str]:
     """Return the sources of packages: the variables that uv reads, and a hash of its configuration."""
-    told = {**os.environ, **pip_settings()}
-    settings = [f"{name}={told[name]}" for name in _SOURCES if told.get(name)]
+    variables = {**os.environ, **pip_settings()}
+    settings = [f"{name}={variables[name]}" for name in _SOURCES if variables.get(name)]
     if file := _users_configuration().get("UV_CONFIG_FILE"):
         settings.append(f"{file} {hashlib.sha256(Path(file).read_bytes()).hexdigest()}")
     return settings
@@ -100,11 +100,11 @@ def uv_program() -> str:
     return found
 
 
-def in_one_line(said: str) -> str:
+def in_one_line(output: str) -> str:
     """Return a program's message in one line, without the marks of its layout."""
-    lines = (line.strip(" ×│╰─▶").removeprefix("cause: ") for line in said.splitlines())
-    told = " ".join(line for line in lines if line).removeprefix("error: ")
-    return told if len(told) <= _LONGEST else f"{told[:_LONGEST]}..."
+    lines = (line.strip(" ×│╰─▶").removeprefix("cause: ") for line in output.splitlines())
+    text = " ".join(line for line in lines if line).removeprefix("error: ")
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
 def pip_settings() -> dict[str, str]:
@@ -114,11 +114,11 @@ def pip_settings() -> dict[str, str]:
     """
     if any(name in os.environ for name in _UV_INDEXES):
         return {}
-    said = _settings(_pip_config())
+    configured = _settings(_pip_config())
     found = {
-        variable: _SEPARATORS.get(name, " ").join(said[name].split())
+        variable: _SEPARATORS.get(name, " ").join(configured[name].split())
         for name, variable in _PIP_TO_UV.items()
-        if said.get(name) and variable not in os.environ
+        if configured.get(name) and variable not in os.environ
     }
     if "UV_INDEX" in found:
         found["UV_INDEX_STRATEGY"] = "unsafe-best-match"  # as pip does
@@ -129,8 +129,8 @@ def pip_settings() -> dict[str, str]:
 def _pip_config() -> str:
     """Return the output of `pip config list`; empty if there is no pip."""
     # -P: the working directory may have a folder named pip
-    asked = [sys.executable, "-P", "-m", "pip", "config", "list"]
-    done = subprocess.run(asked, capture_output=True, text=True, check=False)
+    command = [sys.executable, "-P", "-m", "pip", "config", "list"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     return done.stdout if done.returncode == 0 else ""
 
 
@@ -178,6 +178,6 @@ def _newest(requirement: str) -> str:
     line = uv(
         *("pip", "compile", "--python", sys.executable, "--no-deps", "--no-build", "--no-header"),
         *("--no-annotate", "--prerelease", "disallow", "-"),
-        given=f"{requirement}\n",
+        stdin=f"{requirement}\n",
     )
     return line.strip().partition("==")[2]

@@ -35,7 +35,7 @@ from bodycheck.adapters.registry import distribution_of, own_code
 _BEGIN_NS = time.time_ns()
 _MAPS = Path("/proc/self/maps")
 _DELETED = " (deleted)"  # Linux appends it to the path of a replaced file
-_BYSTANDERS = ("charset_normalizer", "coverage", "yaml")
+_WITHOUT_EFFECT = ("charset_normalizer", "coverage", "yaml")
 _SYSTEM = ("/usr/lib/", "/lib/", "/usr/lib64/", "/lib64/")
 
 
@@ -46,11 +46,11 @@ class Loaded:
     """
 
     def __init__(self, adapter: Adapter, *, handed_over: bool = False) -> None:
-        self._engine, self._touched = adapter.name, False
+        self._engine, self._is_modified = adapter.name, False
         kind: BuildKind = "handed over" if handed_over else _kind(adapter)
         roots = dict(_roots(adapter))
         self._roots = _prefixes((*roots.values(), *library_roots(), _own_package()))
-        self._trusted = _site_packages() if kind == "installed" else _bystanders()
+        self._trusted = _site_packages() if kind == "installed" else _packages_without_effect()
         parts = {
             **numeric_parts(),
             "environment": environment((*VARIABLES, *_variables_of(adapter.name))),
@@ -96,14 +96,14 @@ class Loaded:
         """
         files = {name: file for name, path in self._files.items() for file in files_at([path])}
         parts = {**build.parts, "loaded": self._content(f"loaded {sys.prefix}", files)}
-        unknown = self._touched or any(path.endswith(_DELETED) for path in self._files.values())
-        told = json.dumps(parts)
-        return Build("" if unknown else hashlib.sha256(told.encode()).hexdigest(), build.kind, parts)
+        unknown = self._is_modified or any(path.endswith(_DELETED) for path in self._files.values())
+        text = json.dumps(parts)
+        return Build("" if unknown else hashlib.sha256(text.encode()).hexdigest(), build.kind, parts)
 
     def _content(self, label: str, files: Mapping[str, Entry]) -> str:
         """Return a hash of files, and remember if one of them is newer than this process."""
         times = (max(status.st_mtime_ns, status.st_ctime_ns) for _, status in files.values())
-        self._touched |= any(time_ns > _BEGIN_NS for time_ns in times)
+        self._is_modified |= any(time_ns > _BEGIN_NS for time_ns in times)
         return content_digest(f"{self._engine} {label}", files)[:16]
 
 
@@ -194,9 +194,9 @@ def _site_packages() -> tuple[str, ...]:
     return _prefixes(map(sysconfig.get_path, ("purelib", "platlib")))
 
 
-def _bystanders() -> tuple[str, ...]:
+def _packages_without_effect() -> tuple[str, ...]:
     """Return the folders of packages that numba imports if installed, but that change no result."""
-    return tuple(f"{site}{name}{os.sep}" for site in _site_packages() for name in _BYSTANDERS)
+    return tuple(f"{site}{name}{os.sep}" for site in _site_packages() for name in _WITHOUT_EFFECT)
 
 
 def _loaded_count() -> tuple[int, int]:
@@ -234,17 +234,17 @@ class _Object(ctypes.Structure):
     )
 
 
-_Visit = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(_Object), ctypes.c_size_t, ctypes.c_void_p)
+_Callback = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(_Object), ctypes.c_size_t, ctypes.c_void_p)
 
 
 def _libraries_ever_loaded() -> int:
     """Return how many libraries were loaded so far; 0 if the system does not count them."""
     found: list[int] = []
 
-    def visit(seen: Any, size: int, data: int | None) -> int:  # noqa: ARG001 - the system's signature
-        found.append(seen.contents.adds)
+    def visit(info: Any, size: int, data: int | None) -> int:  # noqa: ARG001 - the system's signature
+        found.append(info.contents.adds)
         return len(found)  # not 0, so stop: every object has the total count
 
     with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).dl_iterate_phdr(_Visit(visit), None)
+        ctypes.CDLL(None).dl_iterate_phdr(_Callback(visit), None)
     return sum(found)

@@ -88,8 +88,8 @@ def _announced(engine_pool: EnginePool, name: str) -> Engine | str:
     try:
         engine = engine_pool.announced(name)
     except UnavailableError as error:
-        told = str(error)
-        return told if told.startswith(name) else f"{name}: {told}"  # a worker does not know its pin
+        message = str(error)
+        return message if message.startswith(name) else f"{name}: {message}"  # a worker does not know its pin
     except WorkerLostError as error:
         return f"{name} cannot be started: {error}"
     pin = pin_of(name)
@@ -142,12 +142,14 @@ class EnginePool:
         if pin := needed_environment(engine):
             program = program_in(pin)
             python = None if program else python_of(pin)
-            return self._kept(engine, WorkerProcess(pin.engine, python=python, program=program))
+            return self._registered(engine, WorkerProcess(pin.engine, python=python, program=program))
         adapter = registered_adapter(engine)
         if adapter is None:
-            return self._kept(engine, WorkerProcess(engine, program=program_of(engine)))
+            return self._registered(engine, WorkerProcess(engine, program=program_of(engine)))
         line = handed_over(adapter)
-        return self._kept(engine, InProcess(adapter) if line is None else WorkerProcess(HANDED_OVER, line))
+        return self._registered(
+            engine, InProcess(adapter) if line is None else WorkerProcess(HANDED_OVER, line)
+        )
 
     def announced(self, engine: str) -> Engine:
         """Return the announced engine; run a registered one that no worker can import in this process.
@@ -161,7 +163,7 @@ class EnginePool:
             if adapter is None:
                 raise
             self._dismiss(engine)
-            return self._kept(engine, InProcess(adapter)).engine
+            return self._registered(engine, InProcess(adapter)).engine
 
     def ask(self, engine: str, request: Message, timeout_s: float) -> Message:
         """Return the engine's answer; a lost worker or an engine that does not start gives a failed answer.
@@ -172,36 +174,36 @@ class EnginePool:
         with released(self._turn):
             if self._remote is not None and not is_only_here(engine):
                 return self._remote.ask(engine, request, timeout_s)
-            return self._asked_twice(engine, request, timeout_s)
+            return self._request_with_retry(engine, request, timeout_s)
 
-    def _asked_twice(self, engine: str, request: Message, timeout_s: float) -> Message:
+    def _request_with_retry(self, engine: str, request: Message, timeout_s: float) -> Message:
         used = engine in self._open
-        answer, killed = self._asked(engine, request, timeout_s)
+        answer, killed = self._request(engine, request, timeout_s)
         if answer.get("outcome") != "failed" or not (used or killed) or request["do"] == "lap":
             return answer
-        again, _ = self._asked(engine, request, timeout_s)
+        again, _ = self._request(engine, request, timeout_s)
         if again.get("outcome") == "ok" and not killed:
             again["message"] = f"ran twice; failed in a worker that had run other cases: {answer['message']}"
         return again
 
-    def _asked(self, engine: str, request: Message, timeout_s: float) -> tuple[Message, bool]:
+    def _request(self, engine: str, request: Message, timeout_s: float) -> tuple[Message, bool]:
         """Return the answer and whether the worker was killed; dismiss a worker that failed."""
         try:
             self.announced(engine)
             host = self.start(engine)
             answer, killed = host.ask(request, timeout_s), False
-            spoilt = answer.get("outcome") == "failed" and host.pid is not None
+            must_restart = answer.get("outcome") == "failed" and host.pid is not None
         except (WorkerLostError, UnavailableError) as lost:
             if self._closed:
                 raise
-            spoilt, killed = True, isinstance(lost, WorkerLostError) and lost.killed
+            must_restart, killed = True, isinstance(lost, WorkerLostError) and lost.killed
             timed_out = isinstance(lost, WorkerLostError) and lost.timed_out
             answer = {"outcome": "timeout" if timed_out else "failed", "message": str(lost)}
-        if spoilt:
+        if must_restart:
             self._dismiss(engine)
         return answer, killed
 
-    def _kept(self, engine: str, host: Host) -> Host:
+    def _registered(self, engine: str, host: Host) -> Host:
         with self._lock:
             if not self._closed:
                 self._open[engine] = host
@@ -260,15 +262,15 @@ class InProcess:
         except protocol.ProtocolError as error:
             raise UnavailableError(str(error)) from None
         self.engine = Engine(adapter.name, adapter.version, adapter.methods, Build(kind="handed over"))
-        self._desk = RequestHandler(adapter, interruptible=True)
+        self._handler = RequestHandler(adapter, interruptible=True)
 
     def ask(self, request: Message, timeout_s: float) -> Message:  # noqa: ARG002 - it cannot be stopped
         """Return the answer; the time limit has no effect."""
-        return self._desk.answer(request)
+        return self._handler.answer(request)
 
     def kill(self) -> None:
         """Do nothing: there is no process."""
 
     def close(self) -> None:
         """Free the prepared case."""
-        self._desk.close()
+        self._handler.close()

@@ -58,18 +58,21 @@ class _Engines(threading.local):
 _engines = _Engines()
 
 
-def answer_case(asked: CaseRequest) -> Message:
+def answer_case(case_request: CaseRequest) -> Message:
     """Return an engine's answer with the build that gave it; runs in a worker of the executor.
 
     The engine runs in a process of its own, which is kept for the next case.
     """
-    if asked.engine == "reference":
-        compile_for(asked.request["case"])
+    if case_request.engine == "reference":
+        compile_for(case_request.request["case"])
     pool = _engines.pool
-    found = announced_as(pool, asked.engine, asked.version)
+    found = announced_as(pool, case_request.engine, case_request.version)
     if isinstance(found, str):
         return {"outcome": "failed", "message": found}
-    return {"build": found.build.id, **pool.ask(asked.engine, asked.request, asked.timeout_s)}
+    return {
+        "build": found.build.id,
+        **pool.ask(case_request.engine, case_request.request, case_request.timeout_s),
+    }
 
 
 def announced_as(engine_pool: EnginePool, name: str, version: str) -> Engine | str:
@@ -86,15 +89,15 @@ def announced_as(engine_pool: EnginePool, name: str, version: str) -> Engine | s
 def compile_for(case: Message) -> None:
     """Compile the reference's kernels of a case, which would count towards its time limit otherwise."""
     scene = case_messages.scene_of(case["scene"])
-    lasting = bool(scene.lasting_loads)
+    continuous = bool(scene.continuous_loads)
     stepped = case["dt_s"] is not None
-    kind = (case["method"], lasting, not stepped and scene.is_free_rotation)
+    kind = (case["method"], continuous, not stepped and scene.is_free_rotation)
     with _compiling:
         if kind in _compiled:
             return
         if not stepped:
             compile_kernels([scene])
-        elif lasting:
+        elif continuous:
             compile_kernels([scene], [case["method"]], unsolved=[])
         else:
             compile_kernels([], [case["method"]])
@@ -118,9 +121,9 @@ class ExecutorEngines:
 
         Raises WorkerLostError if the run was stopped, InputError if the executor is broken.
         """
-        asked = CaseRequest(engine, self._versions[engine], request, timeout_s)
+        case_request = CaseRequest(engine, self._versions[engine], request, timeout_s)
         try:
-            future = self._executor.submit(answer_case, asked)
+            future = self._executor.submit(answer_case, case_request)
             pending: list[Future[Any]] = [future, self._stopped]
             wait(pending, return_when=FIRST_COMPLETED)
             if not future.done():
@@ -132,8 +135,8 @@ class ExecutorEngines:
         except WorkerLostError:
             raise
         except Exception as error:  # noqa: BLE001 - an executor may raise anything; only this case fails
-            words = protocol.shown(f"{type(error).__name__}: {error}")
-            return {"outcome": "failed", "message": f"executor: {words}"}
+            text = protocol.one_line(f"{type(error).__name__}: {error}")
+            return {"outcome": "failed", "message": f"executor: {text}"}
 
     def stop(self) -> None:
         """End the waiting for answers."""

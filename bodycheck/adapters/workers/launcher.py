@@ -25,11 +25,11 @@ def die_with_the_run() -> None:
         return
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if RUN_PID in os.environ and not _lives(os.environ[RUN_PID]):  # the run died before the call
+    if RUN_PID in os.environ and not _is_alive(os.environ[RUN_PID]):  # the run died before the call
         sys.exit(1)
 
 
-def _lives(pid: str) -> bool:
+def _is_alive(pid: str) -> bool:
     """Return whether a process exists and is not a zombie."""
     try:
         return Path("/proc", pid, "stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0] != "Z"
@@ -39,8 +39,8 @@ def _lives(pid: str) -> bool:
 
 def limit_memory(size: int) -> None:
     """Make allocations beyond the limit fail, and let the out-of-memory killer choose this process first."""
-    _, most = resource.getrlimit(resource.RLIMIT_DATA)
-    limit = size if most == resource.RLIM_INFINITY else min(size, most)
+    _, hard_limit = resource.getrlimit(resource.RLIMIT_DATA)
+    limit = size if hard_limit == resource.RLIM_INFINITY else min(size, hard_limit)
     resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     with suppress(OSError):

@@ -14,12 +14,12 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from bodycheck._util.untrusted import escaped, printable
 from bodycheck.adapters.contract import BuildKind, Control, Precision
 
-_MOST_METHODS = 1000
-_MOST_PARTS = 10_000  # of a build
-_MOST_FAULTS = 3
+_MAX_METHODS = 1000
+_MAX_PARTS = 10_000  # of a build
+_MAX_FAULTS = 3
 _LONGEST_S = 1e9  # thirty years, of CPU time or of one step
-_MOST_STEPS = 10**15
-_MOST_ROWS = 10**6  # of a batch
+_MAX_STEPS = 10**15
+_MAX_ROWS = 10**6  # of a batch
 
 
 def _on_one_line(text: str) -> str:
@@ -80,11 +80,11 @@ class AnnouncementMessage(_Message):
 
     engine: Name
     version: Name
-    methods: Annotated[list[MethodMessage], Field(min_length=1, max_length=_MOST_METHODS)]
+    methods: Annotated[list[MethodMessage], Field(min_length=1, max_length=_MAX_METHODS)]
     limits: _Limits
     build: Annotated[str, Field(strict=True, max_length=200), AfterValidator(escaped)] = ""
     kind: BuildKind = "plug-in"
-    loaded: Annotated[dict[_RawText, _RawText], Field(max_length=_MOST_PARTS), AfterValidator(escaped)] = {}
+    loaded: Annotated[dict[_RawText, _RawText], Field(max_length=_MAX_PARTS), AfterValidator(escaped)] = {}
 
 
 class ArrayMessage(BaseModel):
@@ -117,7 +117,7 @@ class AnswerMessage(_Message):
     trajectory: _Arrays
     read_back: ReadBackMessage
     stepping: Literal["native", "python"]
-    steps: Annotated[int, Field(strict=True, ge=0, le=_MOST_STEPS)] | None
+    steps: Annotated[int, Field(strict=True, ge=0, le=_MAX_STEPS)] | None
 
 
 class BatchAnswerMessage(_Message):
@@ -126,9 +126,9 @@ class BatchAnswerMessage(_Message):
     quaternion: ArrayMessage
     omega_body: ArrayMessage
     endings: Annotated[
-        list[Literal["ok", "unsupported", "failed", "timeout", "invalid"]], Field(max_length=_MOST_ROWS)
+        list[Literal["ok", "unsupported", "failed", "timeout", "invalid"]], Field(max_length=_MAX_ROWS)
     ]
-    messages: Annotated[list[Text], Field(max_length=_MOST_ROWS)]
+    messages: Annotated[list[Text], Field(max_length=_MAX_ROWS)]
 
 
 class LapMessage(_Message):
@@ -159,7 +159,7 @@ def checked(model: type[_Checked], message: Any, what: str) -> _Checked:
 def faults(error: ValidationError) -> str:
     """Return at most three errors with their paths in the message, in one line."""
     lines = []
-    for fault in error.errors(include_url=False, include_input=False)[:_MOST_FAULTS]:
+    for fault in error.errors(include_url=False, include_input=False)[:_MAX_FAULTS]:
         path = ".".join(str(part) for part in fault["loc"]) or "it"
         lines.append(printable(f"{path}: {fault['msg'].replace('Input should', 'should')}", 150))
     return "; ".join(lines)

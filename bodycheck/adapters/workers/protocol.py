@@ -53,8 +53,8 @@ _STATE_SHAPES: dict[str, tuple[int, ...]] = {
     "omega_world": (3,),
     "omega_body": (3,),
 }
-_KEPT = ("trajectory", "read_back", "stepping", "steps", "stable_s", "unstable_s", "reason")
-_KEPT_TEXTS = ("build", "run")
+_STORED_KEYS = ("trajectory", "read_back", "stepping", "steps", "stable_s", "unstable_s", "reason")
+_STORED_TEXTS = ("build", "run")
 
 Message: TypeAlias = dict[str, Any]
 
@@ -87,10 +87,10 @@ def message_of(line: bytes) -> Message:
     return message
 
 
-def shown(text: str) -> str:
+def one_line(text: str) -> str:
     """Return an engine's text as one printable line of bounded length, for tables."""
-    begin = text[: 4 * _LONGEST_TEXT]
-    line = "".join(c if c.isprintable() else "?" for c in " ".join(begin.split()))
+    start = text[: 4 * _LONGEST_TEXT]
+    line = "".join(c if c.isprintable() else "?" for c in " ".join(start.split()))
     return line if len(line) <= _LONGEST_TEXT else f"{line[:_LONGEST_TEXT]}..."
 
 
@@ -114,13 +114,15 @@ def unpacked(value: Message | ArrayMessage) -> Array:
 
     Raises ProtocolError, before decoding, if shape and data do not agree.
     """
-    told = value if isinstance(value, ArrayMessage) else checked(ArrayMessage, value, "invalid array")
-    size = 8 * math.prod(told.shape)
-    if len(told.base64) != 4 * -(-size // 3):
-        raise ProtocolError(f"invalid array: shape {told.shape} with {len(told.base64)} characters of base64")
+    parsed = value if isinstance(value, ArrayMessage) else checked(ArrayMessage, value, "invalid array")
+    size = 8 * math.prod(parsed.shape)
+    if len(parsed.base64) != 4 * -(-size // 3):
+        raise ProtocolError(
+            f"invalid array: shape {parsed.shape} with {len(parsed.base64)} characters of base64"
+        )
     try:
-        data = np.frombuffer(base64.b64decode(told.base64, validate=True), dtype="<f8")
-        return data.reshape(told.shape).astype(np.float64)
+        data = np.frombuffer(base64.b64decode(parsed.base64, validate=True), dtype="<f8")
+        return data.reshape(parsed.shape).astype(np.float64)
     except (ValueError, binascii.Error) as error:
         raise ProtocolError(f"invalid array: {error}") from None
 
@@ -159,7 +161,7 @@ def announcement(adapter: Adapter, build: Build) -> Message:
 
 def build_message(build: Build) -> Message:
     """Return a build as plain data."""
-    parts = {name: shown(text) for name, text in build.parts.items()}
+    parts = {name: one_line(text) for name, text in build.parts.items()}
     return {"build": build.id, "kind": build.kind, "loaded": parts}
 
 
@@ -168,15 +170,15 @@ def engine_of(message: Message) -> tuple[Engine, int]:
 
     Raises ProtocolError if the announcement is invalid.
     """
-    said = checked(AnnouncementMessage, message, "invalid announcement")
+    parsed = checked(AnnouncementMessage, message, "invalid announcement")
     if repeated := [
-        name for name, times in Counter(method.name for method in said.methods).items() if times > 1
+        name for name, times in Counter(method.name for method in parsed.methods).items() if times > 1
     ]:
         raise ProtocolError(f"invalid announcement: the method {repeated[0]} is named twice")
-    methods = {method.name: _method(method) for method in said.methods}
-    build = Build(said.build, said.kind, {name: shown(text) for name, text in said.loaded.items()})
-    most = min(said.limits.message_bytes, LARGEST_MESSAGE)
-    return Engine(said.engine, said.version, methods, build), most
+    methods = {method.name: _method(method) for method in parsed.methods}
+    build = Build(parsed.build, parsed.kind, {name: one_line(text) for name, text in parsed.loaded.items()})
+    max_bytes = min(parsed.limits.message_bytes, LARGEST_MESSAGE)
+    return Engine(parsed.engine, parsed.version, methods, build), max_bytes
 
 
 def check_engine(adapter: Adapter) -> None:
@@ -204,14 +206,14 @@ def answer_limit_of(request: Message) -> int:
     return min(LONGEST_ANNOUNCEMENT + _BYTES_PER_SAMPLE * samples, LARGEST_MESSAGE)
 
 
-def _method(said: MethodMessage) -> Method:
-    facts: Any = {name: tuple(v) if isinstance(v, list) else v for name, v in said.model_dump().items()}
+def _method(parsed: MethodMessage) -> Method:
+    facts: Any = {name: tuple(v) if isinstance(v, list) else v for name, v in parsed.model_dump().items()}
     return Method(**facts)
 
 
 def answer_message(answer: Answer) -> Message:
     """Return an answer as plain data."""
-    message: Message = {"outcome": answer.outcome, "message": shown(answer.message)}
+    message: Message = {"outcome": answer.outcome, "message": one_line(answer.message)}
     if answer.trajectory is not None:
         message["trajectory"] = _packed_fields(answer.trajectory)
     if answer.read_back is not None:
@@ -225,19 +227,19 @@ def answer_of(message: Message, t_s: Array) -> Answer:
 
     Raises ProtocolError or ValueError, which say what is wrong, if the message is not an answer to that case.
     """
-    outcome, text = message.get("outcome"), shown(text_of(message, "message"))
+    outcome, text = message.get("outcome"), one_line(text_of(message, "message"))
     if outcome in ("unsupported", "failed", "timeout"):
         return Answer(outcome, text)
     if outcome != "ok":
         raise ProtocolError(f"an answer whose outcome is {outcome!r:.80}")
-    said = checked(AnswerMessage, message, "invalid answer")
+    parsed = checked(AnswerMessage, message, "invalid answer")
     try:
-        trajectory = Trajectory(**{name: unpacked(array) for name, array in said.trajectory.items()})
+        trajectory = Trajectory(**{name: unpacked(array) for name, array in parsed.trajectory.items()})
     except TypeError as error:
         raise ProtocolError(f"incomplete answer: {error}") from None
     if not np.array_equal(trajectory.t_s, t_s):
         raise ProtocolError("a trajectory that is not at the scene's samples")
-    return Answer("ok", text, trajectory, _read_back(said.read_back), said.stepping, said.steps)
+    return Answer("ok", text, trajectory, _read_back(parsed.read_back), parsed.stepping, parsed.steps)
 
 
 def batch_answer_message(answer: BatchAnswer) -> Message:
@@ -247,7 +249,7 @@ def batch_answer_message(answer: BatchAnswer) -> Message:
         "quaternion": packed(answer.quaternion),
         "omega_body": packed(answer.omega_body),
         "endings": list(answer.endings),
-        "messages": [shown(text) for text in answer.messages],
+        "messages": [one_line(text) for text in answer.messages],
     }
 
 
@@ -256,55 +258,57 @@ def batch_answer_of(message: Message, rows: int, samples: int) -> BatchAnswer:
 
     Raises ProtocolError if the message is not one.
     """
-    said = checked(BatchAnswerMessage, message, "invalid answer to a batch")
-    if len(said.endings) != rows or len(said.messages) != rows:
-        raise ProtocolError(f"an answer with {len(said.endings)} endings, not {rows}")
+    parsed = checked(BatchAnswerMessage, message, "invalid answer to a batch")
+    if len(parsed.endings) != rows or len(parsed.messages) != rows:
+        raise ProtocolError(f"an answer with {len(parsed.endings)} endings, not {rows}")
     return BatchAnswer(
-        _unpacked_as(said.quaternion, "quaternion", rows, samples, 4),
-        _unpacked_as(said.omega_body, "omega_body", rows, samples, 3),
-        tuple(said.endings),
-        tuple(shown(text) for text in said.messages),
+        _unpacked_as(parsed.quaternion, "quaternion", rows, samples, 4),
+        _unpacked_as(parsed.omega_body, "omega_body", rows, samples, 3),
+        tuple(parsed.endings),
+        tuple(one_line(text) for text in parsed.messages),
     )
 
 
-def kept(message: Message, said: Answer | StableStep) -> Message:
+def stored_part(message: Message, answer: Answer | StableStep) -> Message:
     """Return the part of a message that is stored: the checked keys, and nothing else."""
-    checked_keys = _KEPT if said.outcome == "ok" else ()
-    texts = {name: message[name] for name in _KEPT_TEXTS if isinstance(message.get(name), str)}
+    checked_keys = _STORED_KEYS if answer.outcome == "ok" else ()
+    texts = {name: message[name] for name in _STORED_TEXTS if isinstance(message.get(name), str)}
     found = {name: message[name] for name in checked_keys if name in message}
-    return {"outcome": said.outcome, "message": said.message, **texts, **found}
+    return {"outcome": answer.outcome, "message": answer.message, **texts, **found}
 
 
-def read_back_message(held: ReadBack) -> Message:
+def read_back_message(read_back: ReadBack) -> Message:
     """Return a model that was read back as plain data."""
     return {
-        "mass": _number(held.mass),
-        "inertia": packed(held.inertia),
-        "dt_s": None if held.dt_s is None else _number(held.dt_s),
-        "gravity": packed(held.gravity),
-        "state": _packed_fields(held.state),
+        "mass": _number(read_back.mass),
+        "inertia": packed(read_back.inertia),
+        "dt_s": None if read_back.dt_s is None else _number(read_back.dt_s),
+        "gravity": packed(read_back.gravity),
+        "state": _packed_fields(read_back.state),
     }
 
 
-def read_back_of(held: Message) -> ReadBack:
+def read_back_of(read_back: Message) -> ReadBack:
     """Return the model that was read back.
 
     Raises ProtocolError if the message is invalid.
     """
-    return _read_back(checked(ReadBackMessage, held, "invalid read-back"))
+    return _read_back(checked(ReadBackMessage, read_back, "invalid read-back"))
 
 
-def _read_back(held: ReadBackMessage) -> ReadBack:
-    if unknown := held.state.keys() - _STATE_SHAPES.keys():
+def _read_back(read_back: ReadBackMessage) -> ReadBack:
+    if unknown := read_back.state.keys() - _STATE_SHAPES.keys():
         raise ProtocolError(f"unknown quantity {min(unknown)} of a state (known: {', '.join(_STATE_SHAPES)})")
-    state: Any = {name: _unpacked_as(array, name, *_STATE_SHAPES[name]) for name, array in held.state.items()}
+    state: Any = {
+        name: _unpacked_as(array, name, *_STATE_SHAPES[name]) for name, array in read_back.state.items()
+    }
     if missing := [name for name in ("position", "velocity") if name not in state]:
         raise ProtocolError(f"a state without {missing[0]}")
     return ReadBack(
-        mass=math.nan if held.mass is None else held.mass,
-        inertia=_unpacked_as(held.inertia, "inertia", 3, 3),
-        dt_s=held.dt_s,
-        gravity=_unpacked_as(held.gravity, "gravity", 3),
+        mass=math.nan if read_back.mass is None else read_back.mass,
+        inertia=_unpacked_as(read_back.inertia, "inertia", 3, 3),
+        dt_s=read_back.dt_s,
+        gravity=_unpacked_as(read_back.gravity, "gravity", 3),
         state=Reading(**state),
     )
 
@@ -319,8 +323,8 @@ def lap_of(message: Message) -> float:
 
 def stable_step_message(found: StableStep) -> Message:
     """Return the result of a search as plain data."""
-    told = {**asdict(found), "message": shown(found.message)}
-    return {name: value for name, value in told.items() if name not in ("build", "reused")}
+    data = {**asdict(found), "message": one_line(found.message)}
+    return {name: value for name, value in data.items() if name not in ("build", "reused")}
 
 
 def stable_step_of(message: Message) -> StableStep:
@@ -328,15 +332,15 @@ def stable_step_of(message: Message) -> StableStep:
 
     Raises ProtocolError if the message is invalid.
     """
-    outcome, text = message.get("outcome"), shown(text_of(message, "message"))
+    outcome, text = message.get("outcome"), one_line(text_of(message, "message"))
     if outcome in ("unsupported", "failed", "timeout"):
         return StableStep(outcome, text)
     if outcome != "ok":
         raise ProtocolError(f"a search whose outcome is {outcome!r:.80}")
-    said = checked(StableStepMessage, message, "invalid search result")
-    steps = [step for step in (said.stable_s, said.unstable_s) if step is not None]
+    parsed = checked(StableStepMessage, message, "invalid search result")
+    steps = [step for step in (parsed.stable_s, parsed.unstable_s) if step is not None]
     if not steps:
         raise ProtocolError("a search result with neither a stable nor an unstable step")
     if steps[0] > steps[-1]:
         raise ProtocolError(f"a stable step of {steps[0]!r} above the unstable step of {steps[-1]!r}")
-    return StableStep("ok", text, said.stable_s, said.unstable_s, shown(said.reason))
+    return StableStep("ok", text, parsed.stable_s, parsed.unstable_s, one_line(parsed.reason))

@@ -41,7 +41,7 @@ class RequestHandler:
 
     def __init__(self, adapter: Adapter, *, interruptible: bool = False) -> None:
         self._adapter, self._interruptible = adapter, interruptible
-        self._watch: Stopwatch | None = None
+        self._stopwatch: Stopwatch | None = None
 
     def answer(self, request: Message) -> Message:
         """Return the answer; an exception of the engine becomes the outcome `failed`."""
@@ -63,32 +63,32 @@ class RequestHandler:
                 return protocol.batch_answer_message(found)
             case "prepare":
                 self.close()
-                self._watch = stopwatch(self._adapter, case_messages.case_of(request["case"]))
+                self._stopwatch = stopwatch(self._adapter, case_messages.case_of(request["case"]))
                 return {"outcome": "ok"}
             case "stable-step":
-                searched = stable_step(self._adapter, case_messages.search_of(request))
-                return protocol.stable_step_message(searched)
+                search_result = stable_step(self._adapter, case_messages.search_of(request))
+                return protocol.stable_step_message(search_result)
             case "import":
                 return answered(self._adapter.name, request)
-            case "lap" if self._watch is not None:
-                return {"outcome": "ok", "cpu_s": self._watch.lap()}
+            case "lap" if self._stopwatch is not None:
+                return {"outcome": "ok", "cpu_s": self._stopwatch.lap()}
             case unknown:
                 raise protocol.ProtocolError(f"unexpected request {unknown!r}")
 
     def close(self) -> None:
         """Free the prepared case."""
-        if self._watch is not None:
-            watch, self._watch = self._watch, None
-            watch.close()
+        if self._stopwatch is not None:
+            running, self._stopwatch = self._stopwatch, None
+            running.close()
 
 
 def _failed(request: Message, error: BaseException) -> Message:
-    return {"id": request.get("id"), **protocol.answer_message(Answer("failed", _words(error)))}
+    return {"id": request.get("id"), **protocol.answer_message(Answer("failed", _error_text(error)))}
 
 
-def _words(error: BaseException) -> str:
+def _error_text(error: BaseException) -> str:
     try:
-        return protocol.shown(f"{type(error).__name__}: {error}")
+        return protocol.one_line(f"{type(error).__name__}: {error}")
     except Exception:  # noqa: BLE001 - __str__ of an exception may raise
         return type(error).__name__
 
@@ -108,27 +108,27 @@ def main() -> None:
         loaded = Loaded(adapter, handed_over=handed)
         announcement = protocol.announcement(adapter, loaded.build)
     except BodycheckError as error:
-        _say(answers, {"bodycheck": protocol.VERSION, "engine": engine, "unavailable": str(error)})
+        _send(answers, {"bodycheck": protocol.VERSION, "engine": engine, "unavailable": str(error)})
         return
-    _say(answers, announcement)
-    desk = RequestHandler(adapter)
+    _send(answers, announcement)
+    handler = RequestHandler(adapter)
     for line in requests:
-        _answer(answers, desk, loaded, line)
+        _answer(answers, handler, loaded, line)
 
 
-def _answer(answers: BinaryIO, desk: RequestHandler, loaded: Loaded, line: bytes) -> None:
+def _answer(answers: BinaryIO, handler: RequestHandler, loaded: Loaded, line: bytes) -> None:
     request: Message = {}
     try:
         request = protocol.message_of(line)
-        answer = desk.answer(request)
+        answer = handler.answer(request)
         if build := loaded.later():
             answer |= protocol.build_message(build)
-        _say(answers, answer)
+        _send(answers, answer)
     except protocol.ProtocolError as error:
-        _say(answers, _failed(request, error))
+        _send(answers, _failed(request, error))
 
 
-def _say(answers: BinaryIO, message: Message) -> None:
+def _send(answers: BinaryIO, message: Message) -> None:
     line = protocol.line_of(message)
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):  # the engine may have closed it
@@ -171,7 +171,7 @@ def _handed_over(line: bytes) -> Adapter:
             _import(module, file)
         adapter: Adapter = pickle.loads(base64.b64decode(message["adapter"]))
     except Exception as error:  # noqa: BLE001 - a user's module may raise anything
-        raise UnavailableError(f"{module} cannot be imported by a worker: {_words(error)}") from None
+        raise UnavailableError(f"{module} cannot be imported by a worker: {_error_text(error)}") from None
     return adapter
 
 

@@ -22,11 +22,11 @@ from bodycheck.adapters.workers.protocol import Message
 
 _START_S = 120.0  # time limit for an engine to be imported and announced
 _LAST_OUTPUT = 4096  # bytes of the engine's last output that are stored
-_SHOWN_OUTPUT = 400  # characters of it in a message
+_MAX_OUTPUT = 400  # characters of it in a message
 _PIECE = 1 << 20
-_DYING_S = 5.0
+_EXIT_WAIT_S = 5.0
 _LONGEST_WAIT_S = 3600.0  # per select, because selectors limit their timeout
-_LEAST_MEMORY = 2 << 30
+_MIN_MEMORY = 2 << 30
 
 
 class WorkerProcess:
@@ -75,7 +75,7 @@ class WorkerProcess:
         self._pipes: list[Any] = [process.stdin, process.stdout, process.stderr]
         for pipe in self._pipes:
             os.set_blocking(pipe.fileno(), False)
-        self._unread, self._last_output, self._asked = bytearray(), b"", 0
+        self._unread, self._last_output, self._request_id = bytearray(), b"", 0
         self._first_line, self._open = first_line, True
 
     @cached_property
@@ -86,12 +86,12 @@ class WorkerProcess:
         """
         message = self._exchange(self._first_line, _START_S, protocol.LONGEST_ANNOUNCEMENT)
         if message.get("bodycheck") != protocol.VERSION:
-            told = protocol.shown(repr(message.get("bodycheck")))
-            raise WorkerLostError(f"the worker uses another protocol version: {told}")
+            received = protocol.one_line(repr(message.get("bodycheck")))
+            raise WorkerLostError(f"the worker uses another protocol version: {received}")
         if "unavailable" in message:
-            raise UnavailableError(protocol.shown(protocol.text_of(message, "unavailable")))
+            raise UnavailableError(protocol.one_line(protocol.text_of(message, "unavailable")))
         try:
-            engine, self._takes = protocol.engine_of(message)
+            engine, self._max_request = protocol.engine_of(message)
         except protocol.ProtocolError as error:
             raise WorkerLostError(str(error)) from None
         return engine
@@ -99,15 +99,18 @@ class WorkerProcess:
     def ask(self, request: Message, timeout_s: float) -> Message:
         """Return the answer to a request; raises UnavailableError or WorkerLostError if there is none."""
         self.engine  # noqa: B018 - wait for the announcement first
-        self._asked += 1
+        self._request_id += 1
         self._last_output = b""
-        line = protocol.line_of({"id": self._asked, **request})
-        if len(line) > self._takes:
-            return {"outcome": "failed", "message": f"a request of {len(line)} bytes (limit: {self._takes})"}
+        line = protocol.line_of({"id": self._request_id, **request})
+        if len(line) > self._max_request:
+            return {
+                "outcome": "failed",
+                "message": f"a request of {len(line)} bytes (limit: {self._max_request})",
+            }
         answer = self._exchange(line, timeout_s, protocol.answer_limit_of(request))
-        if answer.get("id") != self._asked:
-            told = protocol.shown(repr(answer.get("id")))
-            raise WorkerLostError(f"the worker answered request {told}, not {self._asked}")
+        if answer.get("id") != self._request_id:
+            received = protocol.one_line(repr(answer.get("id")))
+            raise WorkerLostError(f"the worker answered request {received}, not {self._request_id}")
         answer.setdefault("build", self.engine.build.id)
         if answer.get("outcome") == "failed":
             answer["message"] = self._with_output(protocol.text_of(answer, "message"))
@@ -131,38 +134,38 @@ class WorkerProcess:
         with suppress(ProcessLookupError):
             os.killpg(self.pid, signal.SIGKILL)
 
-    def _exchange(self, sent: bytes, timeout_s: float, most: int) -> Message:
-        """Send a line, and wait for one line of at most `most` bytes.
+    def _exchange(self, sent: bytes, timeout_s: float, max_bytes: int) -> Message:
+        """Send a line, and wait for one line of at most `max_bytes` bytes.
 
         Meanwhile read what the engine prints, because a full pipe would block it.
         """
-        to_worker, answers, chatter = (pipe.fileno() for pipe in self._pipes)
+        to_worker, answers, output = (pipe.fileno() for pipe in self._pipes)
         end = time.monotonic() + timeout_s
-        with selectors.DefaultSelector() as waiting:
-            for source in (answers, chatter, self._ending):
+        with selectors.DefaultSelector() as selector:
+            for source in (answers, output, self._ending):
                 if source is not None:
-                    waiting.register(source, selectors.EVENT_READ)
+                    selector.register(source, selectors.EVENT_READ)
             unsent = memoryview(sent)
             if unsent:
-                waiting.register(to_worker, selectors.EVENT_WRITE)
+                selector.register(to_worker, selectors.EVENT_WRITE)
             while not self._unread.endswith(b"\n"):
                 left = end - time.monotonic()
                 if left <= 0.0:
                     late = self._with_output(f"no answer within {timeout_s:g} s")
                     raise WorkerLostError(late, timed_out=True)
-                ready = {key.fd for key, _ in waiting.select(min(left, _LONGEST_WAIT_S))}
+                ready = {key.fd for key, _ in selector.select(min(left, _LONGEST_WAIT_S))}
                 if to_worker in ready:
                     unsent = self._left_of(unsent, to_worker)
                     if not unsent:
-                        waiting.unregister(to_worker)
-                if chatter in ready and not self._heard():
-                    waiting.unregister(chatter)
+                        selector.unregister(to_worker)
+                if output in ready and not self._read_output():
+                    selector.unregister(output)
                 if answers in ready:
-                    self._received(answers, most)
+                    self._read_answer(answers, max_bytes)
                 elif self._ending in ready:
-                    raise self._death()
+                    raise self._end_error()
         line, self._unread = bytes(self._unread), bytearray()
-        self._heard()  # output printed before the answer
+        self._read_output()  # output printed before the answer
         try:
             return protocol.message_of(line)
         except protocol.ProtocolError as error:
@@ -177,7 +180,7 @@ class WorkerProcess:
         except BrokenPipeError:
             return data[:0]  # the end of its output will show how it died
 
-    def _heard(self) -> bool:
+    def _read_output(self) -> bool:
         """Store the end of what the engine prints; return False once its output has ended."""
         try:
             piece = os.read(self._pipes[2].fileno(), _PIECE)
@@ -186,33 +189,33 @@ class WorkerProcess:
         self._last_output = (self._last_output + piece)[-_LAST_OUTPUT:]
         return bool(piece)
 
-    def _received(self, fd: int, most: int) -> None:
+    def _read_answer(self, fd: int, max_bytes: int) -> None:
         piece = os.read(fd, _PIECE)
         if not piece:
-            raise self._death()
-        if len(self._unread) + len(piece) > most:
-            raise WorkerLostError(f"an answer of more than {most} bytes")
+            raise self._end_error()
+        if len(self._unread) + len(piece) > max_bytes:
+            raise WorkerLostError(f"an answer of more than {max_bytes} bytes")
         self._unread += piece
 
-    def _death(self) -> WorkerLostError:
+    def _end_error(self) -> WorkerLostError:
         """Return an error that says how the worker ended."""
         try:
-            code = self._process.wait(_DYING_S)
+            code = self._process.wait(_EXIT_WAIT_S)
         except subprocess.TimeoutExpired:
             return WorkerLostError(self._with_output("the worker closed its output and kept running"))
         self.kill()  # processes that it left behind, which could keep printing
-        self._heard()
+        self._read_output()
         if code < 0:
             how = f"the worker was killed by {signal.Signals(-code).name}"
             return WorkerLostError(self._with_output(how), killed=-code == signal.SIGKILL)
         return WorkerLostError(self._with_output(f"the worker exited with status {code}"))
 
     def _with_output(self, message: str) -> str:
-        shown = protocol.shown(self._last_output.decode("utf-8", "replace"))[-_SHOWN_OUTPUT:]
-        return f"{message}; its last output: {shown}" if shown else message
+        text = protocol.one_line(self._last_output.decode("utf-8", "replace"))[-_MAX_OUTPUT:]
+        return f"{message}; its last output: {text}" if text else message
 
 
 def _memory_bytes() -> int:
     """Return the memory limit of a worker: half of the machine's memory over the number of cores."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    return max(memory // (2 * (os.cpu_count() or 1)), _LEAST_MEMORY)
+    return max(memory // (2 * (os.cpu_count() or 1)), _MIN_MEMORY)

@@ -11,7 +11,7 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.closed_forms.flight import DecayingMotion
 from bodycheck.reference_impl.closed_forms.piecewise_constant_loads import Loads
-from bodycheck.reference_impl.free_rotation.principal_state import turned
+from bodycheck.reference_impl.free_rotation.principal_state import phase_sine_cosine
 from bodycheck.reference_impl.free_rotation.set_up import unit
 from bodycheck.reference_impl.free_rotation.tumbling_constants import FOUR_PI
 from bodycheck.reference_impl.kernels import double_double as dd
@@ -73,7 +73,7 @@ def swing(amplitude: DoubleDouble, rate: float, phase: float, t: float) -> tuple
     return dd.multiply(dd.multiply(gained, (t, 0.0)), angle), dd.multiply(gained, w)
 
 
-_MOST_RADIANS = 2.0**50  # in all: beyond it, 106 bits no longer resolve the angle to 4e-15
+_MAX_RADIANS = 2.0**50  # in all: beyond it, 106 bits no longer resolve the angle to 4e-15
 
 
 @exact_kernel
@@ -89,11 +89,11 @@ def _add_swings(swings: Array, t_s: Array, angle: tuple[Array, Array], rate: tup
 
 
 @exact_kernel
-def _turn(start: Quat, axis: Vec, angle: tuple[Array, Array], quaternion: Array) -> None:
+def _rotate(start: Quat, axis: Vec, angle: tuple[Array, Array], quaternion: Array) -> None:
     """Fill quaternion (n, 4) with start exp(axis angle / 2), angle (n,) in high and low parts."""
     for i in range(len(quaternion)):
         turns = dd.divide((angle[0][i], angle[1][i]), FOUR_PI)
-        s, c = turned(turns, dd.ONE, 0.0)
+        s, c = phase_sine_cosine(turns, dd.ONE, 0.0)
         q = unit(quaternion_times(start, (c, s * axis[0], s * axis[1], s * axis[2])))
         for j in range(4):
             quaternion[i, j] = q[j]
@@ -183,11 +183,11 @@ class FixedAxisRotation:
         """
         angle, rate = self._angles_and_rates(t_s)
         phases = np.max(np.abs(self._swings[:, 2]), initial=0.0)
-        way = t_s * (self.largest_rate(t_s) + np.abs(rate[0]) + phases)
-        for t in t_s[~(way < _MOST_RADIANS)]:
-            raise ValueError(f"the body rotates by more than {_MOST_RADIANS:.0e} rad by t = {float(t)!r} s")
+        path_angle = t_s * (self.largest_rate(t_s) + np.abs(rate[0]) + phases)
+        for t in t_s[~(path_angle < _MAX_RADIANS)]:
+            raise ValueError(f"the body rotates by more than {_MAX_RADIANS:.0e} rad by t = {float(t)!r} s")
         quaternion = np.empty((len(t_s), 4))
-        _turn(self._start, self._axis, angle, quaternion)
+        _rotate(self._start, self._axis, angle, quaternion)
         return quaternion, rate[0][:, None] * np.array(self._axis)
 
     def largest_rate(self, t_s: Array) -> Array:

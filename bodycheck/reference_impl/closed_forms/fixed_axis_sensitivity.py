@@ -22,7 +22,7 @@ from bodycheck.reference_impl.rotations import hat
 from bodycheck.reference_impl.scene import Scene
 
 _NODES = 1024  # evenly spaced, and as many again clustered at the start
-_MOST_TIMES = 4096  # times of a truth that are themselves nodes
+_MAX_TIMES = 4096  # times of a truth that are themselves nodes
 _SHORTEST = 1e-9  # of the whole: the first of the clustered nodes
 _TERMS = 12  # of the exponential series, for norms up to 1/4
 _LARGEST = 1e100  # limit of a departure: beyond it no digit is meaningful
@@ -34,19 +34,19 @@ def departures(scene: Scene, rotation: FixedAxisRotation, t_s: Array) -> Array:
     assert loads is not None
     nodes = _nodes(scene, t_s)
     steps = _steps(scene, loads, rotation, nodes)
-    reached = np.empty((len(nodes), 6, 6))
-    reached[0] = np.eye(6)
+    propagated = np.empty((len(nodes), 6, 6))
+    propagated[0] = np.eye(6)
     for k, step in enumerate(steps):
-        reached[k + 1] = np.clip(step @ reached[k], -_LARGEST, _LARGEST)
-    return reached[np.searchsorted(nodes, t_s)]
+        propagated[k + 1] = np.clip(step @ propagated[k], -_LARGEST, _LARGEST)
+    return propagated[np.searchsorted(nodes, t_s)]
 
 
 def _nodes(scene: Scene, t_s: Array) -> Array:
     """Return ascending times from 0 to the last of t_s (n,), including the switches."""
     end = float(t_s[-1]) if len(t_s) else 0.0
-    crowding = np.geomspace(_SHORTEST, 1.0, _NODES)
-    own = t_s if len(t_s) <= _MOST_TIMES else t_s[-1:]
-    grid = [[0.0], own, scene.switches_before(end), end * crowding, end * np.linspace(0.0, 1.0, _NODES)]
+    graded = np.geomspace(_SHORTEST, 1.0, _NODES)
+    own = t_s if len(t_s) <= _MAX_TIMES else t_s[-1:]
+    grid = [[0.0], own, scene.switches_before(end), end * graded, end * np.linspace(0.0, 1.0, _NODES)]
     nodes = np.unique(np.concatenate([np.asarray(part, dtype=np.float64) for part in grid]))
     return nodes[nodes <= end]
 
@@ -56,24 +56,24 @@ def _steps(scene: Scene, loads: Loads, rotation: FixedAxisRotation, nodes: Array
     axis, inertia = rotation.axis, scene.body.inertia
     inverse = np.linalg.inv(inertia)
     half = 0.5 * np.diff(rotation.angle(nodes))
-    turned = np.zeros((len(half), 6, 6))
-    turned[:, :3, :3] = _swept(inverse @ (hat(inertia @ axis) - hat(axis) @ inertia), half)
-    turned[:, 3:, 3:] = _swept(-hat(axis), half)
+    half_rotation = np.zeros((len(half), 6, 6))
+    half_rotation[:, :3, :3] = _swept(inverse @ (hat(inertia @ axis) - hat(axis) @ inertia), half)
+    half_rotation[:, 3:, 3:] = _swept(-hat(axis), half)
     rate = np.zeros((len(half), 6, 6))
     drag = np.array(loads.angular_drag, dtype=np.float64).reshape(3, 3)
     rate[:, :3, :3] = -inverse @ drag
     rate[:, :3, 3:] = _world_torques(scene, loads, axis, nodes)[:, None, None] * (inverse @ hat(axis))
     rate[:, 3:, :3] = np.eye(3)
-    drifted = _exponential(np.diff(nodes)[:, None, None] * rate)
-    return np.asarray(turned @ drifted @ turned)
+    linear_flow = _exponential(np.diff(nodes)[:, None, None] * rate)
+    return np.asarray(half_rotation @ linear_flow @ half_rotation)
 
 
 def _world_torques(scene: Scene, loads: Loads, axis: Array, nodes: Array) -> Array:
     """Return the mean torque about the axis between nodes (n - 1,), of loads in world axes, N m."""
     in_world = scene.initial.rotation @ axis
-    begins = np.array([piece.begin_s for piece in loads.pieces])
-    held = np.array([piece.torque_world for piece in loads.pieces], dtype=np.float64) @ in_world
-    means = held[np.searchsorted(begins, nodes[:-1], side="right") - 1]
+    starts = np.array([piece.begin_s for piece in loads.pieces])
+    torques = np.array([piece.torque_world for piece in loads.pieces], dtype=np.float64) @ in_world
+    means = torques[np.searchsorted(starts, nodes[:-1], side="right") - 1]
     for sine in loads.sines:
         if sine.axes == "world":
             phase = sine.rate * nodes + sine.phase

@@ -70,40 +70,40 @@ def _advanced(
     """x + t (v m1 + a t m2) and v e^-ct + a t m1, with the means m1, m2 of the decay e^-ct."""
     decayed, mean1, mean2 = means
     gained = dd.multiply(a, t)
-    way = dd.multiply(t, dd.add(dd.multiply(v, mean1), dd.multiply(gained, mean2)))
-    return dd.add(x, way), dd.add(dd.multiply(v, decayed), dd.multiply(gained, mean1))
+    displacement = dd.multiply(t, dd.add(dd.multiply(v, mean1), dd.multiply(gained, mean2)))
+    return dd.add(x, displacement), dd.add(dd.multiply(v, decayed), dd.multiply(gained, mean1))
 
 
 @exact_kernel
 def _move(
-    state: Array, acceleration: Array, decay: DoubleDouble, begin: float, end: float, goal: Array
+    state: Array, acceleration: Array, decay: DoubleDouble, begin: float, end: float, target: Array
 ) -> None:
-    """Advance a state (2, k, 2), high and low parts of x and v, under acceleration (k, 2) into goal."""
+    """Advance a state (2, k, 2), high and low parts of x and v, under acceleration (k, 2) into target."""
     t = dd.two_sum(end, -begin)
     means = decay_means(dd.multiply(decay, t))
     for j in range(len(acceleration)):
         a = (acceleration[j, 0], acceleration[j, 1])
         x, v = (state[0, j, 0], state[0, j, 1]), (state[1, j, 0], state[1, j, 1])
         x, v = _advanced(x, v, a, t, means)
-        goal[0, j, 0], goal[0, j, 1] = x
-        goal[1, j, 0], goal[1, j, 1] = v
+        target[0, j, 0], target[0, j, 1] = x
+        target[1, j, 0], target[1, j, 1] = v
 
 
 @exact_kernel
-def _follow_switches(begins: Array, accelerations: Array, decay: DoubleDouble, states: Array) -> None:
+def _follow_switches(starts: Array, accelerations: Array, decay: DoubleDouble, states: Array) -> None:
     """Fill the states (p, 2, k, 2) at the beginnings of the pieces (p,), given the first state."""
-    for i in range(len(begins) - 1):
-        _move(states[i], accelerations[i], decay, begins[i], begins[i + 1], states[i + 1])
+    for i in range(len(starts) - 1):
+        _move(states[i], accelerations[i], decay, starts[i], starts[i + 1], states[i + 1])
 
 
 @exact_kernel
 def _follow(
-    begins: Array, accelerations: Array, decay: DoubleDouble, states: Array, t_s: Array, out: Array
+    starts: Array, accelerations: Array, decay: DoubleDouble, states: Array, t_s: Array, out: Array
 ) -> None:
     """Fill out (n, 2, k, 2) with the states at the times t_s (n,) >= 0."""
     for i in range(len(t_s)):
-        piece = np.searchsorted(begins, t_s[i], side="right") - 1
-        _move(states[piece], accelerations[piece], decay, begins[piece], t_s[i], out[i])
+        piece = np.searchsorted(starts, t_s[i], side="right") - 1
+        _move(states[piece], accelerations[piece], decay, starts[piece], t_s[i], out[i])
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +113,7 @@ class DecayingMotion:
     Errors are some 2^-100 of the largest terms: for doubles, only the rounding of the results remains.
     """
 
-    _begins: Array
+    _starts: Array
     _accelerations: Array
     _decay: DoubleDouble
     _states: Array
@@ -127,12 +127,12 @@ class DecayingMotion:
         decay: DoubleDouble,
     ) -> DecayingMotion:
         """Set up from x and v at t = 0 and (begin, acceleration) of each piece; the first begins at 0."""
-        begins = np.array([begin for begin, _ in pieces])
+        starts = np.array([begin for begin, _ in pieces])
         accelerations = np.array([acceleration for _, acceleration in pieces], dtype=np.float64)
         states = np.empty((len(pieces), 2, len(x), 2))
         states[0] = x, v
-        _follow_switches(begins, accelerations, decay, states)
-        return cls(begins, accelerations, decay, states)
+        _follow_switches(starts, accelerations, decay, states)
+        return cls(starts, accelerations, decay, states)
 
     @property
     def largest_rate(self) -> float:
@@ -150,12 +150,12 @@ class DecayingMotion:
 
     @property
     def _share(self) -> float:
-        return len(self._begins) * 2.0**-96
+        return len(self._starts) * 2.0**-96
 
     def at(self, t_s: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         """Return x and v, each as high (n, k) and low (n, k) parts, at times t_s >= 0 (n,)."""
         out = np.empty((len(t_s), *self._states.shape[1:]))
-        _follow(self._begins, self._accelerations, self._decay, self._states, t_s, out)
+        _follow(self._starts, self._accelerations, self._decay, self._states, t_s, out)
         return (out[:, 0, :, 0], out[:, 0, :, 1]), (out[:, 1, :, 0], out[:, 1, :, 1])
 
 

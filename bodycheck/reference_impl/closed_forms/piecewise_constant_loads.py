@@ -12,8 +12,8 @@ from itertools import pairwise
 from math import inf
 
 from bodycheck.reference_impl.rational import Vector, added, cross, fractions
-from bodycheck.reference_impl.scene import Drag, PointForce, Scene, SineTorque, Timed, Torque
-from bodycheck.reference_impl.wrench import held_between
+from bodycheck.reference_impl.scene import ConstantLoad, Drag, PointForce, Scene, SineTorque, Torque
+from bodycheck.reference_impl.wrench import constant_loads_between
 
 
 @dataclass(frozen=True)
@@ -52,10 +52,10 @@ class Loads:
 def loads_of(scene: Scene) -> Loads | None:
     """Sum the loads, or return None where one has no closed form: a pivot, springs, the gravity gradient."""
     if scene.pivot is not None or not all(
-        isinstance(load, SineTorque | Drag) for load in scene.lasting_loads
+        isinstance(load, SineTorque | Drag) for load in scene.continuous_loads
     ):
         return None
-    drags = [load for load in scene.lasting_loads if isinstance(load, Drag)]
+    drags = [load for load in scene.continuous_loads if isinstance(load, Drag)]
     angular = [Fraction(0)] * 9
     for drag in drags:
         angular = added(angular, fractions(drag.angular))
@@ -64,12 +64,12 @@ def loads_of(scene: Scene) -> Loads | None:
         [_piece(scene, begin, end) for begin, end in pairwise(dict.fromkeys(edges))],
         sum((Fraction(drag.linear) for drag in drags), Fraction(0)),
         angular,
-        [load for load in scene.lasting_loads if isinstance(load, SineTorque) and load.amplitude.any()],
+        [load for load in scene.continuous_loads if isinstance(load, SineTorque) and load.amplitude.any()],
     )
 
 
 def _piece(scene: Scene, begin: float, end: float) -> Piece:
-    acting = held_between(scene, begin, end)
+    acting = constant_loads_between(scene, begin, end)
     weight = [Fraction(scene.body.mass) * g for g in fractions(scene.gravity)]
     forces = [load for load in acting if isinstance(load, PointForce)]
     world = [load for load in forces if load.axes == "world"]
@@ -86,7 +86,7 @@ def _piece(scene: Scene, begin: float, end: float) -> Piece:
     )
 
 
-def _torques(acting: Iterable[Timed], axes: str) -> list[Vector]:
+def _torques(acting: Iterable[ConstantLoad], axes: str) -> list[Vector]:
     return [fractions(load.value) for load in acting if isinstance(load, Torque) and load.axes == axes]
 
 

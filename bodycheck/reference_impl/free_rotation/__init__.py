@@ -13,7 +13,7 @@ time (lambda, Omega, K) are accurate to 106 bits, as are the moments, principal 
 floating point cannot tell on which side of the separatrix the body is, exact integer arithmetic decides.
 
 Start reading at `free_rotations`. A state passes through `set_up`, `tensor_axes`, `classification` and
-`tumbling_constants`; a time passes through `principal_state` and `theta_series`.
+`tumbling_constants`; a time passes through `principal_state`.
 
 Sources: Jacobi 1850, Sur la rotation d'un corps; Whittaker 1937, Analytical dynamics, par. 69-71; van Zon &
 Schofield 2007, Numerical implementation of the exact dynamics of free rigid bodies, J. Comput. Phys. 225.

@@ -14,7 +14,7 @@ from bodycheck.reference_impl.kernels.double_double import DoubleDouble
 from bodycheck.reference_impl.kernels.jit import exact_kernel
 
 _NEGLIGIBLE_BITS = 960  # as in set_up.py
-_KEPT_BITS = 120  # of an integer before it is rounded to a double-double
+_MAX_BITS = 120  # of an integer before it is rounded to a double-double
 
 
 class ExactState(NamedTuple):
@@ -66,8 +66,8 @@ class ExactState(NamedTuple):
         """Convert a symmetric inertia (9,) and omega + rest, (3,) each."""
         xx, xy, xz, _, yy, yz, _, _, zz = inertia.tolist()
         components, bits = _integers([Fraction(x) + Fraction(y) for x, y in zip(omega, rest, strict=True)])
-        kept = [n if n.bit_length() > bits - _NEGLIGIBLE_BITS else 0 for n in components]
-        return cls(*_integers([xx, xy, xz, yy, yz, zz]), kept, bits)
+        significant = [n if n.bit_length() > bits - _NEGLIGIBLE_BITS else 0 for n in components]
+        return cls(*_integers([xx, xy, xz, yy, yz, zz]), significant, bits)
 
 
 def _integers(values: Sequence[float | Fraction]) -> tuple[list[int], int]:
@@ -86,7 +86,7 @@ def _determinant(m: list[int]) -> int:
 
 def _double_double(n: int, exponent: int) -> DoubleDouble:
     """Round n 2^exponent to a relative 2^-106."""
-    shift = n.bit_length() - _KEPT_BITS
+    shift = n.bit_length() - _MAX_BITS
     if shift > 0:
         n, exponent = n >> shift, exponent + shift
     high = float(n)
@@ -102,9 +102,9 @@ def _even_exponent(n: int, exponent: int) -> tuple[DoubleDouble, int]:
 
 # Moments, gaps and omega are scaled to about 1; their errors are below 2^-125.
 _CERTAINLY_NOT_ZERO = 2.0**-100
-_LEAST_SHARE = 0.25  # of its terms: the least difference whose relative error stays some 2^-100
+_MIN_SHARE = 0.25  # of its terms: the least difference whose relative error stays some 2^-100
 _RESOLVED_SHARE = 2.0**-60  # of its terms: the least difference whose relative error stays some 2^-40
-_LEAST_PRODUCT = 2.0**-900  # above it, the low parts of products keep their bits
+_MIN_PRODUCT = 2.0**-900  # above it, the low parts of products keep their bits
 
 
 @exact_kernel
@@ -139,12 +139,12 @@ def separation_of(ascending: NumberedAxes) -> tuple[bool, Separation]:
     between = dd.subtract(plus, minus)
     descending = between[0] < 0.0
     size = dd.multiply(dd.multiply(d1, d3), (-between[0], -between[1]) if descending else between)
-    sure = (
-        abs(between[0]) >= _LEAST_SHARE * (plus[0] + minus[0])
-        and min(d1[0], d3[0], plus[0] + minus[0]) > _LEAST_PRODUCT
-        and size[0] > _LEAST_PRODUCT
+    certain = (
+        abs(between[0]) >= _MIN_SHARE * (plus[0] + minus[0])
+        and min(d1[0], d3[0], plus[0] + minus[0]) > _MIN_PRODUCT
+        and size[0] > _MIN_PRODUCT
     )
-    return sure, Separation(descending, size, 0)
+    return certain, Separation(descending, size, 0)
 
 
 @exact_kernel
@@ -154,4 +154,4 @@ def is_resolved(ascending: NumberedAxes) -> bool:
     gap21, _, gap32 = ascending.gaps
     plus, minus = _weighted_square(l3, gap32, i3), _weighted_square(l1, gap21, i1)
     total = plus[0] + minus[0]
-    return total > _LEAST_PRODUCT and abs(dd.subtract(plus, minus)[0]) >= _RESOLVED_SHARE * total
+    return total > _MIN_PRODUCT and abs(dd.subtract(plus, minus)[0]) >= _RESOLVED_SHARE * total

@@ -25,17 +25,17 @@ from bodycheck.reference_impl.free_rotation.packing import (
     steady_in,
     tumbling_in,
 )
-from bodycheck.reference_impl.free_rotation.principal_state import state_at, turned
+from bodycheck.reference_impl.free_rotation.principal_state import phase_sine_cosine, state_at
 from bodycheck.reference_impl.free_rotation.set_up import (
-    begin,
-    begin_steady,
     estimate_separations,
     frame_of,
     placed,
+    set_up_steady,
+    set_up_tumbling,
     unit,
 )
 from bodycheck.reference_impl.free_rotation.tensor_axes import Frame
-from bodycheck.reference_impl.free_rotation.tumbling_constants import numbered, tumble
+from bodycheck.reference_impl.free_rotation.tumbling_constants import numbered, tumbling_constants
 from bodycheck.reference_impl.kernels.jit import exact_kernel, long_exact_kernel
 from bodycheck.reference_impl.kernels.small_vectors import exact_quaternion_times as quaternion_times
 from bodycheck.reference_impl.kernels.small_vectors import exact_times as times
@@ -58,7 +58,7 @@ def _tumbling_at(tumbling: Tumbling, high: Array, low: Array, quaternion: Array,
 def _steady_at(motion: Steady, high: Array, low: Array, quaternion: Array, omega: Array) -> None:
     axis, frequency = motion.axis, motion.frequency
     for i in range(len(high)):
-        s, c = turned(motion.turn_rate, (frequency * high[i], frequency * low[i]), 0.0)
+        s, c = phase_sine_cosine(motion.turn_rate, (frequency * high[i], frequency * low[i]), 0.0)
         q = unit(quaternion_times(motion.quaternion, (c, s * axis[0], s * axis[1], s * axis[2])))
         for j in range(4):
             quaternion[i, j] = q[j]
@@ -107,40 +107,41 @@ class FreeRotations:
 
     @classmethod
     def from_checked(
-        cls, inertia: Array, quaternion: Array, omega: Array, rest: Array, *, rough: bool = False
+        cls, inertia: Array, quaternion: Array, omega: Array, rest: Array, *, approximate: bool = False
     ) -> FreeRotations:
         """Set up the motions from arrays already checked for shape and finiteness.
 
-        inertia (m, 3, 3), quaternion (m, 4), omega (m, 3); rest (m, 3): the low part of omega. rough: let
-        floating point determine the distance from the separatrix wherever it resolves it to 2^-40, without
-        exact integers. That is several times faster near the separatrix; the errors are then up to 1e-12.
+        inertia (m, 3, 3), quaternion (m, 4), omega (m, 3); rest (m, 3): the low part of omega. approximate:
+        let floating point determine the distance from the separatrix wherever it resolves it to 2^-40,
+        without exact integers. That is several times faster near the separatrix; the errors are then up to
+        1e-12.
         """
         if not quaternion.any(axis=1).all():
             raise ValueError(f"quaternion must not be zero, got {[0.0] * 4}")
         tensors = _symmetric(inertia).reshape(-1, 9)
         m = len(tensors)
-        rows, doubtful = np.empty((m, WIDTH)), np.empty(m, dtype=np.bool_)
+        rows, undecided = np.empty((m, WIDTH)), np.empty(m, dtype=np.bool_)
         separations = np.zeros((m, 4))
-        if rough:
+        if approximate:
             estimate_separations(tensors, omega, rest, separations)
-        begin(tensors, quaternion, omega, rest, separations, rows, doubtful)
-        for k in np.flatnonzero(doubtful):
+        set_up_tumbling(tensors, quaternion, omega, rest, separations, rows, undecided)
+        for k in np.flatnonzero(undecided):
             state = ExactState.of(tensors[k], omega[k], rest[k])
             if not state.is_positive_definite:
                 raise ValueError(f"inertia must be positive definite, got {inertia[k].tolist()}")
             if state.is_steady:
-                begin_steady(quaternion[k], omega[k], rest[k], rows[k])
+                set_up_steady(quaternion[k], omega[k], rest[k], rows[k])
             else:
                 one, (descending, size, exponent) = slice(k, k + 1), state.separation
                 separations[k] = -1.0 if descending else 1.0, *size, exponent
-                begin(
+                set_up_tumbling(
                     tensors[one],
                     quaternion[one],
                     omega[one],
                     rest[one],
                     separations[one],
                     rows[one],
-                    doubtful[one],
+                    undecided[one],
                 )
         return cls(rows)
 
@@ -233,14 +234,14 @@ def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
 
 def _symmetric(tensors: Array) -> Array:
     """(A + A^T) / 2 of each (m, 3, 3)."""
-    turned = tensors.transpose(0, 2, 1)
-    if (tensors == turned).all():
+    transpose = tensors.transpose(0, 2, 1)
+    if (tensors == transpose).all():
         return tensors
-    gap, size = np.abs(tensors - turned).max(axis=(1, 2)), np.abs(tensors).max(axis=(1, 2))
+    gap, size = np.abs(tensors - transpose).max(axis=(1, 2)), np.abs(tensors).max(axis=(1, 2))
     skew = gap > _SYMMETRY_TOLERANCE * size
     if skew.any():
         raise ValueError(f"inertia must be symmetric, got {tensors[skew][0].tolist()}")
-    return 0.5 * tensors + 0.5 * turned
+    return 0.5 * tensors + 0.5 * transpose
 
 
 _INERTIA, _OMEGA, _QUATERNION = (
@@ -269,4 +270,4 @@ def compile_tumbling() -> None:
     is_certainly_tumbling(axes)
     _, separation = separation_of(axes)
     axes = numbered(frame, separation.descending)
-    put_tumbling(np.empty(WIDTH), placed(tumble(axes, separation), axes, _OMEGA, _QUATERNION))
+    put_tumbling(np.empty(WIDTH), placed(tumbling_constants(axes, separation), axes, _OMEGA, _QUATERNION))

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.elliptic import Quotients
-from bodycheck.reference_impl.free_rotation.principal_state import TumblingConstants
-from bodycheck.reference_impl.free_rotation.theta_series import CayleyKlein
+from bodycheck.reference_impl.free_rotation.principal_state import CayleyKlein, TumblingConstants
 from bodycheck.reference_impl.kernels.double_double import DoubleDouble
 from bodycheck.reference_impl.kernels.jit import exact_kernel, inlined_kernel
 from bodycheck.reference_impl.kernels.small_vectors import Mat, Quat, Vec, matrix_at
@@ -45,7 +44,7 @@ HORIZON = 2
 """Time in s in which the common phase makes 2^50 turns or the body-frame momentum 2^50 half periods."""
 _KIND, _FREQUENCY, _TURN_RATE = 0, 3, 4
 _STEADY, _TUMBLING = 1.0, 2.0
-_MOST_TURNS = 2.0**50
+_MAX_TURNS = 2.0**50
 
 
 @inlined_kernel
@@ -78,7 +77,7 @@ def put_steady(row: Array, motion: Steady) -> None:
     """Write a steady motion into a row."""
     turn_rate = motion.turn_rate[0]
     row[_KIND], row[_FREQUENCY], row[QUARTER_PERIOD] = _STEADY, motion.frequency, math.inf
-    row[HORIZON] = _MOST_TURNS / turn_rate / motion.frequency if turn_rate > 0.0 else math.inf
+    row[HORIZON] = _MAX_TURNS / turn_rate / motion.frequency if turn_rate > 0.0 else math.inf
     _put_pair(row, _TURN_RATE, motion.turn_rate)
     _put_vector(row, 6, motion.axis)
     _put_four(row, 9, motion.quaternion)
@@ -110,7 +109,7 @@ def put_tumbling(row: Array, tumbling: Tumbling) -> None:
     half_period_rate = 0.5 * motion.rate[0] / f.quarter_period[0]
     row[_KIND], row[_FREQUENCY] = _TUMBLING, tumbling.frequency
     row[QUARTER_PERIOD] = f.quarter_period[0] / motion.rate[0] / tumbling.frequency
-    row[HORIZON] = _MOST_TURNS / max(abs(motion.turn_rate[0]), half_period_rate) / tumbling.frequency
+    row[HORIZON] = _MAX_TURNS / max(abs(motion.turn_rate[0]), half_period_rate) / tumbling.frequency
     _put_pair(row, _TURN_RATE, motion.turn_rate)
     _put_pair(row, 6, motion.rate)
     _put_pair(row, 8, motion.start)

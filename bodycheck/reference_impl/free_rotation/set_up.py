@@ -21,7 +21,7 @@ from bodycheck.reference_impl.free_rotation.tumbling_constants import (
     Separation,
     hypotenuse,
     numbered,
-    tumble,
+    tumbling_constants,
 )
 from bodycheck.reference_impl.kernels import double_double as dd
 from bodycheck.reference_impl.kernels import small_vectors
@@ -111,7 +111,7 @@ def placed(motion: TumblingConstants, axes: NumberedAxes, omega: Array, quaterni
 
 @long_exact_kernel
 def estimate_separations(inertia: Array, omega: Array, rest: Array, separations: Array) -> None:
-    """Fill separations (m, 4), as `begin` takes them, where floating point resolves them to 2^-40."""
+    """Fill separations (m, 4), as `set_up_tumbling` takes them, where floating point resolves 2^-40."""
     for k in range(len(separations)):
         axes = numbered(frame_of(inertia[k], omega[k], rest[k]), False)
         if is_certainly_tumbling(axes) and is_resolved(axes):
@@ -122,16 +122,16 @@ def estimate_separations(inertia: Array, omega: Array, rest: Array, separations:
 
 
 @long_exact_kernel
-def begin(
+def set_up_tumbling(
     inertia: Array,
     quaternion: Array,
     omega: Array,
     rest: Array,
     separations: Array,
     rows: Array,
-    doubtful: Array,
+    undecided: Array,
 ) -> None:
-    """Fill the rows (m, WIDTH) of the bodies that certainly tumble, and mark doubtful ones in doubtful (m,).
+    """Fill the rows (m, WIDTH) of the bodies that certainly tumble, and mark the others in undecided (m,).
 
     inertia (m, 9), symmetric; quaternion (m, 4), not zero; omega (m, 3), body axes; rest (m, 3): the low part
     of omega. separations (m, 4): side, size, low part of the size, exponent; for a side of 0, floating point
@@ -146,18 +146,18 @@ def begin(
             separations[k, 2],
             separations[k, 3],
         )
-        sure, separation = True, Separation(side < 0.0, (high, low), int(exponent))
+        certain, separation = True, Separation(side < 0.0, (high, low), int(exponent))
         if side == 0.0:
-            sure, separation = separation_of(axes)
-            sure = sure and is_certainly_tumbling(axes)
-        doubtful[k] = not sure
-        if sure:
+            certain, separation = separation_of(axes)
+            certain = certain and is_certainly_tumbling(axes)
+        undecided[k] = not certain
+        if certain:
             axes = numbered(frame, separation.descending)
-            put_tumbling(rows[k], placed(tumble(axes, separation), axes, omega[k], quaternion[k]))
+            put_tumbling(rows[k], placed(tumbling_constants(axes, separation), axes, omega[k], quaternion[k]))
 
 
 @exact_kernel
-def begin_steady(quaternion: Array, omega: Array, rest: Array, row: Array) -> None:
+def set_up_steady(quaternion: Array, omega: Array, rest: Array, row: Array) -> None:
     """Fill one row with a rotation about a fixed axis, or with rest if omega = 0; omega + rest, (3,) each."""
     x, y, z = vector_at(_scaled(omega), 0)
     a, b, c = _scaled_rest(omega, rest)

@@ -63,8 +63,10 @@ def put_product(terms: Array, i: int, a: float, b: float) -> None:
 
 Triple: TypeAlias = tuple[DoubleDouble, DoubleDouble, DoubleDouble]
 
-_TURN_BITS = 25  # of the turn's quaternion: the elements of its matrix are sums of products, of 52 bits
-_SETTLED = 2.0**-158  # of the largest moment: smaller off-diagonal elements count as zero
+_ROTATION_BITS = (
+    25  # of the rotation's quaternion: the elements of its matrix are sums of products, of 52 bits
+)
+_NEGLIGIBLE = 2.0**-158  # of the largest moment: smaller off-diagonal elements count as zero
 _SWEEPS = 6  # from 2^-25: 2^-50, 2^-100, and one more; equal moments take another
 
 
@@ -96,12 +98,12 @@ def quaternion_of(m: Mat) -> Quat:
 
 
 @exact_kernel
-def _short_turn(inertia: Mat) -> tuple[Mat, float]:
+def _short_rotation(inertia: Mat) -> tuple[Mat, float]:
     """Return (|q|^2 R(q), |q|^2), without rounding, for a rotation q within 2^-25 of the principal axes."""
     q = quaternion_of(principal_frame(inertia)[1])
     size = max(abs(q[0]), abs(q[1]), abs(q[2]), abs(q[3]))
-    grid = math.ldexp(1.0, math.frexp(size)[1] - _TURN_BITS)
-    back = math.ldexp(1.0, 1 - _TURN_BITS)
+    grid = math.ldexp(1.0, math.frexp(size)[1] - _ROTATION_BITS)
+    back = math.ldexp(1.0, 1 - _ROTATION_BITS)
     w, x, y, z = (
         np.rint(q[0] / grid) * back,
         np.rint(q[1] / grid) * back,
@@ -109,7 +111,7 @@ def _short_turn(inertia: Mat) -> tuple[Mat, float]:
         np.rint(q[3] / grid) * back,
     )
     ww, xx, yy, zz = w * w, x * x, y * y, z * z
-    turn = (
+    rotation = (
         ww + xx - yy - zz,
         2.0 * (x * y - w * z),
         2.0 * (x * z + w * y),
@@ -120,30 +122,30 @@ def _short_turn(inertia: Mat) -> tuple[Mat, float]:
         2.0 * (y * z + w * x),
         ww - xx - yy + zz,
     )
-    return turn, ww + xx + yy + zz
+    return rotation, ww + xx + yy + zz
 
 
 @exact_kernel
-def _congruence(inertia: Mat, turn: Mat, i: int, j: int) -> Split:
-    """(turn^T inertia turn)_ij."""
+def _congruence(inertia: Mat, rotation: Mat, i: int, j: int) -> Split:
+    """(rotation^T inertia rotation)_ij."""
     row, terms = np.empty(6), np.empty(18)
     for k in range(3):
         for n in range(3):
-            put_product(row, 2 * n, inertia[3 * k + n], turn[3 * n + j])
+            put_product(row, 2 * n, inertia[3 * k + n], rotation[3 * n + j])
         base, rest = summed(row)
-        put_product(terms, 6 * k, turn[3 * k + i], base)
-        put_product(terms, 6 * k + 2, turn[3 * k + i], rest[0])
-        put_product(terms, 6 * k + 4, turn[3 * k + i], rest[1])
+        put_product(terms, 6 * k, rotation[3 * k + i], base)
+        put_product(terms, 6 * k + 2, rotation[3 * k + i], rest[0])
+        put_product(terms, 6 * k + 4, rotation[3 * k + i], rest[1])
     return summed(terms)
 
 
 @exact_kernel
-def _turned(turn: Mat, omega: Vec, rest: Vec, i: int) -> DoubleDouble:
-    """(turn^T (omega + rest))_i."""
+def _rotated_component(rotation: Mat, omega: Vec, rest: Vec, i: int) -> DoubleDouble:
+    """(rotation^T (omega + rest))_i."""
     terms = np.empty(12)
     for k in range(3):
-        put_product(terms, 4 * k, turn[3 * k + i], omega[k])
-        put_product(terms, 4 * k + 2, turn[3 * k + i], rest[k])
+        put_product(terms, 4 * k, rotation[3 * k + i], omega[k])
+        put_product(terms, 4 * k + 2, rotation[3 * k + i], rest[k])
     return rounded(summed(terms))
 
 
@@ -188,16 +190,16 @@ def _rotate_pairs(c: DoubleDouble, s: DoubleDouble, x: Array, y: Array) -> None:
 def _nearly_diagonal(
     inertia: Mat, omega: Vec, rest: Vec, bases: Array, rests: Array, offs: Array, spin: Array, axes: Array
 ) -> None:
-    """Fill the work arrays of `principal` with the state after the short turn."""
-    turn, norm = _short_turn(inertia)
+    """Fill the work arrays of `principal` with the state after the short rotation."""
+    rotation, norm = _short_rotation(inertia)
     for i in range(3):
-        bases[i], remainder = divided(divided(_congruence(inertia, turn, i, i), norm), norm)
+        bases[i], remainder = divided(divided(_congruence(inertia, rotation, i, i), norm), norm)
         _put(rests[i], remainder)
-        off = rounded(_congruence(inertia, turn, (i + 1) % 3, (i + 2) % 3))
+        off = rounded(_congruence(inertia, rotation, (i + 1) % 3, (i + 2) % 3))
         _put(offs[i], dd.divide(dd.divide(off, (norm, 0.0)), (norm, 0.0)))
-        _put(spin[i], dd.divide(_turned(turn, omega, rest, i), (norm, 0.0)))
+        _put(spin[i], dd.divide(_rotated_component(rotation, omega, rest, i), (norm, 0.0)))
         for k in range(3):
-            _put(axes[i, k], dd.divide((turn[3 * k + i], 0.0), (norm, 0.0)))
+            _put(axes[i, k], dd.divide((rotation[3 * k + i], 0.0), (norm, 0.0)))
 
 
 @exact_kernel
@@ -208,9 +210,9 @@ def _rotate_away(r: int, bases: Array, rests: Array, offs: Array, spin: Array, a
     tangent = _tangent(off, difference((bases[q], rest_q), (bases[p], rest_p)))
     c = dd.divide(dd.ONE, dd.square_root(dd.add(dd.ONE, dd.multiply(tangent, tangent))))
     s = dd.multiply(tangent, c)
-    moved = dd.multiply(tangent, off)
-    _put(rests[p], dd.subtract(rest_p, moved))
-    _put(rests[q], dd.add(rest_q, moved))
+    shift = dd.multiply(tangent, off)
+    _put(rests[p], dd.subtract(rest_p, shift))
+    _put(rests[q], dd.add(rest_q, shift))
     _put(offs[r], dd.ZERO)
     _rotate_pairs(c, s, offs[q], offs[p])  # the axis r is coupled to p by offs[q], to q by offs[p]
     _rotate_pairs(c, s, spin[p], spin[q])
@@ -244,10 +246,10 @@ def principal(inertia: Mat, omega: Vec, rest: Vec) -> Frame:
     bases, rests, offs = np.empty(3), np.empty((3, 2)), np.empty((3, 2))
     spin, axes = np.empty((3, 2)), np.empty((3, 3, 2))
     _nearly_diagonal(inertia, omega, rest, bases, rests, offs, spin, axes)
-    settled = _SETTLED * max(abs(bases[0]), abs(bases[1]), abs(bases[2]))
+    negligible = _NEGLIGIBLE * max(abs(bases[0]), abs(bases[1]), abs(bases[2]))
     for _ in range(_SWEEPS):
         for r in range(3):
-            if abs(offs[r, 0]) > settled:
+            if abs(offs[r, 0]) > negligible:
                 _rotate_away(r, bases, rests, offs, spin, axes)
     first, second, third = (
         (bases[0], _pair(rests[0])),

@@ -6,9 +6,8 @@ import math
 from typing import NamedTuple
 
 from bodycheck.reference_impl import elliptic
-from bodycheck.reference_impl.free_rotation.principal_state import TumblingConstants
+from bodycheck.reference_impl.free_rotation.principal_state import TumblingConstants, coefficients
 from bodycheck.reference_impl.free_rotation.tensor_axes import Frame, Triple
-from bodycheck.reference_impl.free_rotation.theta_series import coefficients
 from bodycheck.reference_impl.kernels import double_double as dd
 from bodycheck.reference_impl.kernels.double_double import DoubleDouble
 from bodycheck.reference_impl.kernels.jit import exact_kernel, inlined_kernel
@@ -139,11 +138,11 @@ def _mean_turn_rate(
     slow: DoubleDouble,
     fast: DoubleDouble,
     weight: DoubleDouble,
-    turning: DoubleDouble,
+    phase_change: DoubleDouble,
     kc: DoubleDouble,
     quarter_period: DoubleDouble,
 ) -> DoubleDouble:
-    """Omega / 4 pi, Omega = <precession> - turning / K.
+    """Omega / 4 pi, Omega = <precession> - phase_change / K.
 
     The precession, (fast A1^2 cn^2 + slow A2^2 sn^2) / (A1^2 cn^2 + A2^2 sn^2) with fast = G/I1, slow = G/I2
     and weight = (A2/A1)^2, is averaged over a half period; on the separatrix its mean is `slow`.
@@ -151,11 +150,11 @@ def _mean_turn_rate(
     if kc[0] == 0.0:
         return dd.divide(slow, FOUR_PI)
     total = elliptic.complete_integral(kc, weight, fast, dd.multiply(weight, slow))
-    return dd.divide(dd.subtract(total, turning), dd.multiply(quarter_period, FOUR_PI))
+    return dd.divide(dd.subtract(total, phase_change), dd.multiply(quarter_period, FOUR_PI))
 
 
 @exact_kernel
-def tumble(axes: NumberedAxes, separation: Separation) -> TumblingConstants:
+def tumbling_constants(axes: NumberedAxes, separation: Separation) -> TumblingConstants:
     """Set up the motion along the numbered axes by products, quotients and sums of numbers of one sign.
 
     With d1 = G^2 - 2E I1 = L2^2 (I2-I1)/I2 + L3^2 (I3-I1)/I3 and d3 = 2E I3 - G^2 likewise, up to sign:
@@ -179,9 +178,9 @@ def tumble(axes: NumberedAxes, separation: Separation) -> TumblingConstants:
     start = dd.scale(dd.multiply(sn, elliptic.carlson_rf_of_squares(cn, dn, dd.ONE)), side)
 
     weight = dd.divide(dd.multiply(i2, gap31), dd.multiply(i1, gap32))
-    turning = dd.scale(dd.multiply(dd.PI, rate), 0.5 * side)
+    phase_change = dd.scale(dd.multiply(dd.PI, rate), 0.5 * side)
     turn_rate = _mean_turn_rate(
-        dd.divide(norm, i2), dd.divide(norm, i1), weight, turning, kc, functions.quarter_period
+        dd.divide(norm, i2), dd.divide(norm, i1), weight, phase_change, kc, functions.quarter_period
     )
     # a = F(atan(1 / sqrt(kappa)) | m1), since 1 + kappa sn(i a)^2 = 0
     kappa = i3[0] * gap21[0] / (i1[0] * gap32[0])

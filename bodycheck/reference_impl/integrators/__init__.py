@@ -4,7 +4,7 @@ To add an integrator, add a module to this package that assigns an `Integrator` 
 reference engine and `bodycheck list methods` find it there. An explicit Runge-Kutta method needs only its
 tableau and its facts, as in `midpoint.py`. Any other method needs a kernel: the one in `explicit_gyro.py`
 holds loads constant over the step (zero-order hold), the one in `cf4.py` evaluates them at every stage. The
-facts select the laws that the tests apply: order, turn per step, preserved structure. CONTRIBUTING.md lists
+facts select the laws that the tests apply: order, angle per step, preserved structure. CONTRIBUTING.md lists
 what to run.
 """
 

@@ -27,14 +27,14 @@ from bodycheck.reference_impl.kernels.small_vectors import (
     transposed_times,
     vector_at,
 )
-from bodycheck.reference_impl.scene import RigidBody, State, Wrenching
+from bodycheck.reference_impl.scene import RigidBody, State, WrenchFunction
 from bodycheck.reference_impl.trajectory import Trajectory
 
 _NO_LOAD = np.zeros(21)
 
 
-def solve_black_box(
-    body: RigidBody, initial: State, wrench: Wrenching, t_s: Array, dt_s: float
+def solve_with_callback(
+    body: RigidBody, initial: State, wrench: WrenchFunction, t_s: Array, dt_s: float
 ) -> Trajectory:
     """x' = v, v' = F / m, q' = q omega / 2, omega' = I^-1 (R^T tau - omega x I omega), at the times t_s.
 
@@ -65,7 +65,7 @@ def solve_black_box(
             h = (end - begin) / steps
             for i in range(steps):
                 t = float(begin + i * h)
-                y = stage_by_stage_asking(TABLEAU, packed, _NO_LOAD, finite, t, y, float(h))
+                y = runge_kutta_step(TABLEAU, packed, _NO_LOAD, finite, t, y, float(h))
         states[k] = y
     return Trajectory(
         t_s=t_s,
@@ -76,8 +76,8 @@ def solve_black_box(
     )
 
 
-def stage_by_stage_asking(
-    tableau: Tableau, packed: Array, load: Array, wrench: Wrenching, t: float, y: Array, h: float
+def runge_kutta_step(
+    tableau: Tableau, packed: Array, load: Array, wrench: WrenchFunction, t: float, y: Array, h: float
 ) -> Array:
     """y + h sum b_i k_i (13,), calling the function at each stage.
 
@@ -88,13 +88,13 @@ def stage_by_stage_asking(
     k = np.zeros((len(c), 13))
     for i in range(len(c)):
         point = y + h * (a[i] @ k)
-        rotation, omega_world = _seen(point)
+        rotation, omega_world = _rotation_and_omega(point)
         force, torque = wrench(t + float(c[i]) * h, point[0:3], rotation, point[3:6], omega_world)
         k[i] = _rates(point, packed, load, force, torque)
     return np.asarray(y + h * (b @ k))
 
 
-def _finite(wrench: Wrenching) -> Wrenching:
+def _finite(wrench: WrenchFunction) -> WrenchFunction:
     """Return the function wrapped: it raises ValueError unless force and torque are finite and (3,)."""
 
     def checked(
@@ -114,7 +114,7 @@ def _checked(name: str, value: Array, t: float) -> Array:
 
 
 @kernel
-def _seen(y: Array) -> tuple[Array, Array]:
+def _rotation_and_omega(y: Array) -> tuple[Array, Array]:
     """R (3, 3), and omega (3,) in world axes."""
     rotation = matrix_of((y[9], y[10], y[11], y[12]))
     omega = times(rotation, vector_at(y, 6))
@@ -126,12 +126,12 @@ def _rates(y: Array, body: Array, load: Array, force: Array, torque: Array) -> A
     """The rates of x, v, omega and q under a load, and a force and a torque in world axes."""
     q, omega = (y[9], y[10], y[11], y[12]), vector_at(y, 6)
     rotation = matrix_of(q)
-    held = add(body_torque(rotation, load), transposed_times(rotation, vector_at(torque, 0)))
-    turning = scaled_add(held, -1.0, gyroscopic(matrix_at(body, 1), omega))
+    torque_body = add(body_torque(rotation, load), transposed_times(rotation, vector_at(torque, 0)))
+    net_torque = scaled_add(torque_body, -1.0, gyroscopic(matrix_at(body, 1), omega))
     rates = np.empty(13)
     store(rates, 0, vector_at(y, 3))
     store(rates, 3, scaled_add(acceleration(rotation, load, body[0]), 1.0 / body[0], vector_at(force, 0)))
-    store(rates, 6, times(matrix_at(body, 10), turning))
+    store(rates, 6, times(matrix_at(body, 10), net_torque))
     attitude = quaternion_times(q, (0.0, 0.5 * omega[0], 0.5 * omega[1], 0.5 * omega[2]))
     rates[9], rates[10], rates[11], rates[12] = attitude
     return rates

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.continuous_loads import lasting_wrench
-from bodycheck.reference_impl.integrators.facts import Integrator, exact_turn
+from bodycheck.reference_impl.continuous_loads import continuous_wrench
+from bodycheck.reference_impl.integrators.facts import Integrator, exact_step_angle
 from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import (
@@ -35,13 +35,13 @@ def _rates(q: Quat, momentum: Vec, body: Array, load: Array) -> tuple[Vec, Vec, 
 
 
 @kernel
-def _with_lasting(
-    constant: tuple[Vec, Vec, Vec], t: float, x: Vec, v: Vec, q: Quat, mass: float, lasting: Array
+def _with_continuous_loads(
+    constant: tuple[Vec, Vec, Vec], t: float, x: Vec, v: Vec, q: Quat, mass: float, continuous: Array
 ) -> tuple[Vec, Vec, Vec]:
     """Add the continuous loads at a stage to its rates omega, L', v'."""
     omega, torque, linear_acceleration = constant
     rotation = matrix_of(q)
-    force, couple = lasting_wrench(t, x, rotation, v, times(rotation, omega), lasting)
+    force, couple = continuous_wrench(t, x, rotation, v, times(rotation, omega), continuous)
     return omega, add(torque, couple), scaled_add(linear_acceleration, 1.0 / mass, force)
 
 
@@ -58,7 +58,7 @@ def advance(
     load: Array,
     dt: float,
     steps: int,
-    lasting: Array | None = None,
+    continuous: Array | None = None,
     begin: float = 0.0,
 ) -> None:
     """Advance the state by the steps, in place.
@@ -72,27 +72,27 @@ def advance(
     for step in range(steps):
         t = begin + step * dt
         k1 = _rates(q, momentum, body, load)
-        if lasting is not None:
-            k1 = _with_lasting(k1, t, x, v, q, body[0], lasting)
+        if continuous is not None:
+            k1 = _with_continuous_loads(k1, t, x, v, q, body[0], continuous)
         w1, t1, a1 = k1
         q2 = _rotated(q, half, w1)
         k2 = _rates(q2, scaled_add(momentum, half, t1), body, load)
-        if lasting is not None:
+        if continuous is not None:
             x2, v2 = scaled_add(x, half, v), scaled_add(v, half, a1)
-            k2 = _with_lasting(k2, t + half, x2, v2, q2, body[0], lasting)
+            k2 = _with_continuous_loads(k2, t + half, x2, v2, q2, body[0], continuous)
         w2, t2, a2 = k2
         q3 = _rotated(q, half, w2)
         k3 = _rates(q3, scaled_add(momentum, half, t2), body, load)
-        if lasting is not None:
+        if continuous is not None:
             x3, v3 = scaled_add(x, half, v2), scaled_add(v, half, a2)
-            k3 = _with_lasting(k3, t + half, x3, v3, q3, body[0], lasting)
+            k3 = _with_continuous_loads(k3, t + half, x3, v3, q3, body[0], continuous)
         w3, t3, a3 = k3
         # starts from the second stage, which is already rotated by dt/2 k1
         q4 = _rotated(q2, dt, scaled_add(w3, -0.5, w1))
         k4 = _rates(q4, scaled_add(momentum, dt, t3), body, load)
-        if lasting is not None:
+        if continuous is not None:
             x4, v4 = scaled_add(x, dt, v3), scaled_add(v, dt, a3)
-            k4 = _with_lasting(k4, t + dt, x4, v4, q4, body[0], lasting)
+            k4 = _with_continuous_loads(k4, t + dt, x4, v4, q4, body[0], continuous)
         w4, t4, a4 = k4
         middle = (2.0 * (w2[0] + w3[0]), 2.0 * (w2[1] + w3[1]), 2.0 * (w2[2] + w3[2]))
         q = _rotated(q, twelfth, scaled_add(scaled_add(middle, 3.0, w1), -1.0, w4))
@@ -113,10 +113,10 @@ def advance(
 
 
 def advance_forced(
-    state: Array, body: Array, load: Array, lasting: Array, begin: float, dt: float, steps: int
+    state: Array, body: Array, load: Array, continuous: Array, begin: float, dt: float, steps: int
 ) -> None:
     """Advance the state by the steps, in place, with continuous loads."""
-    advance(state, body, load, dt, steps, lasting, begin)
+    advance(state, body, load, dt, steps, continuous, begin)
 
 
 METHOD = Integrator(
@@ -128,11 +128,11 @@ METHOD = Integrator(
     keeps="L exactly where no torque acts; |q| to round-off",
     preserves=frozenset({"angular momentum", "rotation group"}),
     source="Celledoni, Marthinsen and Owren (2003), Commutator-free Lie group methods, FGCS 19, 341",
-    turn=exact_turn,
+    step_angle=exact_step_angle,
     position_weight=0.5,
     attitude="quaternion",
     spin="angular_momentum",
     advance=advance,
     advance_forced=advance_forced,
-    lasting="every stage",
+    continuous="every stage",
 )

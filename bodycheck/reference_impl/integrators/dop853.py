@@ -3,7 +3,14 @@
 from __future__ import annotations
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.integrators.dormand_prince import B_REMAINING, TABLEAU, A, B, Turning, combined
+from bodycheck.reference_impl.integrators.dormand_prince import (
+    B_REMAINING,
+    TABLEAU,
+    A,
+    B,
+    RotationState,
+    combined,
+)
 from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque, gyroscopic
 from bodycheck.reference_impl.integrators.runge_kutta import runge_kutta
 from bodycheck.reference_impl.kernels.jit import inlined_kernel, kernel
@@ -20,14 +27,14 @@ from bodycheck.reference_impl.kernels.small_vectors import (
 
 
 @kernel
-def _rates(y: Turning, body: Array, load: Array) -> tuple[Turning, Vec]:
+def _rates(y: RotationState, body: Array, load: Array) -> tuple[RotationState, Vec]:
     """q' = q omega / 2, omega' = I^-1 (tau - omega x I omega), v' = F / m."""
     q, omega = (y[0], y[1], y[2], y[3]), (y[4], y[5], y[6])
     rotation = matrix_of(q)
-    turning = quaternion_times(q, (0.0, 0.5 * omega[0], 0.5 * omega[1], 0.5 * omega[2]))
+    attitude_rate = quaternion_times(q, (0.0, 0.5 * omega[0], 0.5 * omega[1], 0.5 * omega[2]))
     torque = scaled_add(body_torque(rotation, load), -1.0, gyroscopic(matrix_at(body, 1), omega))
-    linear_acceleration = times(matrix_at(body, 10), torque)
-    return turning + linear_acceleration, acceleration(rotation, load, body[0])
+    angular_acceleration = times(matrix_at(body, 10), torque)
+    return attitude_rate + angular_acceleration, acceleration(rotation, load, body[0])
 
 
 @inlined_kernel

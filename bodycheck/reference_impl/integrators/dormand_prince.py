@@ -15,7 +15,7 @@ import numpy as np
 from bodycheck.reference_impl.integrators.facts import Tableau
 from bodycheck.reference_impl.kernels.jit import inlined_kernel
 
-Turning: TypeAlias = tuple[float, float, float, float, float, float, float]
+RotationState: TypeAlias = tuple[float, float, float, float, float, float, float]
 """A stage in a kernel: the quaternion and omega in body axes, or their rates."""
 
 NODES = (
@@ -119,7 +119,7 @@ B_REMAINING = tuple(weight * (1.0 - NODES[stage - 1]) for stage, weight in WEIGH
 
 
 @inlined_kernel
-def plus(y: Turning, s: float, k: Turning) -> Turning:
+def plus(y: RotationState, s: float, k: RotationState) -> RotationState:
     """y + s k."""
     return (
         y[0] + s * k[0],
@@ -133,7 +133,9 @@ def plus(y: Turning, s: float, k: Turning) -> Turning:
 
 
 @inlined_kernel
-def combined(y: Turning, h: float, coefficients: tuple[float, ...], k: tuple[Turning, ...]) -> Turning:
+def combined(
+    y: RotationState, h: float, coefficients: tuple[float, ...], k: tuple[RotationState, ...]
+) -> RotationState:
     """y + h sum a_j k_j. The number of terms is a constant, so the compiler unrolls the loop."""
     total = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for j in range(len(k)):

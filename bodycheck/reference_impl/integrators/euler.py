@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.integrators.evaluated_loads import held_over_steps
+from bodycheck.reference_impl.integrators.evaluated_loads import with_zero_order_hold
 from bodycheck.reference_impl.integrators.facts import Integrator
 from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque
 from bodycheck.reference_impl.kernels.jit import kernel
@@ -35,8 +35,8 @@ def step(state: Array, body: Array, load: Array, dt: float) -> None:
     store(state, 6, scaled_add(momentum, dt, torque_world))
     for column in range(3):
         axis = (rotation[column], rotation[3 + column], rotation[6 + column])
-        moved = scaled_add(axis, dt, cross(omega, axis))
-        state[9 + column], state[12 + column], state[15 + column] = moved
+        advanced = scaled_add(axis, dt, cross(omega, axis))
+        state[9 + column], state[12 + column], state[15 + column] = advanced
 
 
 @kernel
@@ -55,10 +55,10 @@ METHOD = Integrator(
     keeps="the L that it carries, where no torque acts; not R in SO(3), nor I(R) omega with it",
     preserves=frozenset(),
     source="Baraff and Witkin (1997), Physically based modeling: rigid body simulation, part 1",
-    turn=math.atan,
+    step_angle=math.atan,
     position_weight=0.0,
     attitude="matrix",
     spin="angular_momentum",
     advance=advance,
-    advance_forced=held_over_steps(advance, "angular_momentum"),
+    advance_forced=with_zero_order_hold(advance, "angular_momentum"),
 )

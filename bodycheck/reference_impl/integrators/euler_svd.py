@@ -6,13 +6,13 @@ import math
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators.euler import step
-from bodycheck.reference_impl.integrators.evaluated_loads import held_over_steps
+from bodycheck.reference_impl.integrators.evaluated_loads import with_zero_order_hold
 from bodycheck.reference_impl.integrators.facts import Integrator
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import Mat, Vec, dot, matrix_at
 
 _EPS = 2.0**-52
-_MOST_SWEEPS = 30  # three or four suffice; more are needed only if the state is not finite
+_MAX_SWEEPS = 30  # three or four suffice; more are needed only if the state is not finite
 
 
 @kernel
@@ -43,7 +43,7 @@ def nearest_rotation(m: Mat) -> Mat:
     """U V^T of the SVD m = U S V^T, for det m > 0, by one-sided Jacobi rotations (Hestenes 1958)."""
     a, b, c = (m[0], m[3], m[6]), (m[1], m[4], m[7]), (m[2], m[5], m[8])
     u, v, w = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-    for _ in range(_MOST_SWEEPS):
+    for _ in range(_MAX_SWEEPS):
         a, b, u, v, done_ab = _made_orthogonal(a, b, u, v)
         a, c, u, w, done_ac = _made_orthogonal(a, c, u, w)
         b, c, v, w, done_bc = _made_orthogonal(b, c, v, w)
@@ -86,10 +86,10 @@ METHOD = Integrator(
     keeps="L exactly where no torque acts; orthogonality of R",
     preserves=frozenset({"angular momentum", "rotation group"}),
     source="Baraff and Witkin (1997), part 1; projection: Higham (1986)",
-    turn=math.atan,
+    step_angle=math.atan,
     position_weight=0.0,
     attitude="matrix",
     spin="angular_momentum",
     advance=advance,
-    advance_forced=held_over_steps(advance, "angular_momentum"),
+    advance_forced=with_zero_order_hold(advance, "angular_momentum"),
 )

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.continuous_loads import lasting_wrench
-from bodycheck.reference_impl.integrators.callback_motion import stage_by_stage_asking
-from bodycheck.reference_impl.integrators.facts import AdvanceUnder, Integrator, Spin
+from bodycheck.reference_impl.continuous_loads import continuous_wrench
+from bodycheck.reference_impl.integrators.callback_motion import runge_kutta_step
+from bodycheck.reference_impl.integrators.facts import AdvanceForced, Integrator, Spin
 from bodycheck.reference_impl.kernels.jit import Kernel, kernel
 from bodycheck.reference_impl.kernels.small_vectors import (
     Mat,
@@ -24,19 +24,19 @@ from bodycheck.reference_impl.kernels.small_vectors import (
     transposed_times,
     vector_at,
 )
-from bodycheck.reference_impl.scene import Wrenching
+from bodycheck.reference_impl.scene import WrenchFunction
 
 _BODY, _WORLD, _MOMENTUM = range(3)
 _SPINS: dict[Spin, int] = {"omega_body": _BODY, "omega_world": _WORLD, "angular_momentum": _MOMENTUM}
 
 
-def held_over_steps(advance: Kernel, spin: Spin) -> AdvanceUnder:
+def with_zero_order_hold(advance: Kernel, spin: Spin) -> AdvanceForced:
     """Return the stepper of a method that holds continuous loads constant over the step (zero-order hold)."""
 
     def advance_forced(
-        state: Array, body: Array, load: Array, lasting: Array, begin: float, dt: float, steps: int
+        state: Array, body: Array, load: Array, continuous: Array, begin: float, dt: float, steps: int
     ) -> None:
-        _compiled()(advance.dispatcher, _SPINS[spin], state, body, load, lasting, begin, dt, steps)
+        _compiled()(advance.dispatcher, _SPINS[spin], state, body, load, continuous, begin, dt, steps)
 
     return advance_forced
 
@@ -51,19 +51,19 @@ def _omega_world(spin: Vec, kind: int, rotation: Mat, body: Array) -> Vec:
     return times(rotation, times(matrix_at(body, 10), transposed_times(rotation, spin)))
 
 
-def _advance_held(
+def _advance_zero_order_hold(
     advance: Callable[..., None],
     kind: int,
     state: Array,
     body: Array,
     load: Array,
-    lasting: Array,
+    continuous: Array,
     begin: float,
     dt: float,
     steps: int,
 ) -> None:
     """Advance the state by the steps, in place, with continuous loads held constant over each."""
-    held = load.copy()
+    total_load = load.copy()
     for step in range(steps):
         if len(state) == 13:
             rotation = matrix_of((state[9], state[10], state[11], state[12]))
@@ -71,10 +71,10 @@ def _advance_held(
             rotation = matrix_at(state, 9)
         omega = _omega_world(vector_at(state, 6), kind, rotation, body)
         position, velocity = vector_at(state, 0), vector_at(state, 3)
-        force, torque = lasting_wrench(begin + step * dt, position, rotation, velocity, omega, lasting)
-        store(held, 3, add(vector_at(load, 3), force))
-        store(held, 9, add(vector_at(load, 9), torque))
-        advance(state, body, held, dt, 1)
+        force, torque = continuous_wrench(begin + step * dt, position, rotation, velocity, omega, continuous)
+        store(total_load, 3, add(vector_at(load, 3), force))
+        store(total_load, 9, add(vector_at(load, 9), torque))
+        advance(state, body, total_load, dt, 1)
 
 
 @cache
@@ -84,7 +84,7 @@ def _compiled() -> Any:
 
     array = types.float64[::1]
     method = types.FunctionType(types.void(array, array, array, types.float64, types.int64))
-    compiled = kernel(_advance_held).dispatcher
+    compiled = kernel(_advance_zero_order_hold).dispatcher
     compiled.compile(
         types.void(
             method,
@@ -107,12 +107,12 @@ _FORCE_WORLD, _TORQUE_WORLD = slice(3, 6), slice(9, 12)
 
 def supports_callbacks(method: Integrator) -> bool:
     """Whether Python can call the load: the method needs it at the start of a step, or has a tableau."""
-    return method.lasting == "held over the step" or method.tableau is not None
+    return method.continuous == "held over the step" or method.tableau is not None
 
 
-def advance_asking(
+def advance_with_callback(
     method: Integrator,
-    wrench: Wrenching,
+    wrench: WrenchFunction,
     state: Array,
     body: Array,
     load: Array,
@@ -128,18 +128,18 @@ def advance_asking(
     for step in range(steps):
         t = begin + step * dt
         if method.tableau is not None:
-            state[:] = stage_by_stage_asking(method.tableau, body, load, wrench, t, state, dt)
+            state[:] = runge_kutta_step(method.tableau, body, load, wrench, t, state, dt)
             continue
-        rotation = rotation_held(method, state)
+        rotation = rotation_of_state(method, state)
         omega = omega_world(method, state, body, rotation)
         force, torque = wrench(t, state[0:3], rotation, state[3:6], omega)
-        held = load.copy()
-        held[_FORCE_WORLD] += force
-        held[_TORQUE_WORLD] += torque
-        method.advance(state, body, held, dt, 1)
+        total_load = load.copy()
+        total_load[_FORCE_WORLD] += force
+        total_load[_TORQUE_WORLD] += torque
+        method.advance(state, body, total_load, dt, 1)
 
 
-def rotation_held(method: Integrator, state: Array) -> Array:
+def rotation_of_state(method: Integrator, state: Array) -> Array:
     """R (3, 3) of a state. If the state holds a matrix, it is returned unchanged, orthogonal or not."""
     numbers = state[9:]
     if method.attitude == "quaternion":

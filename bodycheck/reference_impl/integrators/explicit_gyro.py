@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.integrators.evaluated_loads import held_over_steps
-from bodycheck.reference_impl.integrators.facts import Integrator, exact_turn
+from bodycheck.reference_impl.integrators.evaluated_loads import with_zero_order_hold
+from bodycheck.reference_impl.integrators.facts import Integrator, exact_step_angle
 from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque, gyroscopic
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import (
@@ -47,10 +47,10 @@ METHOD = Integrator(
     keeps="|q| to round-off",
     preserves=frozenset({"rotation group"}),
     source="measured to be the map of MuJoCo Euler, Bullet's btMultiBody and DART",
-    turn=exact_turn,
+    step_angle=exact_step_angle,
     position_weight=1.0,
     attitude="quaternion",
     spin="omega_body",
     advance=advance,
-    advance_forced=held_over_steps(advance, "omega_body"),
+    advance_forced=with_zero_order_hold(advance, "omega_body"),
 )

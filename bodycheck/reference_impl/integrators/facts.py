@@ -44,10 +44,11 @@ state (13,) or (18,): position, velocity, spin, then the attitude as a quaternio
 body and load as in right_hand_sides.py.
 """
 
-AdvanceUnder: TypeAlias = Callable[[Array, Array, Array, Array, float, float, int], None]
-"""advance_forced(state, body, load, lasting, begin, dt, steps): the same, with continuous loads.
+AdvanceForced: TypeAlias = Callable[[Array, Array, Array, Array, float, float, int], None]
+"""advance_forced(state, body, load, continuous, begin, dt, steps): the same, with continuous loads.
 
-lasting: as `continuous_loads.packed_lasting` returns it; begin: the time in s at the start of the first step.
+continuous: as `continuous_loads.packed_continuous_loads` returns it; begin: the time in s at the start of
+the first step.
 """
 
 
@@ -57,12 +58,13 @@ class Integrator:
 
     order: of the orientation error; evaluations: of the right-hand side, per step.
     keeps: the conserved quantities in words; preserves: those that tests measure.
-    turn: the rotation angle in rad of one step at constant omega, a function of x = dt |omega|; exact is x.
+    step_angle: the rotation angle in rad of one step at constant omega, a function of x = dt |omega|; exact
+    is x.
     position_weight: w in x+ = x + dt v + w dt^2 F / m under a constant force; 0 if the pose is explicit, 1 if
     it uses the new velocity, 1/2 if the order is 2 or more.
     attitude and spin: the content of the state; spin is omega in body axes, omega in world axes, or the
     angular momentum about the centre of mass in world axes.
-    torque: when constant loads are rotated with the body; lasting: when continuous loads are evaluated;
+    torque: when constant loads are rotated with the body; continuous: when continuous loads are evaluated;
     refused: the kinds of continuous loads that the method does not support. tableau: of an explicit
     Runge-Kutta method on the whole state, whose stages can then be evaluated outside its kernel.
     real: the type of all numbers that the kernels take and compute with.
@@ -76,18 +78,18 @@ class Integrator:
     keeps: str
     preserves: frozenset[Structure]
     source: str
-    turn: Callable[[float], float]
+    step_angle: Callable[[float], float]
     position_weight: float
     attitude: Literal["quaternion", "matrix"]
     spin: Spin
     advance: Advance
-    advance_forced: AdvanceUnder
-    lasting: Literal["every stage", "held over the step"] = "held over the step"
+    advance_forced: AdvanceForced
+    continuous: Literal["every stage", "held over the step"] = "held over the step"
     refused: tuple[type[Any], ...] = ()
     tableau: Tableau | None = None
     real: type[np.floating[Any]] = np.float64
 
 
-def exact_turn(x: float) -> float:
+def exact_step_angle(x: float) -> float:
     """x: the exponential map rotates by the exact angle."""
     return x

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.integrators.evaluated_loads import held_over_steps
-from bodycheck.reference_impl.integrators.facts import Integrator, exact_turn
+from bodycheck.reference_impl.integrators.evaluated_loads import with_zero_order_hold
+from bodycheck.reference_impl.integrators.facts import Integrator, exact_step_angle
 from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import (
@@ -52,10 +52,10 @@ METHOD = Integrator(
     keeps="L to round-off where no torque acts; orthogonality of R",
     preserves=frozenset({"angular momentum", "rotation group"}),
     source="Buss (2000), Accurate and efficient simulation of rigid-body rotations",
-    turn=exact_turn,
+    step_angle=exact_step_angle,
     position_weight=0.0,
     attitude="quaternion",
     spin="angular_momentum",
     advance=advance,
-    advance_forced=held_over_steps(advance, "angular_momentum"),
+    advance_forced=with_zero_order_hold(advance, "angular_momentum"),
 )

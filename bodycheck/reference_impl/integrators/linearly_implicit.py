@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.integrators.evaluated_loads import held_over_steps
-from bodycheck.reference_impl.integrators.facts import Integrator, exact_turn
+from bodycheck.reference_impl.integrators.evaluated_loads import with_zero_order_hold
+from bodycheck.reference_impl.integrators.facts import Integrator, exact_step_angle
 from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque, gyroscopic
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import (
@@ -54,11 +54,11 @@ def advance_linearised(
     for _ in range(steps):
         rotation = matrix_of(q)
         matrix = _newton_matrix(inertia, omega, dt)
-        torque, turning = body_torque(rotation, load), gyroscopic(inertia, omega)
+        torque, gyroscopic_torque = body_torque(rotation, load), gyroscopic(inertia, omega)
         if torque_inside:
-            omega = scaled_add(omega, dt, solve(matrix, scaled_add(torque, -1.0, turning)))
+            omega = scaled_add(omega, dt, solve(matrix, scaled_add(torque, -1.0, gyroscopic_torque)))
         else:
-            omega = scaled_add(omega, -dt, solve(matrix, turning))
+            omega = scaled_add(omega, -dt, solve(matrix, gyroscopic_torque))
             omega = scaled_add(omega, dt, times(inertia_inverse, torque))
         velocity = scaled_add(velocity, dt, acceleration(rotation, load, body[0]))
         position = scaled_add(position, dt, velocity)
@@ -84,10 +84,10 @@ METHOD = Integrator(
     keeps="|q| to round-off",
     preserves=frozenset({"rotation group"}),
     source="measured to be the map of MuJoCo implicit, implicitfast, discrete; D = [omega]x I - [I omega]x",
-    turn=exact_turn,
+    step_angle=exact_step_angle,
     position_weight=1.0,
     attitude="quaternion",
     spin="omega_body",
     advance=advance,
-    advance_forced=held_over_steps(advance, "omega_body"),
+    advance_forced=with_zero_order_hold(advance, "omega_body"),
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.integrators.evaluated_loads import held_over_steps
+from bodycheck.reference_impl.integrators.evaluated_loads import with_zero_order_hold
 from bodycheck.reference_impl.integrators.facts import Integrator
 from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque, gyroscopic
 from bodycheck.reference_impl.kernels.jit import kernel
@@ -52,10 +52,10 @@ METHOD = Integrator(
     keeps="nothing; |q| grows by (dt omega)^2 / 8 per step",
     preserves=frozenset(),
     source="Euler (1768), Institutiones calculi integralis, on q' = q omega / 2",
-    turn=lambda x: 2.0 * math.atan(0.5 * x),
+    step_angle=lambda x: 2.0 * math.atan(0.5 * x),
     position_weight=0.0,
     attitude="quaternion",
     spin="omega_body",
     advance=advance,
-    advance_forced=held_over_steps(advance, "omega_body"),
+    advance_forced=with_zero_order_hold(advance, "omega_body"),
 )

@@ -30,12 +30,12 @@ def packed_body(body: RigidBody) -> Array:
 @kernel
 def body_torque(rotation: Mat, load: Array) -> Vec:
     """tau = tau_b + R^T tau_w + sum a x R^T F, in body axes, N m; load (21,) as above."""
-    held = add(vector_at(load, 6), transposed_times(rotation, vector_at(load, 9)))
+    direct_torque = add(vector_at(load, 6), transposed_times(rotation, vector_at(load, 9)))
     # (moment R)_bc; each world force F at the point a gives tau_a = eps_abc a_b (R^T F)_c
     row0 = transposed_times(rotation, vector_at(load, 12))
     row1 = transposed_times(rotation, vector_at(load, 15))
     row2 = transposed_times(rotation, vector_at(load, 18))
-    return add(held, (row1[2] - row2[1], row2[0] - row0[2], row0[1] - row1[0]))
+    return add(direct_torque, (row1[2] - row2[1], row2[0] - row0[2], row0[1] - row1[0]))
 
 
 @kernel

@@ -16,8 +16,8 @@ import math
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.continuous_loads import lasting_wrench
-from bodycheck.reference_impl.integrators.facts import Integrator, exact_turn
+from bodycheck.reference_impl.continuous_loads import continuous_wrench
+from bodycheck.reference_impl.integrators.facts import Integrator, exact_step_angle
 from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import (
@@ -67,10 +67,10 @@ _NO_VELOCITY = (0.0, 0.0, 0.0)  # no load that this method supports depends on i
 def _about_first(p: Quat, m: Vec, angle: float) -> tuple[Quat, Vec]:
     """p exp(angle e1 / 2), and m = R^T L in the rotated axes."""
     c, s = math.cos(0.5 * angle), math.sin(0.5 * angle)
-    turn, half = 2.0 * s * c, 2.0 * s * s
+    sine, half = 2.0 * s * c, 2.0 * s * s
     return (
         (c * p[0] - s * p[1], c * p[1] + s * p[0], c * p[2] + s * p[3], c * p[3] - s * p[2]),
-        (m[0], m[1] - half * m[1] + turn * m[2], m[2] - half * m[2] - turn * m[1]),
+        (m[0], m[1] - half * m[1] + sine * m[2], m[2] - half * m[2] - sine * m[1]),
     )
 
 
@@ -78,10 +78,10 @@ def _about_first(p: Quat, m: Vec, angle: float) -> tuple[Quat, Vec]:
 def _about_last(p: Quat, m: Vec, angle: float) -> tuple[Quat, Vec]:
     """p exp(angle e3 / 2), and m = R^T L in the rotated axes."""
     c, s = math.cos(0.5 * angle), math.sin(0.5 * angle)
-    turn, half = 2.0 * s * c, 2.0 * s * s
+    sine, half = 2.0 * s * c, 2.0 * s * s
     return (
         (c * p[0] - s * p[3], c * p[1] + s * p[2], c * p[2] - s * p[1], c * p[3] + s * p[0]),
-        (m[0] - half * m[0] + turn * m[1], m[1] - half * m[1] - turn * m[0], m[2]),
+        (m[0] - half * m[0] + sine * m[1], m[1] - half * m[1] - sine * m[0], m[2]),
     )
 
 
@@ -112,7 +112,7 @@ def advance(
     load: Array,
     dt: float,
     steps: int,
-    lasting: Array | None = None,
+    continuous: Array | None = None,
     begin: float = 0.0,
 ) -> None:
     """Advance the state by the steps, in place. Only the kicks change L, which is in world axes."""
@@ -130,8 +130,10 @@ def advance(
         t = begin + step * dt
         for i in range(len(KICKS)):
             kick = dt * KICKS[i]
-            if lasting is not None:
-                force, couple = lasting_wrench(t, position, rotation, _NO_VELOCITY, _NO_VELOCITY, lasting)
+            if continuous is not None:
+                force, couple = continuous_wrench(
+                    t, position, rotation, _NO_VELOCITY, _NO_VELOCITY, continuous
+                )
                 velocity = scaled_add(velocity, kick / body[0], force)
                 momentum = scaled_add(momentum, kick, couple)
             velocity = scaled_add(velocity, kick, acceleration(rotation, load, body[0]))
@@ -149,10 +151,10 @@ def advance(
 
 
 def advance_forced(
-    state: Array, body: Array, load: Array, lasting: Array, begin: float, dt: float, steps: int
+    state: Array, body: Array, load: Array, continuous: Array, begin: float, dt: float, steps: int
 ) -> None:
     """Advance the state by the steps, in place, with continuous loads. The drifts advance the time."""
-    advance(state, body, load, dt, steps, lasting, begin)
+    advance(state, body, load, dt, steps, continuous, begin)
 
 
 METHOD = Integrator(
@@ -164,12 +166,12 @@ METHOD = Integrator(
     keeps="L exactly where no torque acts; the symplectic form, so that the energy error stays bounded; |q|",
     preserves=frozenset({"angular momentum", "rotation group", "symplectic form", "time reversal"}),
     source="Touma and Wisdom (1994), Astron. J. 107, 1189; Blanes and Moan (2002), method S10",
-    turn=exact_turn,
+    step_angle=exact_step_angle,
     position_weight=0.5,
     attitude="quaternion",
     spin="angular_momentum",
     advance=advance,
     advance_forced=advance_forced,
-    lasting="every stage",
+    continuous="every stage",
     refused=(Drag,),  # a kick is exact only if the load does not depend on velocity or omega
 )

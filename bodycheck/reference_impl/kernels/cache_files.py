@@ -33,7 +33,7 @@ class CheckedCacheFile(IndexDataCacheFile):  # type: ignore[misc]
         try:
             super().save(key, data)
         except OSError as error:
-            _say_once(f"{self._cache_path}: cannot be written: {error.strerror or error}")
+            _warn_once(f"{self._cache_path}: cannot be written: {error.strerror or error}")
 
     def _load_index(self) -> Any:
         try:
@@ -64,17 +64,17 @@ def _content(path: Path) -> Any:
 
 
 @cache
-def _say_once(why: str) -> None:
-    print(f"{why}; compiled code is cached for this command only", file=sys.stderr)
+def _warn_once(reason: str) -> None:
+    print(f"{reason}; compiled code is cached for this command only", file=sys.stderr)
 
 
 def check_files_of(dispatcher: Any) -> Any:
     """Store the compiled code of a numba dispatcher in checksummed files, and return the dispatcher."""
-    kept = getattr(dispatcher, "_cache", None)
-    if kept is not None:  # None if NUMBA_DISABLE_JIT is set
-        kept._cache_file = CheckedCacheFile(
-            cache_path=kept._cache_path,
-            filename_base=kept._impl.filename_base,
-            source_stamp=kept._impl.locator.get_source_stamp(),
+    numba_cache = getattr(dispatcher, "_cache", None)
+    if numba_cache is not None:  # None if NUMBA_DISABLE_JIT is set
+        numba_cache._cache_file = CheckedCacheFile(
+            cache_path=numba_cache._cache_path,
+            filename_base=numba_cache._impl.filename_base,
+            source_stamp=numba_cache._impl.locator.get_source_stamp(),
         )
     return dispatcher

@@ -30,8 +30,8 @@ _SPLITTER = 134217729.0  # 2^27 + 1
 def two_sum(a: float, b: float) -> DoubleDouble:
     """Return (s, e) with s = fl(a + b) and s + e = a + b exactly (Knuth)."""
     s = a + b
-    b_seen = s - a
-    return s, (a - (s - b_seen)) + (b - b_seen)
+    b_virtual = s - a
+    return s, (a - (s - b_virtual)) + (b - b_virtual)
 
 
 @exact_kernel
@@ -111,7 +111,7 @@ _TERMS = 15  # (pi/4)^31 / 31! < 2^-119
 
 @exact_kernel
 def add_product(total: DoubleDouble, x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
-    """Return total + x y without normalising; call `settled` on the final sum.
+    """Return total + x y without normalising; call `renorm` on the final sum.
 
     The low part accumulates the rounding errors. The sum of n products has an error of about n 2^-105 times
     the largest partial sum, at two thirds of the cost of `add`. Source: Dot2 of Ogita, Rump & Oishi 2005,
@@ -129,7 +129,7 @@ def subtract_product(total: DoubleDouble, x: DoubleDouble, y: DoubleDouble) -> D
 
 
 @exact_kernel
-def settled(total: DoubleDouble) -> DoubleDouble:
+def renorm(total: DoubleDouble) -> DoubleDouble:
     """Return the sum normalised: the low part is at most half an ulp of the high part."""
     return two_sum(total[0], total[1])
 

@@ -27,7 +27,7 @@ _OPTIONS = {"fastmath": {"contract"}, "error_model": "numpy"}
 _Form: TypeAlias = Callable[..., Any]
 
 
-def _word(python: _Form, on_doubles: _Form, on_pairs: _Form) -> None:
+def _register(python: _Form, on_doubles: _Form, on_pairs: _Form) -> None:
     """Register both forms of an operation with numba, which selects by the type of the first argument."""
 
     def choose(*arguments: Any) -> _Form:
@@ -87,21 +87,21 @@ def _put_double(numbers: Any, i: int, k: int, x: Any) -> None:
 
 
 # an unsigned index saves the check for negative indices
-_word(
+_register(
     entry,
     lambda numbers, i: numbers[uintp(i)],
     lambda numbers, i: (numbers[0][uintp(i)], numbers[1][uintp(i)]),
 )
-_word(
+_register(
     term,
     lambda numbers, i, k: numbers[uintp(i), uintp(k)],
     lambda numbers, i, k: (numbers[0][uintp(i), uintp(k)], numbers[1][uintp(i), uintp(k)]),
 )
-_word(put, _put_double, _put_pair)
-_word(high_part, lambda numbers: numbers, lambda numbers: numbers[0])
-_word(is_paired, lambda numbers: False, lambda numbers: True)  # noqa: ARG005 - called by type
-_word(nothing, lambda numbers: 0.0, lambda numbers: (0.0, 0.0))  # noqa: ARG005 - called by type
-_word(exactly, lambda numbers, x: x, lambda numbers, x: (x, 0.0))  # noqa: ARG005 - called by type
+_register(put, _put_double, _put_pair)
+_register(high_part, lambda numbers: numbers, lambda numbers: numbers[0])
+_register(is_paired, lambda numbers: False, lambda numbers: True)  # noqa: ARG005 - called by type
+_register(nothing, lambda numbers: 0.0, lambda numbers: (0.0, 0.0))  # noqa: ARG005 - called by type
+_register(exactly, lambda numbers, x: x, lambda numbers, x: (x, 0.0))  # noqa: ARG005 - called by type
 
 # --------------------------------------------------------------------------------------------- arithmetic
 
@@ -142,18 +142,18 @@ def root(x: Any) -> Any:
 
 
 def add_product(total: Any, x: Any, y: Any) -> Any:
-    """Return total + x y; call `settled` on the final sum."""
+    """Return total + x y; call `renorm` on the final sum."""
     return double_double.add_product(total, x, y) if isinstance(total, tuple) else total + x * y
 
 
 def subtract_product(total: Any, x: Any, y: Any) -> Any:
-    """Return total - x y; call `settled` on the final sum."""
+    """Return total - x y; call `renorm` on the final sum."""
     return double_double.subtract_product(total, x, y) if isinstance(total, tuple) else total - x * y
 
 
-def settled(total: Any) -> Any:
+def renorm(total: Any) -> Any:
     """Return a sum of products, normalised."""
-    return double_double.settled(total) if isinstance(total, tuple) else total
+    return double_double.renorm(total) if isinstance(total, tuple) else total
 
 
 def phase(rate: Any, t: float, offset: float) -> Any:
@@ -178,33 +178,33 @@ def like(x: Any, pair: DoubleDouble) -> Any:
     return pair if isinstance(x, tuple) else pair[0]
 
 
-_word(plus, lambda x, y: x + y, lambda x, y: dd.add(x, y))
-_word(minus, lambda x, y: x - y, lambda x, y: dd.subtract(x, y))
-_word(times, lambda x, y: x * y, lambda x, y: dd.multiply(x, y))
-_word(by_double, lambda x, y: x * y, lambda x, y: double_double.times_double(x, y))
-_word(over, lambda x, y: x / y, lambda x, y: dd.divide(x, y))
-_word(over_double, lambda x, y: x / y, lambda x, y: dd.divide(x, (y, 0.0)))
-_word(root, lambda x: math.sqrt(x), lambda x: dd.square_root(x))
-_word(
+_register(plus, lambda x, y: x + y, lambda x, y: dd.add(x, y))
+_register(minus, lambda x, y: x - y, lambda x, y: dd.subtract(x, y))
+_register(times, lambda x, y: x * y, lambda x, y: dd.multiply(x, y))
+_register(by_double, lambda x, y: x * y, lambda x, y: double_double.times_double(x, y))
+_register(over, lambda x, y: x / y, lambda x, y: dd.divide(x, y))
+_register(over_double, lambda x, y: x / y, lambda x, y: dd.divide(x, (y, 0.0)))
+_register(root, lambda x: math.sqrt(x), lambda x: dd.square_root(x))
+_register(
     add_product,
     lambda total, x, y: total + x * y,
     lambda total, x, y: double_double.add_product(total, x, y),
 )
-_word(
+_register(
     subtract_product,
     lambda total, x, y: total - x * y,
     lambda total, x, y: double_double.subtract_product(total, x, y),
 )
-_word(settled, lambda total: total, lambda total: double_double.settled(total))
-_word(
+_register(renorm, lambda total: total, lambda total: double_double.renorm(total))
+_register(
     phase,
     lambda rate, t, offset: rate * t + offset,
     lambda rate, t, offset: dd.add(double_double.times_double(rate, t), (offset, 0.0)),
 )
-_word(
+_register(
     sine_and_cosine,
     lambda x: (math.sin(x), math.cos(x)),
     lambda x: double_double.sine_and_cosine(x),
 )
-_word(as_pair, lambda x: (x, 0.0), lambda x: x)
-_word(like, lambda x, pair: pair[0], lambda x, pair: pair)  # noqa: ARG005 - called by type
+_register(as_pair, lambda x: (x, 0.0), lambda x: x)
+_register(like, lambda x, pair: pair[0], lambda x, pair: pair)  # noqa: ARG005 - called by type

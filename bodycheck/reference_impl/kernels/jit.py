@@ -74,9 +74,7 @@ def _compiled(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(cache_directory())
     try:
-        # no kernel is passed to C: the wrapper for that is a twentieth of the time to compile
-        njit = numba.njit(cache=True, error_model="numpy", no_cfunc_wrapper=True, **options)
-        return check_files_of(njit(function))
+        return check_files_of(numba.njit(cache=True, error_model="numpy", **options)(function))
     finally:
         numba.config.CACHE_DIR = before
 
@@ -87,10 +85,10 @@ def _compile(function: Callable[..., Any], **options: Any) -> Any:
 
 def as_exact(kernel: Kernel) -> Any:
     """Return the same function, compiled exactly as written."""
-    written = kernel.py_func
-    copy = FunctionType(written.__code__, written.__globals__, written.__name__, written.__defaults__)
-    copy.__qualname__ = f"{written.__qualname__}_exact"  # numba names the files of its cache by it
-    copy.__module__ = written.__module__
+    original = kernel.py_func
+    copy = FunctionType(original.__code__, original.__globals__, original.__name__, original.__defaults__)
+    copy.__qualname__ = f"{original.__qualname__}_exact"  # numba names the files of its cache by it
+    copy.__module__ = original.__module__
     return exact_kernel(copy)
 
 
@@ -167,5 +165,5 @@ def _single(value: Any) -> Any:
     if isinstance(value, float):
         return np.float32(value)
     source = _function_of(value)
-    ours = isinstance(source, FunctionType) and source.__module__.startswith("bodycheck.")
-    return in_single_precision(value) if ours else value
+    is_own = isinstance(source, FunctionType) and source.__module__.startswith("bodycheck.")
+    return in_single_precision(value) if is_own else value

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 Axes: TypeAlias = Literal["body", "world"]
 
-Wrenching: TypeAlias = Callable[[float, Array, Array, Array, Array], tuple[Array, Array]]
+WrenchFunction: TypeAlias = Callable[[float, Array, Array, Array, Array], tuple[Array, Array]]
 """f(t, position, R, velocity, omega) -> force in N, torque about the centre of mass in N m.
 
 position, velocity, omega, force and torque are (3,), all in world axes; R (3, 3) maps body axes to world
@@ -50,13 +50,13 @@ class Instants:
     velocity: Array
     omega: Array
 
-    def turned(self, vector: Array) -> Array:
+    def rotated(self, vector: Array) -> Array:
         """R v (..., 3)."""
         return self.rotation @ vector
 
     def in_world(self, axes: Axes, value: Array) -> Array:
         """Return a vector (3,), given in these axes, in world axes: (..., 3)."""
-        return self.turned(value) if axes == "body" else np.broadcast_to(value, self.omega.shape)
+        return self.rotated(value) if axes == "body" else np.broadcast_to(value, self.omega.shape)
 
 
 class Load(ABC):
@@ -124,7 +124,7 @@ class _AboutPivot(ContinuousLoad):
 
     def wrench(self, scene: Scene, at: Instants) -> tuple[Array, Array]:
         """Return zero force, because the pivot reacts it, and the torque about the pivot."""
-        arm = -at.turned(self.pivot)
+        arm = -at.rotated(self.pivot)
         centre = replace(at, position=at.position + arm, velocity=np.cross(at.omega, arm))
         force, torque = self.load.wrench(self.scene, centre)
         return np.zeros_like(at.omega), torque + np.cross(arm, force)
@@ -134,8 +134,8 @@ def total_wrench(loads: Iterable[Load], scene: Scene, at: Instants) -> tuple[Arr
     """Return the sum of forces and torques (3,) at one instant."""
     force, torque = np.zeros(3), np.zeros(3)
     for load in loads:
-        push, turn = load.wrench(scene, at)
-        force, torque = force + push, torque + turn
+        push, couple = load.wrench(scene, at)
+        force, torque = force + push, torque + couple
     return force, torque
 
 

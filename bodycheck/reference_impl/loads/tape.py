@@ -162,9 +162,9 @@ class Tape:
             _Step(SCALED, x.operand, high=1.0) if isinstance(x, Symbol) else _Step(CONSTANT, high=float(x))
             for x in results
         ]
-        kept = sorted(self._needed_by(last) | {0})
-        renamed = {OPERATIONS + old: OPERATIONS + new for new, old in enumerate(kept)}
-        steps = [*(self._steps[i] for i in kept), *last]
+        used = sorted(self._needed_by(last) | {0})
+        renamed = {OPERATIONS + old: OPERATIONS + new for new, old in enumerate(used)}
+        steps = [*(self._steps[i] for i in used), *last]
         return np.array([step._replace(a=renamed.get(step.a, step.a), b=renamed.get(step.b, step.b))
                          for step in steps], dtype=np.float64)  # fmt: skip
 

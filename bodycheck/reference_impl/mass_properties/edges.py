@@ -11,10 +11,10 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from bodycheck._util.formatting import first_few, vector
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import Vec, cross, dot
-from bodycheck.reference_impl.mass_properties.message_locations import first_few, place
 from bodycheck.reference_impl.mass_properties.solid import Triangles
 
 OPEN, SHARED, SHARED_TOO = -1, -2, -3
@@ -79,7 +79,7 @@ def described(vertices: Array, triangles: Triangles, half_edge: int) -> str:
     """Return 'from (0, 0, 0) to (1, 0, 0)'."""
     triangle, corner = divmod(int(half_edge), 3)
     start, end = vertices[triangles[triangle, [corner, (corner + 1) % 3]]]
-    return f"from {place(start)} to {place(end)}"
+    return f"from {vector(start)} to {vector(end)}"
 
 
 def refuse_edges(vertices: Array, triangles: Triangles, faulty: NDArray[np.int64], what: str) -> NoReturn:
@@ -92,7 +92,7 @@ _SAME_ANGLE = 1e-9
 """The angle, in about rad, within which two triangles count as coincident."""
 
 
-class Parted(NamedTuple):
+class SplitMesh(NamedTuple):
     """Triangles (m, 3), the partner (3 m,) of each half-edge, and notes on the changes, one sentence each."""
 
     triangles: Triangles
@@ -100,7 +100,7 @@ class Parted(NamedTuple):
     notes: tuple[str, ...]
 
 
-def taken_apart(vertices: Array, triangles: Triangles, partner: NDArray[np.int32]) -> Parted:
+def split_shared_edges(vertices: Array, triangles: Triangles, partner: NDArray[np.int32]) -> SplitMesh:
     """Pair the half-edges of edges that more than two triangles share.
 
     Shapes: (n, 3), (m, 3), (3 m,) from edges.partners without open edges. Triangles back to back, as where
@@ -112,7 +112,7 @@ def taken_apart(vertices: Array, triangles: Triangles, partner: NDArray[np.int32
     cancelled = _back_to_back(triangles, at_shared_edges)
     notes: tuple[str, ...] = ()
     if cancelled.any():
-        where = first_few(place(vertices[triangle[0]]) for triangle in triangles[cancelled])
+        where = first_few(vector(vertices[triangle[0]]) for triangle in triangles[cancelled])
         notes = (f"{cancelled.sum()} of the triangles lie back to back and were removed, at {where}",)
         triangles = triangles[~cancelled]
         if not len(triangles):
@@ -122,22 +122,22 @@ def taken_apart(vertices: Array, triangles: Triangles, partner: NDArray[np.int32
     if shared.any():
         _pair(vertices, triangles, partner)
         notes += (f"at {shared.sum()} edges parts touch; they were separated by which side is solid",)
-    return Parted(triangles, partner, notes)
+    return SplitMesh(triangles, partner, notes)
 
 
-def _back_to_back(triangles: Triangles, asked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _back_to_back(triangles: Triangles, selected: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which of the selected triangles (m,) cancel one with the same corners, oppositely oriented."""
     cancelled = np.zeros(len(triangles), dtype=np.bool_)
-    rows = np.flatnonzero(asked)
+    rows = np.flatnonzero(selected)
     corners = triangles[rows]
     a, b, c = corners.T
     even = (a < b).astype(int) + (b < c) + (c < a) == 2  # a cyclic shift of ascending corners
     order = np.lexsort(np.sort(corners, axis=1).T)
     ascending = np.sort(corners, axis=1)[order]
     group = np.cumsum((np.diff(ascending, axis=0, prepend=-1) != 0).any(axis=1)) - 1
-    turned = ~even[order]
-    pairs = np.minimum(np.bincount(group, ~turned), np.bincount(group, turned))
-    for side in (turned, ~turned):
+    flipped = ~even[order]
+    pairs = np.minimum(np.bincount(group, ~flipped), np.bincount(group, flipped))
+    for side in (flipped, ~flipped):
         rank = np.cumsum(side) - side  # how many of this side precede, over all groups
         rank -= rank[np.searchsorted(group, group)]
         cancelled[rows[order[side & (rank < pairs[group])]]] = True

@@ -190,11 +190,17 @@ class LevelSet:
         for _ in range(_SECTIONS):
             reached = np.minimum(f_left, f_right) < 0.0
             found[open_[reached]] = np.where(f_left < f_right, left, right)[reached]
-            kept = ~reached
-            if not kept.any():
+            remaining = ~reached
+            if not remaining.any():
                 break
-            open_, low, high, left, right = open_[kept], low[kept], high[kept], left[kept], right[kept]
-            f_left, f_right = f_left[kept], f_right[kept]
+            open_, low, high, left, right = (
+                open_[remaining],
+                low[remaining],
+                high[remaining],
+                left[remaining],
+                right[remaining],
+            )
+            f_left, f_right = f_left[remaining], f_right[remaining]
             lower = f_left < f_right
             low, high = np.where(lower, low, left), np.where(lower, right, high)
             new = np.where(lower, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))

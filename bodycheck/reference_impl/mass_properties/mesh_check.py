@@ -7,21 +7,25 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bodycheck._util.formatting import first_few, vector
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.edges import (
     OPEN,
     SHARED,
-    Parted,
+    SplitMesh,
     partners,
     refuse_edges,
-    taken_apart,
+    split_shared_edges,
 )
-from bodycheck.reference_impl.mass_properties.message_locations import first_few, place
-from bodycheck.reference_impl.mass_properties.outward_orientation import consistent, faced, with_turned
+from bodycheck.reference_impl.mass_properties.outward_orientation import (
+    consistent,
+    outward_orientation,
+    with_flipped,
+)
 from bodycheck.reference_impl.mass_properties.solid import LENGTHS, Overlap, Triangles
 from bodycheck.reference_impl.mass_properties.vertex_merge import merged, without_slits
 
-_MOST_TRIANGLES = (1 << 31) // 3
+_MAX_TRIANGLES = (1 << 31) // 3
 """Half-edges have 32-bit numbers."""
 
 
@@ -53,13 +57,13 @@ def checked_mesh(vertices: ArrayLike, triangles: ArrayLike, overlap: Overlap = "
     notes = _note(points, corners[collapsed], "had two equal corners and were removed")
     closed = _closed(points, kept)
     surfaces = consistent(points, closed.triangles, closed.partner)
-    facing = faced(points, surfaces, overlap)
+    orientation = outward_orientation(points, surfaces, overlap)
     notes += (
         *closed.notes,
-        *_turned_note(points, closed.triangles, surfaces.turned != facing.wrong),
-        *facing.notes,
+        *_flipped_note(points, closed.triangles, surfaces.flipped != orientation.wrong),
+        *orientation.notes,
     )
-    return Mesh(points, with_turned(surfaces.triangles, facing.wrong), notes)
+    return Mesh(points, with_flipped(surfaces.triangles, orientation.wrong), notes)
 
 
 def _arrays(vertices: ArrayLike, triangles: ArrayLike) -> tuple[Array, Triangles]:
@@ -71,8 +75,8 @@ def _arrays(vertices: ArrayLike, triangles: ArrayLike) -> tuple[Array, Triangles
         raise ValueError(f"triangles must be whole numbers (m, 3), not {corners.dtype} {corners.shape}")
     if not len(corners):
         raise ValueError("the mesh has no triangles")
-    if len(corners) > _MOST_TRIANGLES:
-        raise ValueError(f"the mesh has {len(corners)} triangles; at most {_MOST_TRIANGLES} are taken")
+    if len(corners) > _MAX_TRIANGLES:
+        raise ValueError(f"the mesh has {len(corners)} triangles; at most {_MAX_TRIANGLES} are taken")
     if corners.min() < 0 or corners.max() >= len(points):
         row = np.flatnonzero(((corners < 0) | (corners >= len(points))).any(axis=1))[0]
         raise ValueError(
@@ -105,7 +109,7 @@ def _is_collapsed(triangles: Triangles) -> NDArray[np.bool_]:
     return np.asarray(collapsed)
 
 
-def _closed(vertices: Array, triangles: Triangles) -> Parted:
+def _closed(vertices: Array, triangles: Triangles) -> SplitMesh:
     """Return the triangles with the partners of all their half-edges; raise ValueError for an open mesh."""
     partner = partners(triangles, len(vertices))
     notes: tuple[str, ...] = ()
@@ -116,21 +120,21 @@ def _closed(vertices: Array, triangles: Triangles) -> Parted:
             refuse_edges(vertices, triangles, faulty, "is open: {} edges belong to one triangle only")
         triangles, partner, notes = joined.triangles, joined.partner, (joined.note,)
     if (partner <= SHARED).any():
-        parted = taken_apart(vertices, triangles, partner)
-        return parted._replace(notes=notes + parted.notes)
-    return Parted(triangles, partner, notes)
+        split = split_shared_edges(vertices, triangles, partner)
+        return split._replace(notes=notes + split.notes)
+    return SplitMesh(triangles, partner, notes)
 
 
-def _turned_note(vertices: Array, triangles: Triangles, turned: NDArray[np.bool_]) -> tuple[str, ...]:
+def _flipped_note(vertices: Array, triangles: Triangles, flipped: NDArray[np.bool_]) -> tuple[str, ...]:
     """Return a note on the turned triangles, if any."""
-    if turned.all():
+    if flipped.all():
         return ("the mesh was inside-out; all its triangles were reversed",)
-    return _note(vertices, triangles[turned], "had the wrong orientation and were reversed")
+    return _note(vertices, triangles[flipped], "had the wrong orientation and were reversed")
 
 
 def _note(vertices: Array, triangles: Triangles, what: str) -> tuple[str, ...]:
     """Return '5 triangles <what>, at (0, 0, 1); ...' if there are any."""
     if not len(triangles):
         return ()
-    where = first_few(place(vertices[triangle[0]]) for triangle in triangles)
+    where = first_few(vector(vertices[triangle[0]]) for triangle in triangles)
     return (f"{len(triangles)} of the triangles {what}, at {where}",)

@@ -7,65 +7,65 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from bodycheck._util.formatting import vector
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.kernels.jit import kernel
-from bodycheck.reference_impl.mass_properties.containment import Nesting, nesting
+from bodycheck.reference_impl.mass_properties.containment import Containment, containment
 from bodycheck.reference_impl.mass_properties.edges import described
-from bodycheck.reference_impl.mass_properties.message_locations import place
 from bodycheck.reference_impl.mass_properties.polyhedron import volume_area_reach
 from bodycheck.reference_impl.mass_properties.solid import Overlap, Triangles
 
-_UNSEEN = -1
+_UNVISITED = -1
 _NONE = -1
 
 
 class Surfaces(NamedTuple):
-    """Triangles (m, 3), consistent within each surface; the surface (m,) of each; which (m,) were turned."""
+    """Triangles (m, 3), consistent within each surface; the surface (m,) of each; which (m,) were flipped."""
 
     triangles: Triangles
     surface: NDArray[np.int32]
-    turned: NDArray[np.bool_]
+    flipped: NDArray[np.bool_]
 
 
 def consistent(vertices: Array, triangles: Triangles, partner: NDArray[np.int32]) -> Surfaces:
-    """Turn the fewest triangles that make each connected surface consistent, facing outward or inward.
+    """Flip the fewest triangles that make each connected surface consistent, facing outward or inward.
 
     Shapes: (n, 3), (m, 3), (3 m,) from edges.partners. Raises ValueError naming an edge where a surface has
     only one side (it contains a Möbius band or Klein bottle).
     """
-    surface, turned, conflict = _spread(triangles, partner)
+    surface, flipped, conflict = _spread(triangles, partner)
     if conflict != _NONE:
         raise ValueError(
             "the mesh is not orientable: its surface has one side only; the two sides meet on the edge "
             + described(vertices, triangles, conflict)
         )
-    minority = 2 * np.bincount(surface[turned], minlength=surface.max() + 1) > np.bincount(surface)
-    turned = turned != minority[surface]
-    return Surfaces(with_turned(triangles, turned), surface, turned)
+    minority = 2 * np.bincount(surface[flipped], minlength=surface.max() + 1) > np.bincount(surface)
+    flipped = flipped != minority[surface]
+    return Surfaces(with_flipped(triangles, flipped), surface, flipped)
 
 
-def with_turned(triangles: Triangles, turned: NDArray[np.bool_]) -> Triangles:
-    """Return the triangles (m, 3), with the orientation reversed of those selected by turned (m,)."""
-    return np.where(turned[:, None], triangles[:, ::-1], triangles) if turned.any() else triangles
+def with_flipped(triangles: Triangles, flipped: NDArray[np.bool_]) -> Triangles:
+    """Return the triangles (m, 3), with the orientation reversed of those selected by flipped (m,)."""
+    return np.where(flipped[:, None], triangles[:, ::-1], triangles) if flipped.any() else triangles
 
 
 @kernel
 def _spread(
     triangles: Triangles, partner: NDArray[np.int32]
 ) -> tuple[NDArray[np.int32], NDArray[np.bool_], int]:
-    """Walk each surface from its first triangle over every edge, turning triangles that disagree.
+    """Walk each surface from its first triangle over every edge, flipping triangles that disagree.
 
-    Returns the surface (m,) of each triangle, which triangles (m,) are turned, and a half-edge at which two
+    Returns the surface (m,) of each triangle, which triangles (m,) are flipped, and a half-edge at which two
     visited triangles still disagree, or -1.
     """
     count = len(partner) // 3
     start = triangles.ravel()
-    surface = np.full(count, _UNSEEN, dtype=np.int32)
-    turned = np.zeros(count, dtype=np.bool_)
+    surface = np.full(count, _UNVISITED, dtype=np.int32)
+    flipped = np.zeros(count, dtype=np.bool_)
     stack = np.empty(count, dtype=np.int32)
     surfaces = 0
     for seed in range(count):
-        if surface[seed] != _UNSEEN:
+        if surface[seed] != _UNVISITED:
             continue
         surface[seed] = surfaces
         stack[0] = seed
@@ -76,31 +76,31 @@ def _spread(
             for half_edge in range(3 * here, 3 * here + 3):
                 there = partner[half_edge] // 3
                 agreeing = start[half_edge] != start[partner[half_edge]]
-                should_be = turned[here] == agreeing
-                if surface[there] == _UNSEEN:
+                should_be = flipped[here] == agreeing
+                if surface[there] == _UNVISITED:
                     surface[there] = surfaces
-                    turned[there] = should_be
+                    flipped[there] = should_be
                     stack[waiting] = there
                     waiting += 1
-                elif turned[there] != should_be:
-                    return surface, turned, half_edge
+                elif flipped[there] != should_be:
+                    return surface, flipped, half_edge
         surfaces += 1
-    return surface, turned, _NONE
+    return surface, flipped, _NONE
 
 
 _FLAT = 1e-14
 """A volume below this fraction of area times reach is round-off."""
 
 
-class Facing(NamedTuple):
-    """Which triangles (m,), consistent within their surfaces, must be turned, and the notes on that."""
+class Orientation(NamedTuple):
+    """Which triangles (m,), consistent within their surfaces, must be flipped, and the notes on that."""
 
     wrong: NDArray[np.bool_]
     notes: tuple[str, ...]
 
 
-def faced(vertices: Array, surfaces: Surfaces, overlap: Overlap = "refuse") -> Facing:
-    """Return which triangles must be turned for the surfaces to bound a solid; vertices (n, 3) in m.
+def outward_orientation(vertices: Array, surfaces: Surfaces, overlap: Overlap = "refuse") -> Orientation:
+    """Return which triangles must be flipped for the surfaces to bound a solid; vertices (n, 3) in m.
 
     A surface within an even number of others bounds matter and faces outward. A surface within an odd number
     is a cavity and faces inward. A wholly inside-out mesh may be turned, and so may any surface that lies
@@ -112,16 +112,18 @@ def faced(vertices: Array, surfaces: Surfaces, overlap: Overlap = "refuse") -> F
     members = _members(surfaces.surface)
     parts = [surfaces.triangles[rows] for rows in members] if len(members) > 1 else [surfaces.triangles]
     outward = np.array([_is_outward(vertices, part) for part in parts])
-    found = nesting(vertices, parts, outward, overlap)
-    mended = np.array([surfaces.turned[rows].any() for rows in members])
+    found = containment(vertices, parts, outward, overlap)
+    repaired = np.array([surfaces.flipped[rows].any() for rows in members])
     wrong = outward != (found.depth % 2 == 0)
-    if not wrong.all() or mended.any():
+    if not wrong.all() or repaired.any():
         if overlap == "count-twice":
             wrong = ~outward & (found.winding < 1)
-        doubtful = np.flatnonzero((wrong | mended) & ((found.depth > 0) | found.crossing))
-        if len(doubtful):
-            _refuse(vertices, parts[doubtful[0]], crossing=bool(found.crossing[doubtful[0]]))
-    return Facing(wrong[surfaces.surface], _parts_note(found, int(np.sum(outward & (found.winding > 0)))))
+        ambiguous = np.flatnonzero((wrong | repaired) & ((found.depth > 0) | found.crossing))
+        if len(ambiguous):
+            _refuse(vertices, parts[ambiguous[0]], crossing=bool(found.crossing[ambiguous[0]]))
+    return Orientation(
+        wrong[surfaces.surface], _parts_note(found, int(np.sum(outward & (found.winding > 0))))
+    )
 
 
 def _members(surface: NDArray[np.int32]) -> list[NDArray[np.int64]]:
@@ -136,14 +138,14 @@ def _is_outward(vertices: Array, triangles: Triangles) -> bool:
     """Return whether a closed surface faces outward; raise ValueError if it encloses nothing."""
     volume, area, reach = volume_area_reach(vertices, triangles)
     if abs(volume) <= _FLAT * area * reach:
-        where = place(vertices[triangles[0, 0]])
+        where = vector(vertices[triangles[0, 0]])
         raise ValueError(f"the mesh is degenerate: the closed surface at {where} encloses no volume")
     return bool(volume > 0.0)
 
 
 def _refuse(vertices: Array, triangles: Triangles, *, crossing: bool) -> NoReturn:
     """Raise ValueError naming a surface that may bound matter or void."""
-    where = place(vertices[triangles[0, 0]])
+    where = vector(vertices[triangles[0, 0]])
     if crossing:
         raise ValueError(
             f"the mesh is ambiguous: the closed surface at {where} crosses another and does not face "
@@ -156,7 +158,7 @@ def _refuse(vertices: Array, triangles: Triangles, *, crossing: bool) -> NoRetur
     )
 
 
-def _parts_note(found: Nesting, within_matter: int) -> tuple[str, ...]:
+def _parts_note(found: Containment, within_matter: int) -> tuple[str, ...]:
     """Return a note on the number of closed surfaces, if more than one, and on their overlaps."""
     parts = len(found.depth)
     if parts == 1:

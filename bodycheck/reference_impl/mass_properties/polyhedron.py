@@ -169,4 +169,4 @@ def polyhedron(vertices: Array, triangles: Triangles) -> MassProperties:
     if np.any(solid.mass * solid.centre**2 > spread):
         origin = origin + solid.centre
         solid = MassProperties.of_moments(_moments(vertices, triangles, tuple(origin)))
-    return solid.moved(origin)
+    return solid.translated(origin)

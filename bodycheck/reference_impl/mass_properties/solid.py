@@ -24,7 +24,7 @@ Overlap: TypeAlias = Literal["refuse", "count-twice"]
 LENGTHS = (1e-50, 1e50)
 """The range of lengths in m whose fifth powers, as in second moments, are normal doubles."""
 
-_LEAST = float(np.finfo(np.float64).tiny)
+_MIN = float(np.finfo(np.float64).tiny)
 """The smallest normal double: smaller numbers have lost digits."""
 
 
@@ -67,7 +67,7 @@ class MassProperties:
             raise ValueError(f"density must be positive and finite, not {density!r}")
         with np.errstate(over="ignore", under="ignore"):
             mass, inertia = density * self.mass, density * self.inertia
-        if not all(_LEAST <= x < math.inf for x in (mass, *np.diagonal(inertia))):
+        if not all(_MIN <= x < math.inf for x in (mass, *np.diagonal(inertia))):
             raise ValueError(
                 f"a density of {density!r} kg/m^3 makes a mass of {mass!r} kg and moments of "
                 f"{np.diagonal(inertia).tolist()} kg m^2: beyond the range of double precision"
@@ -83,7 +83,7 @@ class MassProperties:
             inertia=self.inertia * float(factor**5),
         )
 
-    def moved(self, displacement: Array) -> MassProperties:
+    def translated(self, displacement: Array) -> MassProperties:
         """c' = c + d: displace the solid by d (3,), m; the inertia about its centre is unchanged."""
         return replace(self, centre=self.centre + displacement)
 
@@ -148,8 +148,8 @@ def capsule(radius: float, length: float) -> MassProperties:
     from its base, to the end of that part.
     """
     core, ends = cylinder(radius, length), sphere(radius)
-    moved = ends.mass * (length**2 / 4.0 + 3.0 * length * radius / 8.0)
-    moments = np.diagonal(core.inertia + ends.inertia) + np.array([moved, moved, 0.0])
+    translated = ends.mass * (length**2 / 4.0 + 3.0 * length * radius / 8.0)
+    moments = np.diagonal(core.inertia + ends.inertia) + np.array([translated, translated, 0.0])
     return _centred(core.mass + ends.mass, *moments)
 
 

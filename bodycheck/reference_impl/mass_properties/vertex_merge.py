@@ -57,11 +57,11 @@ def _find(kinds: Array, slots: NDArray[np.int32], x: float, y: float, z: float) 
 def _grown(kinds: Array, slots: NDArray[np.int32], count: int) -> tuple[Array, NDArray[np.int32]]:
     """Return a table of twice the size with the same kinds."""
     larger = np.full(2 * len(slots), _EMPTY, dtype=np.int32)
-    room = np.empty((len(slots), 3))
-    room[:count] = kinds[:count]
+    buffer = np.empty((len(slots), 3))
+    buffer[:count] = kinds[:count]
     for kind in range(count):
-        larger[_find(room, larger, room[kind, 0], room[kind, 1], room[kind, 2])] = kind
-    return room, larger
+        larger[_find(buffer, larger, buffer[kind, 0], buffer[kind, 1], buffer[kind, 2])] = kind
+    return buffer, larger
 
 
 @kernel

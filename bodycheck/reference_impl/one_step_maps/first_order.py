@@ -22,11 +22,11 @@ from bodycheck.reference_impl.one_step_maps.one_step_map import (
     Solid,
     back,
     cross,
+    rotated,
     stepped,
     times,
 )
 from bodycheck.reference_impl.rotations import (
-    exp_quaternion,
     hat,
     matrix_to_quaternion,
     normalised,
@@ -64,10 +64,10 @@ def _linearised(
     solid: Solid, omega: Array, torque: Array, dt: Array, *, weight: float = 1.0, torque_inside: bool = True
 ) -> Array:
     matrix = solid.inertia + weight * dt[..., None] * gyroscopic_derivative(solid, omega)
-    turning = gyroscopic(solid, omega)
+    gyroscopic_torque = gyroscopic(solid, omega)
     if torque_inside:
-        return omega + dt * _solved(matrix, torque - turning)
-    return omega - dt * _solved(matrix, turning) + dt * times(solid.inverse, torque)
+        return omega + dt * _solved(matrix, torque - gyroscopic_torque)
+    return omega - dt * _solved(matrix, gyroscopic_torque) + dt * times(solid.inverse, torque)
 
 
 def _implicit(
@@ -89,9 +89,9 @@ def _implicit(
 
 def _trapezoidal(solid: Solid, omega: Array, torque: Array, dt: Array) -> Array:
     """I (w+ - w) = dt (tau - (w x I w + w+ x I w+) / 2)."""
-    turning, found = gyroscopic(solid, omega), omega
+    gyroscopic_torque, found = gyroscopic(solid, omega), omega
     for _ in range(_NEWTON_STEPS):
-        mean = 0.5 * (turning + gyroscopic(solid, found))
+        mean = 0.5 * (gyroscopic_torque + gyroscopic(solid, found))
         matrix = solid.inertia + 0.5 * dt[..., None] * gyroscopic_derivative(solid, found)
         found = found - _solved(matrix, times(solid.inertia, found - omega) - dt * (torque - mean))
     return found
@@ -101,14 +101,14 @@ def _no_gyroscopic_term(solid: Solid, omega: Array, torque: Array, dt: Array) ->
     return omega + dt * times(solid.inverse, torque)
 
 
-def _momentum_length_kept(solid: Solid, omega: Array, torque: Array, dt: Array) -> Array:
+def _momentum_length_preserved(solid: Solid, omega: Array, torque: Array, dt: Array) -> Array:
     momentum = times(solid.inertia, omega)
-    turned = momentum - dt * cross(omega, momentum)
-    length, turned_length = (np.linalg.norm(m, axis=-1, keepdims=True) for m in (momentum, turned))
-    kept = turned * np.where(
-        turned_length > 0.0, length / np.where(turned_length > 0.0, turned_length, 1.0), 0.0
+    rotated = momentum - dt * cross(omega, momentum)
+    length, rotated_length = (np.linalg.norm(m, axis=-1, keepdims=True) for m in (momentum, rotated))
+    rescaled = rotated * np.where(
+        rotated_length > 0.0, length / np.where(rotated_length > 0.0, rotated_length, 1.0), 0.0
     )
-    return times(solid.inverse, kept) + dt * times(solid.inverse, torque)
+    return times(solid.inverse, rescaled) + dt * times(solid.inverse, torque)
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class _OmegaRule:
     rule: Rule
     formula: str
     source: str
-    usual: Pose = "new"
+    default_pose: Pose = "new"
     order: int = 1
     aliases: tuple[str, ...] = ()
     reversible: bool = False
@@ -163,7 +163,7 @@ _RULES = (
         partial(_implicit, weight=0.5),
         "I (omega+ - omega) = dt (tau - w x I w), w = (omega + omega+) / 2",
         "Austin, Krishnaprasad and Wang (1993), J. Comput. Phys. 107, 105",
-        usual="mean",
+        default_pose="mean",
         order=2,
         reversible=True,
     ),
@@ -172,7 +172,7 @@ _RULES = (
         partial(_linearised, weight=0.5),
         "omega+ = omega + dt (I + dt D / 2)^-1 (tau - omega x I omega)",
         "the implicit midpoint rule with one Newton iteration (Rosenbrock 1963)",
-        usual="mean",
+        default_pose="mean",
         order=2,
     ),
     _OmegaRule(
@@ -180,20 +180,20 @@ _RULES = (
         partial(_linearised, weight=0.5, torque_inside=False),
         "omega+ = omega - dt (I + dt D / 2)^-1 (omega x I omega) + dt I^-1 tau",
         "as M3 about the midpoint",
-        usual="mean",
+        default_pose="mean",
     ),
     _OmegaRule(
         "trapezoidal rule",
         _trapezoidal,
         "I (omega+ - omega) = dt (tau - (omega x I omega + omega+ x I omega+) / 2)",
         "Simo and Wong (1991), Int. J. Numer. Meth. Eng. 31, 19",
-        usual="mean",
+        default_pose="mean",
         order=2,
         reversible=True,
     ),
     _OmegaRule(
         "Jolt",
-        _momentum_length_kept,
+        _momentum_length_preserved,
         "I omega+ = |L| (L - dt omega x L) / |L - dt omega x L| + dt tau, L = I omega",
         "Jolt's MotionProperties::ApplyGyroscopicForceInternal; PhysX 5's gyroscopic forces",
         aliases=("PhysX 5",),
@@ -208,13 +208,8 @@ _RULES = (
 )
 
 
-def _turned(q: Array, angle: Array) -> Array:
-    """q exp(angle / 2), angle (n, 3) in body axes."""
-    return quaternion_product(q, exp_quaternion(angle))
-
-
-def _turned_at_most(q: Array, angle: Array) -> Array:
-    """As _turned up to pi/4; beyond, q (cos(pi/8), sin(pi/8) angle / (pi/4)), normalised (Bullet)."""
+def _rotated_at_most(q: Array, angle: Array) -> Array:
+    """As rotated up to pi/4; beyond, q (cos(pi/8), sin(pi/8) angle / (pi/4)), normalised (Bullet)."""
     size = np.linalg.norm(angle, axis=-1, keepdims=True)
     limited = np.minimum(size, 0.25 * np.pi)
     scale = np.sin(0.5 * limited) / np.where(limited > 0.0, limited, 1.0)
@@ -232,9 +227,9 @@ def _added_and_normalised(q: Array, angle: Array) -> Array:
 
 
 _QUATERNION_UPDATES: dict[str, tuple[Callable[[Array, Array], Array], str]] = {
-    "": (_turned, "q+ = q exp(dt w / 2)"),
+    "": (rotated, "q+ = q exp(dt w / 2)"),
     ", step angle at most pi/4": (
-        _turned_at_most,
+        _rotated_at_most,
         "q+ = q (cos(a/2), dt w sin(a/2) / a) normalised, a = dt |w| up to pi/4",
     ),
     ", additive quaternion": (_added, "q+ = q + dt q w / 2, never renormalised"),
@@ -272,7 +267,9 @@ class _Scheme:
         angle = h * _chosen(self.pose, old, new)
         after = replace(stepped(motion, np.asarray(dt)), position=position, velocity=velocity)
         if self.update is None:
-            after = _with_matrix(after, _moved_matrix(matrix, rotation, angle, self.carried, self.projected))
+            after = _with_matrix(
+                after, _advanced_matrix(matrix, rotation, angle, self.carried, self.projected)
+            )
         else:
             after = replace(after, quaternion=self.update(motion.quaternion, angle), rotation=None)
         if self.carried == "body":
@@ -290,12 +287,14 @@ def _matrix_of(motion: Motion) -> Array:
     return motion.orthogonal if motion.rotation is None else motion.rotation
 
 
-def _moved_matrix(matrix: Array, rotation: Array, angle: Array, carried: Carried, projected: bool) -> Array:
+def _advanced_matrix(
+    matrix: Array, rotation: Array, angle: Array, carried: Carried, projected: bool
+) -> Array:
     if carried == "body":
-        moved = matrix + matrix @ hat(angle)
+        advanced = matrix + matrix @ hat(angle)
     else:
-        moved = matrix + hat(times(rotation, angle)) @ matrix
-    return project_to_so3(moved) if projected else moved
+        advanced = matrix + hat(times(rotation, angle)) @ matrix
+    return project_to_so3(advanced) if projected else advanced
 
 
 def _with_matrix(motion: Motion, matrix: Array) -> Motion:
@@ -329,11 +328,11 @@ def first_order_maps() -> Iterator[OneStepMap]:
 
 def _with_updates(rule: _OmegaRule, pose: Pose, carried: Carried) -> Iterator[OneStepMap]:
     name = rule.name
-    if pose != rule.usual:
+    if pose != rule.default_pose:
         name += f", pose from the {pose} omega"
     if carried == "world":
         name += ", omega in world axes"
-    natural = pose == rule.usual and carried == "body"
+    natural = pose == rule.default_pose and carried == "body"
     reversible = rule.reversible and natural
     order = rule.order if natural else min(rule.order, 1)
     for suffix, (update, formula) in _QUATERNION_UPDATES.items():

@@ -17,8 +17,10 @@ from bodycheck.reference_impl.one_step_maps.one_step_map import (
     Solid,
     back,
     cross,
+    rotated,
     stepped,
     times,
+    weighted_sum,
 )
 from bodycheck.reference_impl.one_step_maps.tableaus import CROUCH_GROSSMAN_3, EXPLICIT, NamedTableau
 from bodycheck.reference_impl.rotations import exp_quaternion, hat, quaternion_product, quaternion_to_matrix
@@ -28,28 +30,23 @@ _DIFFERENCE = 1e-7  # rad, of a derivative for Newton's iterations
 Correction: TypeAlias = Literal["none", "first", "second", "exact", "products"]
 
 
-def _rotated(q: Array, angle: Array) -> Array:
-    """q exp(angle / 2), angle (n, 3) in body axes."""
-    return quaternion_product(q, exp_quaternion(angle))
-
-
 def _inverse_dexp(u: Array, omega: Array, correction: Correction) -> Array:
     """u' with (exp u)' = exp(u) omega: omega + u x omega / 2 + c u x (u x omega), Bortz (1971)."""
     if correction == "none":
         return omega
-    turned = cross(u, omega)
-    first = omega + 0.5 * turned
+    bracket = cross(u, omega)
+    first = omega + 0.5 * bracket
     if correction == "first":
         return first
     if correction == "second":
-        return first + cross(u, turned) / 12.0
+        return first + cross(u, bracket) / 12.0
     angle = np.linalg.norm(u, axis=-1, keepdims=True)
     small = angle < 0.05
     safe = np.where(small, 1.0, angle)
     closed = (1.0 - 0.5 * safe / np.tan(0.5 * safe)) / (safe * safe)
     square = angle * angle
     series = 1.0 / 12.0 + square / 720.0 + square**2 / 30240.0 + square**3 / 1209600.0
-    return first + np.where(small, series, closed) * cross(u, turned)
+    return first + np.where(small, series, closed) * cross(u, bracket)
 
 
 def _carried_of(solid: Solid, carried: Carried, motion: Motion, rotation: Array) -> Array:
@@ -68,7 +65,7 @@ def _omega_of(solid: Solid, carried: Carried, spin: Array, rotation: Array) -> A
     return inward if carried == "world" else times(solid.inverse, inward)
 
 
-def _turning(solid: Solid, carried: Carried, omega: Array, torque: Array, rotation: Array) -> Array:
+def _carried_rate(solid: Solid, carried: Carried, omega: Array, torque: Array, rotation: Array) -> Array:
     """The rate of what is carried; torque (n, 3) in body axes."""
     if carried == "momentum":
         return times(rotation, torque)
@@ -90,22 +87,24 @@ class _LieRungeKutta:
         spin = _carried_of(solid, self.carried, motion, rotation)
         flat = np.concatenate([motion.position, motion.velocity, spin], axis=-1)
         rates: list[Array] = []
-        turns: list[Array] = []
+        angle_rates: list[Array] = []
         for row, c in zip(self.tableau.a, self.tableau.c, strict=True):
-            y = flat + h * _sum(row, rates, flat)
-            u = h * _sum(row, turns, spin)
-            q = self._attitude(motion.quaternion, row, turns, u, h)
+            y = flat + h * weighted_sum(row, rates, flat)
+            u = h * weighted_sum(row, angle_rates, spin)
+            q = self._attitude(motion.quaternion, row, angle_rates, u, h)
             at = quaternion_to_matrix(q)
             omega = _omega_of(solid, self.carried, y[..., 6:], at)
             force, torque = loads(
                 motion.t + c * np.asarray(dt), y[..., :3], at, y[..., 3:6], times(at, omega)
             )
-            turning = _turning(solid, self.carried, omega, torque, at)
-            rates.append(np.concatenate([y[..., 3:6], force / solid.mass[..., None], turning], axis=-1))
-            turns.append(omega if self.correction == "products" else _inverse_dexp(u, omega, self.correction))
-        end = flat + h * _sum(self.tableau.b, rates, flat)
-        u = h * _sum(self.tableau.b, turns, spin)
-        q = self._attitude(motion.quaternion, self.tableau.b, turns, u, h)
+            carried_rate = _carried_rate(solid, self.carried, omega, torque, at)
+            rates.append(np.concatenate([y[..., 3:6], force / solid.mass[..., None], carried_rate], axis=-1))
+            angle_rates.append(
+                omega if self.correction == "products" else _inverse_dexp(u, omega, self.correction)
+            )
+        end = flat + h * weighted_sum(self.tableau.b, rates, flat)
+        u = h * weighted_sum(self.tableau.b, angle_rates, spin)
+        q = self._attitude(motion.quaternion, self.tableau.b, angle_rates, u, h)
         omega = _omega_of(solid, self.carried, end[..., 6:], quaternion_to_matrix(q))
         return replace(
             stepped(motion, np.asarray(dt)),
@@ -116,21 +115,13 @@ class _LieRungeKutta:
             rotation=None,
         )
 
-    def _attitude(self, q: Array, weights: Array, turns: list[Array], u: Array, h: Array) -> Array:
+    def _attitude(self, q: Array, weights: Array, angle_rates: list[Array], u: Array, h: Array) -> Array:
         if self.correction != "products":
-            return _rotated(q, u)
-        for weight, turn in zip(weights, turns, strict=False):
+            return rotated(q, u)
+        for weight, angle_rate in zip(weights, angle_rates, strict=False):
             if weight != 0.0:
-                q = _rotated(q, h * weight * turn)
+                q = rotated(q, h * weight * angle_rate)
         return q
-
-
-def _sum(weights: Array, stages: list[Array], like: Array) -> Array:
-    total = np.zeros_like(like)
-    for weight, stage in zip(weights, stages, strict=False):
-        if weight != 0.0:
-            total = total + weight * stage
-    return total
 
 
 _CORRECTIONS: dict[Correction, tuple[str, str, str]] = {
@@ -209,15 +200,15 @@ def _commutator_free(solid: Solid, motion: Motion, dt: Array, loads: Loads) -> M
         return omega, times(rotation, torque), force / solid.mass[..., None]
 
     w1, t1, a1 = rates(0.0, q, x, v, momentum)
-    q2 = _rotated(q, 0.5 * h * w1)
+    q2 = rotated(q, 0.5 * h * w1)
     v2 = v + 0.5 * h * a1
     w2, t2, a2 = rates(0.5, q2, x + 0.5 * h * v, v2, momentum + 0.5 * h * t1)
     v3 = v + 0.5 * h * a2
-    w3, t3, a3 = rates(0.5, _rotated(q, 0.5 * h * w2), x + 0.5 * h * v2, v3, momentum + 0.5 * h * t2)
+    w3, t3, a3 = rates(0.5, rotated(q, 0.5 * h * w2), x + 0.5 * h * v2, v3, momentum + 0.5 * h * t2)
     v4 = v + h * a3
-    w4, t4, a4 = rates(1.0, _rotated(q2, h * (w3 - 0.5 * w1)), x + h * v3, v4, momentum + h * t3)
-    q = _rotated(q, h * (3.0 * w1 + 2.0 * w2 + 2.0 * w3 - w4) / 12.0)
-    q = _rotated(q, h * (-w1 + 2.0 * w2 + 2.0 * w3 + 3.0 * w4) / 12.0)
+    w4, t4, a4 = rates(1.0, rotated(q2, h * (w3 - 0.5 * w1)), x + h * v3, v4, momentum + h * t3)
+    q = rotated(q, h * (3.0 * w1 + 2.0 * w2 + 2.0 * w3 - w4) / 12.0)
+    q = rotated(q, h * (-w1 + 2.0 * w2 + 2.0 * w3 + 3.0 * w4) / 12.0)
     momentum = momentum + h * (t1 + 2.0 * t2 + 2.0 * t3 + t4) / 6.0
     return replace(
         stepped(motion, np.asarray(dt)),
@@ -301,7 +292,7 @@ def _spiral(solid: Solid, motion: Motion, dt: Array, loads: Loads) -> Motion:
     h, rotation = np.asarray(dt)[..., None], motion.orthogonal
     force, torque = loads(motion.t, motion.position, rotation, motion.velocity, times(rotation, motion.omega))
     rate = times(solid.inverse, torque - gyroscopic(solid, motion.omega))
-    q = _rotated(_rotated(motion.quaternion, h * motion.omega), 0.5 * h * h * rate)
+    q = rotated(rotated(motion.quaternion, h * motion.omega), 0.5 * h * h * rate)
     velocity = motion.velocity + h * force / solid.mass[..., None]
     return replace(
         stepped(motion, np.asarray(dt)),
@@ -319,9 +310,11 @@ def _verlet_spiral(solid: Solid, motion: Motion, dt: Array, loads: Loads) -> Mot
     force, torque = loads(motion.t, motion.position, rotation, motion.velocity, times(rotation, motion.omega))
     omega = _ssp_spin(solid, motion.omega, torque, 0.5 * h)
     middle = motion.velocity + 0.5 * h * force / solid.mass[..., None]
-    position, q = motion.position + h * middle, _rotated(motion.quaternion, h * omega)
-    turned = quaternion_to_matrix(q)
-    force, torque = loads(motion.t + np.asarray(dt), position, turned, middle, times(turned, omega))
+    position, q = motion.position + h * middle, rotated(motion.quaternion, h * omega)
+    end_rotation = quaternion_to_matrix(q)
+    force, torque = loads(
+        motion.t + np.asarray(dt), position, end_rotation, middle, times(end_rotation, omega)
+    )
     return replace(
         stepped(motion, np.asarray(dt)),
         position=position,
@@ -346,7 +339,7 @@ def _moser_veselov(solid: Solid, quaternion: Array, momentum: Array, h: Array) -
             for axis in np.eye(3) * _DIFFERENCE
         ]
         f = f - np.linalg.solve(np.stack(columns, axis=-1), (value - h * momentum)[..., None])[..., 0]
-    return _rotated(quaternion, f), back(quaternion_to_matrix(exp_quaternion(f)), momentum)
+    return rotated(quaternion, f), back(quaternion_to_matrix(exp_quaternion(f)), momentum)
 
 
 def _discrete_momentum(solid: Solid, f: Array) -> Array:
@@ -354,8 +347,8 @@ def _discrete_momentum(solid: Solid, f: Array) -> Array:
     safe = np.where(angle > 0.0, angle, 1.0)
     sine = np.where(angle > 0.0, np.sin(safe) / safe, 1.0)
     rest = np.where(angle > 0.0, 0.5 * (np.sin(0.5 * safe) / (0.5 * safe)) ** 2, 0.5)
-    spun = times(solid.inertia, f)
-    return sine * spun + rest * cross(f, spun)
+    inertia_f = times(solid.inertia, f)
+    return sine * inertia_f + rest * cross(f, inertia_f)
 
 
 @dataclass(frozen=True)
@@ -373,9 +366,11 @@ class _Kicked:
         middle = motion.velocity + 0.5 * h * force / solid.mass[..., None]
         position = motion.position + h * middle
         q, momentum = self.drift(solid, motion.quaternion, momentum, h)
-        turned = quaternion_to_matrix(q)
+        end_rotation = quaternion_to_matrix(q)
         omega = times(solid.inverse, momentum)
-        force, torque = loads(motion.t + np.asarray(dt), position, turned, middle, times(turned, omega))
+        force, torque = loads(
+            motion.t + np.asarray(dt), position, end_rotation, middle, times(end_rotation, omega)
+        )
         return replace(
             stepped(motion, np.asarray(dt)),
             position=position,
@@ -398,7 +393,7 @@ class _PrincipalRotations:
         for axis, share in ((i, 0.5), (j, 0.5), (k, 1.0), (j, 0.5), (i, 0.5)):
             direction = np.broadcast_to(frame[..., axis], momentum.shape)
             rate = np.sum(direction * momentum, axis=-1, keepdims=True) / moments[..., axis, None]
-            q, momentum = _turned_about(q, momentum, share * h * rate * direction)
+            q, momentum = _rotated_about(q, momentum, share * h * rate * direction)
         return q, momentum
 
 
@@ -419,7 +414,7 @@ class _SymmetricTop:
         spin = 1.0 / moments[..., self.about] - 1.0 / moments[..., equal]
         q, momentum = self._about_axis(q, momentum, frame, self.rest, 0.5 * h * excess[..., None])
         # exp(dt L / I) about the fixed L, then the spin about the axis of symmetry
-        q, momentum = _turned_about(q, momentum, h * momentum / moments[..., equal, None])
+        q, momentum = _rotated_about(q, momentum, h * momentum / moments[..., equal, None])
         q, momentum = self._about_axis(q, momentum, frame, self.about, h * spin[..., None])
         return self._about_axis(q, momentum, frame, self.rest, 0.5 * h * excess[..., None])
 
@@ -427,12 +422,12 @@ class _SymmetricTop:
     def _about_axis(q: Array, momentum: Array, frame: Array, axis: int, scale: Array) -> tuple[Array, Array]:
         direction = np.broadcast_to(frame[..., axis], momentum.shape)
         along = np.sum(direction * momentum, axis=-1, keepdims=True)
-        return _turned_about(q, momentum, scale * along * direction)
+        return _rotated_about(q, momentum, scale * along * direction)
 
 
-def _turned_about(q: Array, momentum: Array, angle: Array) -> tuple[Array, Array]:
-    turn = exp_quaternion(angle)
-    return quaternion_product(q, turn), back(quaternion_to_matrix(turn), momentum)
+def _rotated_about(q: Array, momentum: Array, angle: Array) -> tuple[Array, Array]:
+    increment = exp_quaternion(angle)
+    return quaternion_product(q, increment), back(quaternion_to_matrix(increment), momentum)
 
 
 def _composed_splitting(solid: Solid, motion: Motion, dt: Array, loads: Loads) -> Motion:
@@ -455,7 +450,7 @@ def _composed_splitting(solid: Solid, motion: Motion, dt: Array, loads: Loads) -
             break
         drift, first = DRIFTS[i], FIRST_PARTS[i]
         inward = back(rotation, momentum)
-        q, inward = _turned_about(q, inward, h * drift * middle * inward)
+        q, inward = _rotated_about(q, inward, h * drift * middle * inward)
         for axis, share in ((0, first), (2, drift), (0, drift - first)):
             q, inward = _SymmetricTop._about_axis(q, inward, frame, axis, h * share * excess[axis])
         x = x + h * drift * v

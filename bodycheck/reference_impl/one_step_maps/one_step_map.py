@@ -5,7 +5,7 @@ The arrays are of n bodies or states at once; loads act on them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, TypeAlias
@@ -16,7 +16,12 @@ from numpy.typing import NDArray
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.loads.load import Instants
 from bodycheck.reference_impl.loads_at import wrench_at
-from bodycheck.reference_impl.rotations import project_to_so3, quaternion_to_matrix
+from bodycheck.reference_impl.rotations import (
+    exp_quaternion,
+    project_to_so3,
+    quaternion_product,
+    quaternion_to_matrix,
+)
 from bodycheck.reference_impl.scene import RigidBody, Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import Wrench, wrench_between
@@ -104,7 +109,7 @@ def scene_loads(scene: Scene, wrench: Wrench | None = None) -> Loads:
     wrench: the sum of the piecewise constant loads during the steps [default: of those that act throughout].
     """
     constant = wrench_between(scene, 0.0, scene.duration_s) if wrench is None else wrench
-    weight, continuous = scene.body.mass * scene.gravity, scene.lasting_loads
+    weight, continuous = scene.body.mass * scene.gravity, scene.continuous_loads
 
     def loads(
         t: Array, position: Array, rotation: Array, velocity: Array, omega: Array
@@ -124,28 +129,33 @@ def scene_loads(scene: Scene, wrench: Wrench | None = None) -> Loads:
     return loads
 
 
-def no_loads(
-    t: Array, position: Array, rotation: Array, velocity: Array, omega: Array
-) -> tuple[Array, Array]:
-    """Return zero force and torque."""
-    del t, position, rotation, velocity
-    zero = np.zeros_like(omega)
-    return zero, zero
+def rotated(q: Array, angle: Array) -> Array:
+    """q exp(angle / 2), angle (n, 3) in body axes."""
+    return quaternion_product(q, exp_quaternion(angle))
 
 
-def held(loads: Loads, begin: Motion, *, in_body_axes: bool) -> Loads:
+def weighted_sum(weights: Array, stages: Sequence[Array], like: Array) -> Array:
+    """Return the sum of w_i k_i over the stages; zeros with the shape of `like` if all weights are 0."""
+    total = np.zeros_like(like)
+    for weight, stage in zip(weights, stages, strict=False):
+        if weight != 0.0:
+            total = total + weight * stage
+    return total
+
+
+def zero_order_hold(loads: Loads, begin: Motion, *, in_body_axes: bool) -> Loads:
     """Return the loads as evaluated at the start of the step, constant over it in body or in world axes."""
     start = begin.orthogonal
     force, torque = loads(begin.t, begin.position, start, begin.velocity, times(start, begin.omega))
-    pushed, turned = back(start, force), times(start, torque)
+    force_body, torque_world = back(start, force), times(start, torque)
 
     def constant(
         t: Array, position: Array, rotation: Array, velocity: Array, omega: Array
     ) -> tuple[Array, Array]:
         del t, position, velocity, omega
         if in_body_axes:
-            return times(rotation, pushed), torque
-        return force, back(rotation, turned)
+            return times(rotation, force_body), torque
+        return force, back(rotation, torque_world)
 
     return constant
 

@@ -23,6 +23,7 @@ from bodycheck.reference_impl.one_step_maps.one_step_map import (
     back,
     stepped,
     times,
+    weighted_sum,
 )
 from bodycheck.reference_impl.one_step_maps.tableaus import EXPLICIT, IMPLICIT, NamedTableau
 from bodycheck.reference_impl.rotations import (
@@ -55,7 +56,7 @@ class _Formulation:
     def state(self, solid: Solid, motion: Motion) -> Array:
         """Return y of the states."""
         rotation = motion.orthogonal
-        attitude = self._held(motion)
+        attitude = self._stored_attitude(motion)
         spin = motion.omega
         if self.carried == "world":
             spin = times(rotation, motion.omega)
@@ -63,7 +64,7 @@ class _Formulation:
             spin = momentum_of(solid, self._frame(attitude), times(rotation, motion.omega))
         return np.concatenate([motion.position, motion.velocity, spin, attitude], axis=-1)
 
-    def _held(self, motion: Motion) -> Array:
+    def _stored_attitude(self, motion: Motion) -> Array:
         if not self.matrix:
             return motion.quaternion
         matrix = motion.orthogonal if motion.rotation is None else motion.rotation
@@ -103,17 +104,17 @@ class _Formulation:
             omega_world = times(frame, omega)
         force, torque = loads(t, y[..., _POSITION], frame, velocity, omega_world)
         if self.carried == "momentum":
-            turning = times(frame, torque)
+            spin_rate = times(frame, torque)
         else:
-            turning = times(solid.inverse, torque - gyroscopic(solid, omega))
-            turning = times(frame, turning) if self.carried == "world" else turning
+            spin_rate = times(solid.inverse, torque - gyroscopic(solid, omega))
+            spin_rate = times(frame, spin_rate) if self.carried == "world" else spin_rate
         if self.matrix:
-            spun = frame @ hat(omega) if self.carried == "body" else hat(omega_world) @ frame
-            moving = spun.reshape(attitude.shape)
+            matrix_rate = frame @ hat(omega) if self.carried == "body" else hat(omega_world) @ frame
+            attitude_rate = matrix_rate.reshape(attitude.shape)
         else:
             pure = np.concatenate([np.zeros_like(omega[..., :1]), 0.5 * omega], axis=-1)
-            moving = quaternion_product(attitude, pure)
-        return np.concatenate([velocity, force / solid.mass[..., None], turning, moving], axis=-1)
+            attitude_rate = quaternion_product(attitude, pure)
+        return np.concatenate([velocity, force / solid.mass[..., None], spin_rate, attitude_rate], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -129,18 +130,10 @@ class _Explicit:
         y = self.formulation.state(solid, motion)
         stages: list[Array] = []
         for row, c in zip(self.tableau.a, self.tableau.c, strict=True):
-            at = y + h[..., None] * _sum(row, stages, y)
+            at = y + h[..., None] * weighted_sum(row, stages, y)
             stages.append(self.formulation.rates(solid, motion.t + c * h, at, loads))
-        end = y + h[..., None] * _sum(self.tableau.b, stages, y)
+        end = y + h[..., None] * weighted_sum(self.tableau.b, stages, y)
         return _finished(self.formulation, self.projected, solid, motion, h, end)
-
-
-def _sum(weights: Array, stages: list[Array], like: Array) -> Array:
-    total = np.zeros_like(like)
-    for weight, stage in zip(weights, stages, strict=False):
-        if weight != 0.0:
-            total = total + weight * stage
-    return total
 
 
 def _finished(
@@ -150,10 +143,10 @@ def _finished(
         return formulation.motion(solid, motion, h, end)
     attitude = end[..., _ATTITUDE]
     if formulation.matrix:
-        kept = project_to_so3(attitude.reshape(*attitude.shape[:-1], 3, 3)).reshape(attitude.shape)
+        normal = project_to_so3(attitude.reshape(*attitude.shape[:-1], 3, 3)).reshape(attitude.shape)
     else:
-        kept = normalised(attitude)
-    return formulation.motion(solid, motion, h, np.concatenate([end[..., :9], kept], axis=-1))
+        normal = normalised(attitude)
+    return formulation.motion(solid, motion, h, np.concatenate([end[..., :9], normal], axis=-1))
 
 
 @dataclass(frozen=True)
@@ -180,12 +173,16 @@ class _Implicit:
             residual = (np.stack(found, axis=1) - k).reshape(len(y), stages * size)
             change = np.einsum("nij,nj->ni", inverse, residual).reshape(k.shape)
             k = k + change
-            moved = float(np.max(np.abs(h[:, None, None] * change)))
-            if moved <= _CONVERGED or moved >= 0.5 * smallest < 1e-13 or not moved < np.inf:
+            largest_change = float(np.max(np.abs(h[:, None, None] * change)))
+            if (
+                largest_change <= _CONVERGED
+                or largest_change >= 0.5 * smallest < 1e-13
+                or not largest_change < np.inf
+            ):
                 break
-            if iteration and moved > _SLOW * smallest:
+            if iteration and largest_change > _SLOW * smallest:
                 inverse = self._newton_inverse(solid, motion.t, np.mean(at, axis=1), h, loads)
-            smallest = min(smallest, moved)
+            smallest = min(smallest, largest_change)
         else:
             k = np.full_like(k, np.nan)  # no solution was found
         end = y + h[:, None] * np.einsum("i,nik->nk", b, k)
@@ -238,18 +235,18 @@ def runge_kutta_maps() -> Iterator[OneStepMap]:
 
 
 def _map(tableau: NamedTableau, what: str, step: _Explicit | _Implicit) -> OneStepMap:
-    held = {"body": "omega in body axes", "world": "omega in world axes", "momentum": "L in world axes"}
-    part, kept_part = (
+    spins = {"body": "omega in body axes", "world": "omega in world axes", "momentum": "L in world axes"}
+    part, projected_part = (
         ("matrix", "projected matrix") if step.formulation.matrix else ("quaternion", "unit quaternion")
     )
-    attitude = cast(Attitude, kept_part if step.projected else part)
-    held_attitude = "R" if step.formulation.matrix else "q"
-    kept = (
+    attitude = cast(Attitude, projected_part if step.projected else part)
+    symbol = "R" if step.formulation.matrix else "q"
+    projected = (
         "" if not step.projected else ", R projected onto SO(3)" if step.formulation.matrix else ", q / |q|"
     )
     return OneStepMap(
         tableau.name + what,
-        f"y+ = y + dt sum b_i k_i, y = (x, v, {held[step.formulation.carried]}, {held_attitude}){kept}",
+        f"y+ = y + dt sum b_i k_i, y = (x, v, {spins[step.formulation.carried]}, {symbol}){projected}",
         tableau.source,
         tableau.order,
         step,

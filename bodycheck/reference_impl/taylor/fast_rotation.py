@@ -27,20 +27,20 @@ from bodycheck.reference_impl.taylor.principal_terms import (
     COSINE,
     FACTS,
     FRAME,
-    HELD,
-    HELD_TORQUE,
-    IS_HELD,
+    HAS_TORQUE_WORLD,
+    IN_WORLD,
     LOAD_ROWS,
     LOADS,
     OMEGA,
     ORBIT_RATE,
+    OSCILLATES,
     PARTNER,
     PHASE,
     PHASES,
     RATE,
     SINE,
-    SWINGS,
-    TURNS,
+    TORQUE_ROWS,
+    TORQUE_WORLD,
     Q,
     U,
     expand,
@@ -64,22 +64,22 @@ def _start_load(series: Array, loads: Array, j: int, to_world: Mat, t: float) ->
     """Set the zeroth coefficients of a load at time t."""
     row = LOADS + LOAD_ROWS * j
     y, z = simd4.load(loads, j, COSINE), simd4.load(loads, j, SINE)
-    turns = simd4.lane_of(loads, j, PHASES, TURNS) != 0.0
-    if simd4.lane_of(loads, j, PHASES, SWINGS) != 0.0:
+    in_world = simd4.lane_of(loads, j, PHASES, IN_WORLD) != 0.0
+    if simd4.lane_of(loads, j, PHASES, OSCILLATES) != 0.0:
         angle = simd4.lane_of(loads, j, PHASES, RATE) * t + simd4.lane_of(loads, j, PHASES, PHASE)
         sine, cosine = math.sin(angle), math.cos(angle)
         partner = simd4.add_scaled(simd4.scaled(z, cosine), y, -sine)
         y = simd4.add_scaled(simd4.scaled(y, cosine), z, sine)
-        put_vector(series, row + PARTNER, 0, _in_axes(to_world, partner) if turns else partner)
-    put_vector(series, row, 0, _in_axes(to_world, y) if turns else y)
+        put_vector(series, row + PARTNER, 0, _in_axes(to_world, partner) if in_world else partner)
+    put_vector(series, row, 0, _in_axes(to_world, y) if in_world else y)
 
 
 @borrowing_kernel
 def _start_forcing(series: Array, body: Array, loads: Array, q: Lanes, t: float) -> None:
     """Set the zeroth coefficients of all quantities that the forcing depends on, at time t."""
     to_world = matrix_of(simd4.unpacked(q))
-    if simd4.lane_of(body, 0, FACTS, IS_HELD) != 0.0:
-        put_vector(series, HELD, 0, _in_axes(to_world, simd4.load(body, 0, HELD_TORQUE)))
+    if simd4.lane_of(body, 0, FACTS, HAS_TORQUE_WORLD) != 0.0:
+        put_vector(series, TORQUE_ROWS, 0, _in_axes(to_world, simd4.load(body, 0, TORQUE_WORLD)))
     rate = simd4.lane_of(body, 0, FACTS, ORBIT_RATE)
     if rate != 0.0:
         sine, cosine = math.sin(rate * t), math.cos(rate * t)
@@ -111,16 +111,16 @@ def _step_size(series: Array, tolerance: float) -> float:
     allowed, spin = _log2(tolerance), _largest(series, OMEGA, 0)
     step = math.inf
     for k in (order - 1, order):
-        turned, rate = _largest(series, Q, k), _largest(series, OMEGA, k)
-        if turned > 0.0:
-            step = min(step, (allowed - _log2(turned)) / k)
+        q_size, rate = _largest(series, Q, k), _largest(series, OMEGA, k)
+        if q_size > 0.0:
+            step = min(step, (allowed - _log2(q_size)) / k)
         if rate > 0.0:
-            wanted = allowed - _log2(rate)
-            reach = wanted / (k + 1.0)
+            margin = allowed - _log2(rate)
+            reach = margin / (k + 1.0)
             if spin > 0.0:
-                beside = (wanted + _log2(spin)) / k
-                if beside + _log2(spin) >= 0.0:
-                    reach = beside
+                relative = (margin + _log2(spin)) / k
+                if relative + _log2(spin) >= 0.0:
+                    reach = relative
             step = min(step, reach)
     return 2.0**step
 
@@ -139,8 +139,8 @@ def _change(series: Array, row: int, h: float) -> Lanes:
 def _added(high: Lanes, low: Lanes, change: Lanes) -> tuple[Lanes, Lanes]:
     """high + low + change, in two parts (sums of Knuth and Dekker)."""
     total = simd4.plus(high, change)
-    seen = simd4.minus(total, high)
-    lost = simd4.plus(simd4.minus(high, simd4.minus(total, seen)), simd4.minus(change, seen))
+    virtual = simd4.minus(total, high)
+    lost = simd4.plus(simd4.minus(high, simd4.minus(total, virtual)), simd4.minus(change, virtual))
     rest = simd4.plus(lost, low)
     high = simd4.plus(total, rest)
     return high, simd4.minus(rest, simd4.minus(high, total))
@@ -216,8 +216,8 @@ def follow(
 
 def working_space(loads: Array | None, order: int) -> Array:
     """Return zeroed series for the loads, aligned to a cache line, because unaligned access is slow."""
-    rows = HELD if loads is None else LOADS + LOAD_ROWS * len(loads)
+    rows = TORQUE_ROWS if loads is None else LOADS + LOAD_ROWS * len(loads)
     size = rows * (order + 1) * 4
-    room = np.zeros(size + _LINE // 8)
-    first = -room.ctypes.data % _LINE // 8
-    return room[first : first + size].reshape(rows, order + 1, 4)
+    buffer = np.zeros(size + _LINE // 8)
+    first = -buffer.ctypes.data % _LINE // 8
+    return buffer[first : first + size].reshape(rows, order + 1, 4)

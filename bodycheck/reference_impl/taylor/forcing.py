@@ -32,25 +32,25 @@ from bodycheck.reference_impl.rational import (
     unit_quaternion,
 )
 from bodycheck.reference_impl.scene import (
+    ConstantLoad,
     Drag,
     GravityGradient,
     PointForce,
     Scene,
     SineTorque,
     Spring,
-    Timed,
     Torque,
     TorsionSpring,
 )
-from bodycheck.reference_impl.wrench import held_between
+from bodycheck.reference_impl.wrench import constant_loads_between
 
-# offsets into Forcing.turning ...
+# offsets into Forcing.rotational ...
 INERTIA, INERTIA_INVERSE, TORQUE_BODY = 0, 9, 18
 # ... of Forcing.world ...
 TORQUE_WORLD, MOMENT = 0, 3
 # ... of Forcing.orbit ...
 GRADIENT, ORBIT_RATE = 0, 1
-# ... of Forcing.moving ...
+# ... of Forcing.translational ...
 ACCELERATION_BODY, ACCELERATION_WORLD, DECAY, MASS_INVERSE, RADIUS = 0, 3, 6, 7, 8
 # ... and each row of Forcing.springs; the low parts of anchor and at are LOW after their high parts
 ANCHOR, AT, STIFFNESS, REST_LENGTH, LOW = 0, 3, 6, 7, 8
@@ -63,23 +63,23 @@ class Forcing:
     For a body with a pivot, I, the points and the anchors are relative to the pivot, which has no
     acceleration and stays at position 0.
 
-    turning (21,): I, I^-1, the constant torque in body axes. damping (9,): the angular drag C. body_sines and
-    world_sines (n, 5): amplitude, rate, phase of each sine torque, doubles. world (12,): the constant torque
-    in world axes; moment = sum of at F^T over the world forces. orbit (2,): 3 n^2 and n of the gravity
-    gradient. moving (9,): constant acceleration in body axes and in world axes, drag over mass, 1 / mass,
-    radius of gyration. springs (n, 14): anchor, at, stiffness, rest length, then the low parts of anchor and
-    at. torsion (5,): stiffness and q(0). recorded (n, 5): the operations of tape.py that sum all other loads,
-    with the torque in body axes. on_parabola: the centre of mass moves under a constant acceleration,
-    independent of the rotation.
+    rotational (21,): I, I^-1, the constant torque in body axes. damping (9,): the angular drag C. body_sines
+    and world_sines (n, 5): amplitude, rate, phase of each sine torque, doubles. world (12,): the constant
+    torque in world axes; moment = sum of at F^T over the world forces. orbit (2,): 3 n^2 and n of the gravity
+    gradient. translational (9,): constant acceleration in body axes and in world axes, drag over mass,
+    1 / mass, radius of gyration. springs (n, 14): anchor, at, stiffness, rest length, then the low parts of
+    anchor and at. torsion (5,): stiffness and q(0). recorded (n, 5): the operations of tape.py that sum all
+    other loads, with the torque in body axes. on_parabola: the centre of mass moves under a constant
+    acceleration, independent of the rotation.
     """
 
-    turning: Numbers
+    rotational: Numbers
     damping: Numbers | None
     body_sines: Array | None
     world: Numbers | None
     world_sines: Array | None
     orbit: Numbers | None
-    moving: Numbers
+    translational: Numbers
     springs: Array | None
     torsion: Numbers | None
     recorded: Array | None
@@ -88,13 +88,13 @@ class Forcing:
     def rounded(self) -> Forcing:
         """Return the same constants rounded to doubles."""
         return Forcing(
-            _high(self.turning),
+            _high(self.rotational),
             _high(self.damping),
             self.body_sines,
             _high(self.world),
             self.world_sines,
             _high(self.orbit),
-            _high(self.moving),
+            _high(self.translational),
             self.springs,
             _high(self.torsion),
             self.recorded,
@@ -111,41 +111,41 @@ def forcing_between(scene: Scene, begin_s: float, end_s: float) -> Forcing:
         raise ValueError("a load given only as a function has no Taylor series")
     others = [
         checked_continuous(load, "the Taylor series of a motion")
-        for load in scene.lasting_loads
+        for load in scene.continuous_loads
         if not isinstance(load, SineTorque | Drag | Spring | TorsionSpring | GravityGradient)
     ]
-    timed = held_between(scene, begin_s, end_s)
-    sines = [load for load in scene.lasting_loads if isinstance(load, SineTorque)]
-    drags = [load for load in scene.lasting_loads if isinstance(load, Drag)]
-    springs = [load for load in scene.lasting_loads if isinstance(load, Spring)]
-    torsion = [load for load in scene.lasting_loads if isinstance(load, TorsionSpring)]
-    gradients = [load for load in scene.lasting_loads if isinstance(load, GravityGradient)]
+    constant_loads = constant_loads_between(scene, begin_s, end_s)
+    sines = [load for load in scene.continuous_loads if isinstance(load, SineTorque)]
+    drags = [load for load in scene.continuous_loads if isinstance(load, Drag)]
+    springs = [load for load in scene.continuous_loads if isinstance(load, Spring)]
+    torsion = [load for load in scene.continuous_loads if isinstance(load, TorsionSpring)]
+    gradients = [load for load in scene.continuous_loads if isinstance(load, GravityGradient)]
     body_sines, world_sines = (_sine_rows(sines, axes) for axes in ("body", "world"))
     if gradients and scene.pivot is not None:
         raise ValueError("a body with a pivot is not in orbit: no gravity gradient can act on it")
-    world, orbit = _world(scene, timed), _orbit(gradients)
+    world, orbit = _world(scene, constant_loads), _orbit(gradients)
     damping = _damping(scene, drags)
-    moving = _moving(scene, timed, drags)
-    forced_in_body = any(moving[ACCELERATION_BODY:ACCELERATION_WORLD])
+    translational = _translational(scene, constant_loads, drags)
+    forced_in_body = any(translational[ACCELERATION_BODY:ACCELERATION_WORLD])
     turns = any(world) or orbit or springs or others or forced_in_body or world_sines is not None
     return Forcing(
-        _pairs(_turning(scene, timed)),
+        _pairs(_rotational(scene, constant_loads)),
         _pairs(damping) if any(damping) else None,
         body_sines,
         _pairs(world) if turns else None,
         world_sines,
         _pairs(orbit) if orbit else None,
-        _pairs(moving),
+        _pairs(translational),
         _spring_rows(scene, springs) if springs else None,
         _torsion(scene, torsion) if torsion else None,
         _recorded(scene, others) if others else None,
-        not (forced_in_body or springs or others or moving[DECAY]),
+        not (forced_in_body or springs or others or translational[DECAY]),
     )
 
 
-def _turning(scene: Scene, timed: Iterable[Timed]) -> Vector:
+def _rotational(scene: Scene, constant_loads: Iterable[ConstantLoad]) -> Vector:
     torque = [Fraction(0)] * 3
-    for load in timed:
+    for load in constant_loads:
         if load.axes == "body":
             value = fractions(load.value)
             torque = added(torque, value if isinstance(load, Torque) else cross(_arm(scene, load.at), value))
@@ -172,9 +172,9 @@ def _damping(scene: Scene, drags: Iterable[Drag]) -> Vector:
     return damping
 
 
-def _world(scene: Scene, timed: Iterable[Timed]) -> Vector:
+def _world(scene: Scene, constant_loads: Iterable[ConstantLoad]) -> Vector:
     torque, moment = [Fraction(0)] * 3, [Fraction(0)] * 9
-    for load in timed:
+    for load in constant_loads:
         if load.axes == "world":
             value = fractions(load.value)
             if isinstance(load, Torque):
@@ -194,12 +194,12 @@ def _orbit(gradients: Sequence[GravityGradient]) -> Vector:
     return [3 * len(rates) * rates[0] ** 2, rates[0]] if rates else []
 
 
-def _moving(scene: Scene, timed: Iterable[Timed], drags: Iterable[Drag]) -> Vector:
+def _translational(scene: Scene, constant_loads: Iterable[ConstantLoad], drags: Iterable[Drag]) -> Vector:
     if scene.pivot is not None:
         return [Fraction(0)] * (RADIUS + 1)
     mass = Fraction(scene.body.mass)
     sums = {"body": [Fraction(0)] * 3, "world": [mass * g for g in fractions(scene.gravity)]}
-    for load in timed:
+    for load in constant_loads:
         if isinstance(load, PointForce):
             sums[load.axes] = added(sums[load.axes], fractions(load.value))
     forces = [force / mass for axes in ("body", "world") for force in sums[axes]]
@@ -226,8 +226,8 @@ def _spring_rows(scene: Scene, springs: Iterable[Spring]) -> Array:
 def pivot_position(scene: Scene) -> Vector:
     """x(0) + R(0) pivot, exactly: the fixed position of the pivot in world axes."""
     assert scene.pivot is not None
-    turned = times(rotation_of(fractions(scene.initial.quaternion)), fractions(scene.pivot))
-    return added(fractions(scene.initial.position), turned)
+    rotated = times(rotation_of(fractions(scene.initial.quaternion)), fractions(scene.pivot))
+    return added(fractions(scene.initial.position), rotated)
 
 
 def _torsion(scene: Scene, springs: Iterable[TorsionSpring]) -> Numbers:

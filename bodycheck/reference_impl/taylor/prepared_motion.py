@@ -22,10 +22,10 @@ from bodycheck.reference_impl.taylor.fast_rotation import follow, working_space
 from bodycheck.reference_impl.taylor.forcing import ACCELERATION_WORLD
 from bodycheck.reference_impl.taylor.principal_frame import PrincipalFrame, packed_rotation
 from bodycheck.reference_impl.taylor.solution import (
-    Course,
+    Forcings,
     Resolution,
-    course_of,
     follow_scene,
+    forcings_of,
     packed_state,
     resolution_for,
 )
@@ -72,13 +72,13 @@ class TaylorMotion:
     @classmethod
     def of(cls, scene: Scene, tolerance: float) -> TaylorMotion:
         """Pack a scene. Raise ValueError, which names the tolerance, if it is outside [1e-17, 1)."""
-        resolution, course = resolution_for(tolerance), course_of(scene, math.inf)
+        resolution, forcings = resolution_for(tolerance), forcings_of(scene, math.inf)
         simple = scene.pivot is None and all(
             forcing.on_parabola and forcing.springs is None and forcing.torsion is None
-            for _, _, forcing in course
+            for _, _, forcing in forcings
         )
         return cls(
-            _Principal.of(scene, course, resolution) if simple else _General(scene, course, resolution)
+            _Principal.of(scene, forcings, resolution) if simple else _General(scene, forcings, resolution)
         )
 
     def solve(self, t_s: Array) -> TaylorSolution:
@@ -87,15 +87,15 @@ class TaylorMotion:
         Raises ValueError, which names the first time that is negative, not finite or before its predecessor.
         """
         t_s = np.array(t_s, dtype=np.float64)  # the only type that the kernels are compiled for
-        misplaced = _first_misplaced(t_s)
-        if misplaced < len(t_s):
-            t = float(t_s[misplaced])
+        out_of_order = _first_out_of_order(t_s)
+        if out_of_order < len(t_s):
+            t = float(t_s[out_of_order])
             raise ValueError(f"times must be finite, not negative and ascending; {t!r} is not")
         return TaylorSolution(t_s, *self._solver.solve(t_s))
 
 
 @borrowing_kernel
-def _first_misplaced(t_s: Array) -> int:
+def _first_out_of_order(t_s: Array) -> int:
     """Return the index of the first time out of order, or the number of times if there is none."""
     before = 0.0
     for i in range(len(t_s)):
@@ -110,22 +110,22 @@ class _General:
     """Any scene, by the general recurrences."""
 
     scene: Scene
-    course: Course
+    forcings: Forcings
     resolution: Resolution
 
     def solve(self, t_s: Array) -> tuple[Array, int]:
         """Return the states (n, 13) at times in order, and the steps made."""
         until = float(t_s[-1]) if len(t_s) else 0.0
-        course = tuple(
-            (begin, min(end, until), forcing) for begin, end, forcing in self.course if begin <= until
+        forcings = tuple(
+            (begin, min(end, until), forcing) for begin, end, forcing in self.forcings if begin <= until
         )
         start = packed_state(self.scene.initial)
-        solution = follow_scene(self.scene, course, start, t_s, self.resolution)
+        solution = follow_scene(self.scene, forcings, start, t_s, self.resolution)
         return solution.high, solution.steps
 
 
 @dataclass(frozen=True, eq=False)
-class _Stretch:
+class _Segment:
     """The rotational forcing between two switches, its workspace, and the centre of mass at the beginning.
 
     parabola (3, 3): acceleration, v and x.
@@ -144,52 +144,54 @@ class _Principal:
     """The rotation along the principal axes, and the centre of mass independent of it."""
 
     start: Array
-    stretches: tuple[_Stretch, ...]
+    segments: tuple[_Segment, ...]
     tolerance: float
     is_moving: bool
-    resting: Array
+    initial_centre: Array
     """v and x at the start, (6,), which stay constant unless is_moving."""
 
     @classmethod
-    def of(cls, scene: Scene, course: Course, resolution: Resolution) -> _Principal:
+    def of(cls, scene: Scene, forcings: Forcings, resolution: Resolution) -> _Principal:
         """Pack a scene without springs whose centre of mass moves on parabolas."""
         frame = PrincipalFrame.of(scene.body)
-        stretches = []
-        for (begin_s, end_s, _), parabola in zip(course, _parabolas(scene.initial, course), strict=True):
+        segments = []
+        for (begin_s, end_s, _), parabola in zip(forcings, _parabolas(scene.initial, forcings), strict=True):
             body, loads = packed_rotation(scene, frame, begin_s, end_s)
             series = working_space(loads, resolution.order)
-            stretches.append(_Stretch(begin_s, end_s, body, loads, series, parabola))
-        is_moving = any(stretch.parabola[:2].any() for stretch in stretches)
-        resting = stretches[0].parabola[1:].ravel()
-        return cls(frame.start(scene.initial), tuple(stretches), resolution.tolerance, is_moving, resting)
+            segments.append(_Segment(begin_s, end_s, body, loads, series, parabola))
+        is_moving = any(segment.parabola[:2].any() for segment in segments)
+        initial_centre = segments[0].parabola[1:].ravel()
+        return cls(
+            frame.start(scene.initial), tuple(segments), resolution.tolerance, is_moving, initial_centre
+        )
 
     def solve(self, t_s: Array) -> tuple[Array, int]:
         """Return the states (n, 13) at times in order, and the steps made."""
         out, state = np.empty((len(t_s), STATE)), self.start.copy()
-        out[:, V:] = self.resting
+        out[:, V:] = self.initial_centre
         until = float(t_s[-1]) if len(t_s) else 0.0
         due = steps = 0
-        for stretch in self.stretches:
-            first, begin, end = due, stretch.begin_s, min(stretch.end_s, until)
+        for segment in self.segments:
+            first, begin, end = due, segment.begin_s, min(segment.end_s, until)
             due, made = follow(
-                state, stretch.series, stretch.body, stretch.loads, t_s, due, begin, end, self.tolerance, out
+                state, segment.series, segment.body, segment.loads, t_s, due, begin, end, self.tolerance, out
             )
             steps += made
             if self.is_moving:
-                (a, v, x), t = stretch.parabola, t_s[first:due, None] - begin
+                (a, v, x), t = segment.parabola, t_s[first:due, None] - begin
                 out[first:due, V:X], out[first:due, X:] = v + t * a, x + t * (v + 0.5 * t * a)
             if end == until:
                 break
         return out, steps
 
 
-def _parabolas(start: State, course: Course) -> list[Array]:
-    """(3, 3) for each part of a course: a, v and x at its start, in rational arithmetic, rounded once."""
+def _parabolas(start: State, forcings: Forcings) -> list[Array]:
+    """(3, 3) for each of the forcings: a, v and x at its start, in rational arithmetic, rounded once."""
     v, x = fractions(start.velocity), fractions(start.position)
     found = []
-    for begin_s, end_s, forcing in course:
-        held = slice(ACCELERATION_WORLD, ACCELERATION_WORLD + 3)
-        a = added(*(fractions(part[held]) for part in forcing.moving))
+    for begin_s, end_s, forcing in forcings:
+        world_rows = slice(ACCELERATION_WORLD, ACCELERATION_WORLD + 3)
+        a = added(*(fractions(part[world_rows]) for part in forcing.translational))
         found.append(np.array([a, v, x], dtype=np.float64))
         if end_s < math.inf:
             t = Fraction(end_s) - Fraction(begin_s)

@@ -23,6 +23,7 @@ from bodycheck.reference_impl.rational import (
     unit,
 )
 from bodycheck.reference_impl.scene import (
+    ConstantLoad,
     Drag,
     GravityGradient,
     PointForce,
@@ -30,7 +31,6 @@ from bodycheck.reference_impl.scene import (
     Scene,
     SineTorque,
     State,
-    Timed,
     Torque,
     unknown_load,
 )
@@ -44,22 +44,22 @@ from bodycheck.reference_impl.taylor.principal_terms import (
     FACTS,
     FRAME,
     GRADIENT,
-    HELD_TORQUE,
+    HAS_TORQUE_WORLD,
     INVERSE,
-    IS_HELD,
     LOAD,
     ORBIT_RATE,
     PHASES,
     SINE,
     TORQUE,
+    TORQUE_WORLD,
 )
-from bodycheck.reference_impl.wrench import held_between
+from bodycheck.reference_impl.wrench import constant_loads_between
 
 IntegerQuaternion: TypeAlias = tuple[int, int, int, int]
 
 _SWEEPS = 12  # convergence is quadratic from the third sweep at the latest
 _NEGLIGIBLE = Fraction(1, 2**220)  # squared, relative to the product of the two diagonal elements
-_KEPT_BITS = 256
+_MAX_BITS = 256
 
 
 def principal_quaternion(inertia: Vector) -> tuple[IntegerQuaternion, Vector]:
@@ -70,24 +70,24 @@ def principal_quaternion(inertia: Vector) -> tuple[IntegerQuaternion, Vector]:
     its axes. Source: Golub and Van Loan (2013), Matrix computations, section 8.5.
     """
     p: IntegerQuaternion = (1, 0, 0, 0)
-    turned = inertia
+    rotated = inertia
     for _ in range(_SWEEPS):
-        settled = True
+        converged = True
         for i, j, axis in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-            off, first, second = turned[3 * i + j], turned[4 * i], turned[4 * j]
+            off, first, second = rotated[3 * i + j], rotated[4 * i], rotated[4 * j]
             if off * off <= _NEGLIGIBLE * first * second:
                 continue
-            settled = False
+            converged = False
             angle = 0.5 * math.atan(2 * off / (first - second)) if first != second else 0.25 * math.pi
-            p = _turned_about(p, axis, math.tan(0.5 * angle))
-            turned = in_axes_of(p, inertia)
-        if settled:
+            p = _rotated_about(p, axis, math.tan(0.5 * angle))
+            rotated = in_axes_of(p, inertia)
+        if converged:
             break
-    return p, [turned[0], turned[4], turned[8]]
+    return p, [rotated[0], rotated[4], rotated[8]]
 
 
-def _turned_about(p: IntegerQuaternion, axis: int, tangent: float) -> IntegerQuaternion:
-    """p (1, tangent e) up to length, shifted to at most _KEPT_BITS bits."""
+def _rotated_about(p: IntegerQuaternion, axis: int, tangent: float) -> IntegerQuaternion:
+    """p (1, tangent e) up to length, shifted to at most _MAX_BITS bits."""
     above, below = tangent.as_integer_ratio()
     w, v = p[0], p[1:]
     e = [above if i == axis else 0 for i in range(3)]
@@ -95,7 +95,7 @@ def _turned_about(p: IntegerQuaternion, axis: int, tangent: float) -> IntegerQua
         w * below - sum(a * b for a, b in zip(v, e, strict=True)),
         *(w * e[i] + below * v[i] + v[i - 2] * e[i - 1] - v[i - 1] * e[i - 2] for i in range(3)),
     ]
-    shift = max(0, max(abs(x) for x in product).bit_length() - _KEPT_BITS)
+    shift = max(0, max(abs(x) for x in product).bit_length() - _MAX_BITS)
     a, b, c, d = (x >> shift for x in product)
     return a, b, c, d
 
@@ -123,7 +123,7 @@ def in_axes_of(p: IntegerQuaternion, m: Vector) -> Vector:
     ]
 
 
-_TURNS, _STAYS, _SWINGS = 1.0, 0.0, 1.0
+_IN_WORLD, _IN_BODY, _OSCILLATES = 1.0, 0.0, 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,67 +170,71 @@ def packed_rotation(
     The interval must contain no switch. The loads are None if no torque acts on the body. Raises ValueError
     for springs and any other unsupported kind.
     """
-    for load in scene.lasting_loads:
+    for load in scene.continuous_loads:
         if not isinstance(load, Drag | GravityGradient | SineTorque):
             raise unknown_load(load, "the Taylor series along principal axes")
-    held, lasting = held_between(scene, begin_s, end_s), scene.lasting_loads
-    body = _packed_body(frame, held)
-    for drag in (load for load in lasting if isinstance(load, Drag)):
+    constant_loads, continuous = constant_loads_between(scene, begin_s, end_s), scene.continuous_loads
+    body = _packed_body(frame, constant_loads)
+    for drag in (load for load in continuous if isinstance(load, Drag)):
         damping = in_axes_of(frame.quaternion, fractions(drag.angular))
         columns = [frame.accelerations([-x for x in damping[column::3]]) for column in range(3)]
         body[DAMPING : DAMPING + 3, :3] += np.array(columns, dtype=np.float64)
         body[FACTS, DAMPED] = 1.0
-    for gradient in (load for load in lasting if isinstance(load, GravityGradient)):
+    for gradient in (load for load in continuous if isinstance(load, GravityGradient)):
         body[FACTS, ORBIT_RATE] = gradient.rate
         body[GRADIENT] -= 3.0 * gradient.rate**2 * body[EULER]
     rows = [
-        *_held_in_world(frame, held),
-        *(_swinging(frame, load) for load in lasting if isinstance(load, SineTorque)),
+        *_constant_in_world(frame, constant_loads),
+        *(_oscillating(frame, load) for load in continuous if isinstance(load, SineTorque)),
     ]
-    free = not rows and not held and not any(isinstance(load, Drag | GravityGradient) for load in lasting)
+    free = (
+        not rows
+        and not constant_loads
+        and not any(isinstance(load, Drag | GravityGradient) for load in continuous)
+    )
     return body[None], None if free else np.array(rows, dtype=np.float64).reshape(len(rows), LOAD, 4)
 
 
-def _packed_body(frame: PrincipalFrame, held: Iterable[Timed]) -> Array:
+def _packed_body(frame: PrincipalFrame, constant_loads: Iterable[ConstantLoad]) -> Array:
     a, b, c = frame.moments
-    torque, held_torque = [Fraction(0)] * 3, [Fraction(0)] * 3
-    for load in held:
+    torque, world_torque = [Fraction(0)] * 3, [Fraction(0)] * 3
+    for load in constant_loads:
         value = fractions(load.value)
         if load.axes == "body":
             torque = added(torque, value if isinstance(load, Torque) else cross(fractions(load.at), value))
         elif isinstance(load, Torque):
-            held_torque = added(held_torque, value)
+            world_torque = added(world_torque, value)
     body = np.zeros((BODY, 4))
     body[EULER, :3] = [float((b - c) / a), float((c - a) / b), float((a - b) / c)]
     body[TORQUE, :3] = _floats(frame.accelerations(frame.components(torque)))
     w, x, y, z = (high for high, _ in unit([Fraction(n) for n in frame.quaternion]))
     body[FRAME] = w, -x, -y, -z
-    body[HELD_TORQUE, :3] = _floats(held_torque)
-    body[FACTS, IS_HELD] = any(held_torque)
+    body[TORQUE_WORLD, :3] = _floats(world_torque)
+    body[FACTS, HAS_TORQUE_WORLD] = any(world_torque)
     body[INVERSE, :3] = [float(1 / moment) for moment in frame.moments]
     return body
 
 
-def _held_in_world(frame: PrincipalFrame, held: Iterable[Timed]) -> list[Array]:
+def _constant_in_world(frame: PrincipalFrame, constant_loads: Iterable[ConstantLoad]) -> list[Array]:
     """Pack I^-1 (at x y), y a force in body axes; torques are among the constants of the body."""
     units = [[Fraction(int(i == j)) for j in range(3)] for i in range(3)]
     rows = []
-    for load in held:
+    for load in constant_loads:
         if load.axes == "world" and isinstance(load, PointForce):
             row = np.zeros((LOAD, 4))
             row[COSINE, :3] = load.value
-            row[PHASES] = 0.0, 0.0, _TURNS, 0.0
+            row[PHASES] = 0.0, 0.0, _IN_WORLD, 0.0
             columns = [cross(frame.components(fractions(load.at)), e) for e in units]
             row[ANGULAR : ANGULAR + 3, :3] = [_floats(frame.accelerations(column)) for column in columns]
             rows.append(row)
     return rows
 
 
-def _swinging(frame: PrincipalFrame, load: SineTorque) -> Array:
+def _oscillating(frame: PrincipalFrame, load: SineTorque) -> Array:
     in_world = load.axes == "world"
     row = np.zeros((LOAD, 4))
     row[SINE, :3] = load.amplitude if in_world else _floats(frame.components(fractions(load.amplitude)))
-    row[PHASES] = load.rate, load.phase, _TURNS if in_world else _STAYS, _SWINGS
+    row[PHASES] = load.rate, load.phase, _IN_WORLD if in_world else _IN_BODY, _OSCILLATES
     row[ANGULAR : ANGULAR + 3, :3] = np.diag([float(1 / moment) for moment in frame.moments])
     return row
 

@@ -21,21 +21,21 @@ from bodycheck.reference_impl.kernels import simd4
 from bodycheck.reference_impl.kernels.jit import borrowing_inline, borrowing_kernel
 from bodycheck.reference_impl.kernels.simd4 import Lanes
 
-Q, OMEGA, HELD, U, LOADS = 0, 1, 4, 7, 13
+Q, OMEGA, TORQUE_ROWS, U, LOADS = 0, 1, 4, 7, 13
 """First rows: q, omega, the constant torque in world axes, the direction down to the centre of the orbit with
 its partner, the loads."""
-_TURNED_ONCE, _TURNED_TWICE, PARTNER, LOAD_ROWS = 1, 2, 3, 6
+_SHIFTED_ONCE, _SHIFTED_TWICE, PARTNER, LOAD_ROWS = 1, 2, 3, 6
 """Rows relative to the first of a vector: (y1, y2, y0), (y2, y0, y1), the partner; rows per load."""
 
 # layout of the constants of a body: (I2 - I3) / I1 .., I^-1 tau, -3 n^2 (I2 - I3) / I1 .., the columns of
 # -I^-1 C, the quaternion from body to principal axes, (has drag, n, has a constant torque in world axes),
 # that torque in world axes, 1 / I
-EULER, TORQUE, GRADIENT, DAMPING, FRAME, FACTS, HELD_TORQUE, INVERSE, BODY = 0, 1, 2, 3, 6, 7, 8, 9, 10
-DAMPED, ORBIT_RATE, IS_HELD = 0, 1, 2
+EULER, TORQUE, GRADIENT, DAMPING, FRAME, FACTS, TORQUE_WORLD, INVERSE, BODY = 0, 1, 2, 3, 6, 7, 8, 9, 10
+DAMPED, ORBIT_RATE, HAS_TORQUE_WORLD = 0, 1, 2
 # layout of the constants of a load: y = SINE sin(rate t + phase) + COSINE cos(rate t + phase), in world axes
-# if TURNS, else in principal axes; the columns of I^-1 tau / y; (rate, phase, TURNS, SWINGS: oscillates)
+# if IN_WORLD, else in principal axes; the columns of I^-1 tau / y; (rate, phase, IN_WORLD, OSCILLATES)
 SINE, COSINE, ANGULAR, PHASES, LOAD = 0, 1, 2, 5, 6
-RATE, PHASE, TURNS, SWINGS = 0, 1, 2, 3
+RATE, PHASE, IN_WORLD, OSCILLATES = 0, 1, 2, 3
 
 
 _Parts: TypeAlias = tuple[Lanes, Lanes, Lanes]
@@ -50,35 +50,37 @@ _Parts: TypeAlias = tuple[Lanes, Lanes, Lanes]
 def put_vector(series: Array, row: int, k: int, x: Lanes) -> None:
     """Set the k-th coefficients of a vector."""
     simd4.store(series, row, k, x)
-    simd4.store(series, row + _TURNED_ONCE, k, simd4.rotated(x))
-    simd4.store(series, row + _TURNED_TWICE, k, simd4.rotated(simd4.rotated(x)))
+    simd4.store(series, row + _SHIFTED_ONCE, k, simd4.rotated(x))
+    simd4.store(series, row + _SHIFTED_TWICE, k, simd4.rotated(simd4.rotated(x)))
 
 
 @borrowing_inline
 def _add_square(total: Lanes, series: Array, row: int, n: int, m: int) -> Lanes:
     """Total + (y2 z3, y3 z1, y1 z2), y = y_n and z = y_m."""
     return simd4.add_product(
-        total, simd4.load(series, row + _TURNED_ONCE, n), simd4.load(series, row + _TURNED_TWICE, m)
+        total, simd4.load(series, row + _SHIFTED_ONCE, n), simd4.load(series, row + _SHIFTED_TWICE, m)
     )
 
 
 @borrowing_inline
-def _add_turned(halves: tuple[Lanes, Lanes], series: Array, row: int, n: int, m: int) -> tuple[Lanes, Lanes]:
+def _add_cross_omega(
+    halves: tuple[Lanes, Lanes], series: Array, row: int, n: int, m: int
+) -> tuple[Lanes, Lanes]:
     """Halves + the two halves of y_n x omega_m."""
-    ahead, behind = simd4.load(series, row + _TURNED_ONCE, n), simd4.load(series, row + _TURNED_TWICE, n)
+    ahead, behind = simd4.load(series, row + _SHIFTED_ONCE, n), simd4.load(series, row + _SHIFTED_TWICE, n)
     return (
-        simd4.add_product(halves[0], ahead, simd4.load(series, OMEGA + _TURNED_TWICE, m)),
-        simd4.add_product(halves[1], behind, simd4.load(series, OMEGA + _TURNED_ONCE, m)),
+        simd4.add_product(halves[0], ahead, simd4.load(series, OMEGA + _SHIFTED_TWICE, m)),
+        simd4.add_product(halves[1], behind, simd4.load(series, OMEGA + _SHIFTED_ONCE, m)),
     )
 
 
 @borrowing_inline
-def _rotated(series: Array, row: int, k: int) -> Lanes:
+def _cross_omega(series: Array, row: int, k: int) -> Lanes:
     """(y x omega)_k."""
     halves = (simd4.nothing(), simd4.nothing())
     for n in range(1, k + 1):
-        halves = _add_turned(halves, series, row, n, k - n)
-    halves = _add_turned(halves, series, row, 0, k)
+        halves = _add_cross_omega(halves, series, row, n, k - n)
+    halves = _add_cross_omega(halves, series, row, 0, k)
     return simd4.minus(halves[0], halves[1])
 
 
@@ -117,7 +119,7 @@ def _add_columns(
 
 
 @borrowing_inline
-def _put_swing(series: Array, row: int, k: int, rate: float, share: float, y: Lanes, z: Lanes) -> None:
+def _put_oscillation(series: Array, row: int, k: int, rate: float, share: float, y: Lanes, z: Lanes) -> None:
     """y' = (y given) + rate z, z' = (z given) - rate y: the coefficients k + 1 = 1 / share."""
     y = simd4.add_scaled(y, simd4.load(series, row + PARTNER, k), rate)
     z = simd4.add_scaled(z, simd4.load(series, row, k), -rate)
@@ -132,12 +134,12 @@ def _gradient(series: Array, rate: float, k: int, share: float) -> Lanes:
     y = z = (products, products)
     for n in range(1, k + 1):
         products = _add_square(products, series, U, n, k - n)
-        y = _add_turned(y, series, U, n, k - n)
-        z = _add_turned(z, series, U + PARTNER, n, k - n)
+        y = _add_cross_omega(y, series, U, n, k - n)
+        z = _add_cross_omega(z, series, U + PARTNER, n, k - n)
     products = _add_square(products, series, U, 0, k)
-    y = _add_turned(y, series, U, 0, k)
-    z = _add_turned(z, series, U + PARTNER, 0, k)
-    _put_swing(series, U, k, rate, share, simd4.minus(y[0], y[1]), simd4.minus(z[0], z[1]))
+    y = _add_cross_omega(y, series, U, 0, k)
+    z = _add_cross_omega(z, series, U + PARTNER, 0, k)
+    _put_oscillation(series, U, k, rate, share, simd4.minus(y[0], y[1]), simd4.minus(z[0], z[1]))
     return products
 
 
@@ -147,13 +149,13 @@ def _add_load(total: Lanes, series: Array, loads: Array, j: int, k: int, share: 
     row = LOADS + LOAD_ROWS * j
     total = _add_columns(total, loads, j, ANGULAR, series, row, k)
     y = z = simd4.nothing()
-    swings = simd4.lane_of(loads, j, PHASES, SWINGS) != 0.0
-    if simd4.lane_of(loads, j, PHASES, TURNS) != 0.0:
-        y = _rotated(series, row, k)
-        if swings:
-            z = _rotated(series, row + PARTNER, k)
-    if swings:
-        _put_swing(series, row, k, simd4.lane_of(loads, j, PHASES, RATE), share, y, z)
+    oscillates = simd4.lane_of(loads, j, PHASES, OSCILLATES) != 0.0
+    if simd4.lane_of(loads, j, PHASES, IN_WORLD) != 0.0:
+        y = _cross_omega(series, row, k)
+        if oscillates:
+            z = _cross_omega(series, row + PARTNER, k)
+    if oscillates:
+        _put_oscillation(series, row, k, simd4.lane_of(loads, j, PHASES, RATE), share, y, z)
     else:
         put_vector(series, row, k + 1, simd4.scaled(y, share))
     return total
@@ -181,17 +183,17 @@ def expand(series: Array, body: Array, loads: Array | None) -> None:
 
     I1 omega1' = (I2 - I3) omega2 omega3 + torque1, and cyclic permutations; q' = q omega / 2.
     """
-    none, is_held = simd4.nothing(), False
+    none, has_torque_world = simd4.nothing(), False
     if loads is not None:
-        is_held = simd4.lane_of(body, 0, FACTS, IS_HELD) != 0.0
+        has_torque_world = simd4.lane_of(body, 0, FACTS, HAS_TORQUE_WORLD) != 0.0
     for k in range(series.shape[1] - 1):
-        products, parts, held = none, (none, none, none), (none, none)
-        if is_held:
+        products, parts, torque_rate = none, (none, none, none), (none, none)
+        if has_torque_world:
             for n in range(1, k + 1):
                 products = _add_square(products, series, OMEGA, n, k - n)
                 parts = _add_times_omega(parts, series, n, k - n)
-                held = _add_turned(held, series, HELD, n, k - n)
-            held = _add_turned(held, series, HELD, 0, k)
+                torque_rate = _add_cross_omega(torque_rate, series, TORQUE_ROWS, n, k - n)
+            torque_rate = _add_cross_omega(torque_rate, series, TORQUE_ROWS, 0, k)
         else:
             for n in range(1, k + 1):
                 products = _add_square(products, series, OMEGA, n, k - n)
@@ -201,9 +203,16 @@ def expand(series: Array, body: Array, loads: Array | None) -> None:
         share = 1.0 / (k + 1.0)
         rate = simd4.times(products, simd4.load(body, 0, EULER))
         if loads is not None:
-            if is_held:
-                rate = simd4.add_product(rate, simd4.load(series, HELD, k), simd4.load(body, 0, INVERSE))
-                put_vector(series, HELD, k + 1, simd4.scaled(simd4.minus(held[0], held[1]), share))
+            if has_torque_world:
+                rate = simd4.add_product(
+                    rate, simd4.load(series, TORQUE_ROWS, k), simd4.load(body, 0, INVERSE)
+                )
+                put_vector(
+                    series,
+                    TORQUE_ROWS,
+                    k + 1,
+                    simd4.scaled(simd4.minus(torque_rate[0], torque_rate[1]), share),
+                )
             rate = _add_forcing(rate, series, body, loads, k, share)
         put_vector(series, OMEGA, k + 1, simd4.scaled(rate, share))
         simd4.store(series, Q, k + 1, _quaternion_product(parts, 0.5 * share))

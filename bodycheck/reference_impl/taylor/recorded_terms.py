@@ -22,8 +22,8 @@ from bodycheck.reference_impl.kernels.generic_precision import (
     over_double,
     plus,
     put,
+    renorm,
     root,
-    settled,
     sine_and_cosine,
     subtract_product,
     term,
@@ -61,14 +61,14 @@ def start_time(series: Numbers, row: int, t: float) -> None:
 
 @kernel
 def recorded_share(
-    series: Numbers, recorded: Array, moving: Numbers, row: int, k: int
+    series: Numbers, recorded: Array, translational: Numbers, row: int, k: int
 ) -> tuple[Three, Three]:
     """(sum of the torques)_k in body axes and (sum of the forces / m)_k in world axes."""
     count = len(recorded)
     for i in range(count):
         _operate(series, recorded[i], row, row + i, k)
     last = row + count - RESULTS
-    force, lightness = vector_terms(series, last, k), entry(moving, MASS_INVERSE)
+    force, lightness = vector_terms(series, last, k), entry(translational, MASS_INVERSE)
     push = (times(force[0], lightness), times(force[1], lightness), times(force[2], lightness))
     return vector_terms(series, last + 3, k), push
 
@@ -126,7 +126,7 @@ def _quotient(series: Numbers, a: int, b: int, row: int, k: int) -> Any:
     total = term(series, a, k)
     for n in range(1, k + 1):
         total = subtract_product(total, term(series, b, n), term(series, row, k - n))
-    return over(settled(total), term(series, b, 0))
+    return over(renorm(total), term(series, b, 0))
 
 
 @kernel
@@ -137,7 +137,7 @@ def _root(series: Numbers, a: int, row: int, k: int) -> Any:
         return root(total)
     for n in range(1, k):
         total = subtract_product(total, term(series, row, n), term(series, row, k - n))
-    return over(settled(total), by_double(term(series, row, 0), 2.0))
+    return over(renorm(total), by_double(term(series, row, 0), 2.0))
 
 
 @kernel
@@ -146,4 +146,4 @@ def _swing(series: Numbers, a: int, partner: int, k: int) -> Any:
     total = nothing(series)
     for n in range(1, k + 1):
         total = add_product(total, by_double(term(series, a, n), float(n)), term(series, partner, k - n))
-    return over_double(settled(total), float(k))
+    return over_double(renorm(total), float(k))

@@ -70,28 +70,30 @@ _LOST = {
 _STEPS_PER_CALL = 10_000
 """Steps after which compiled code returns, because a process handles Ctrl-C and SIGTERM only in between."""
 
-Course: TypeAlias = tuple[tuple[float, float, Forcing], ...]
+Forcings: TypeAlias = tuple[tuple[float, float, Forcing], ...]
 """Consecutive intervals (begin in s, end in s, forcing) without gaps."""
 
 
-def course_of(scene: Scene, until_s: float) -> Course:
+def forcings_of(scene: Scene, until_s: float) -> Forcings:
     """Return the forcing of the scene from switch to switch."""
     edges = [0.0, *scene.switches_before(until_s), until_s]
     return tuple((begin, end, forcing_between(scene, begin, end)) for begin, end in pairwise(edges))
 
 
-def solve(course: Course, start: State, t_s: Array, resolution: Resolution) -> Solution:
-    """Integrate a course from a start state; return the states at ascending times (n,) within it."""
-    return solve_packed(course, packed_state(start), t_s, resolution)
+def solve(forcings: Forcings, start: State, t_s: Array, resolution: Resolution) -> Solution:
+    """Integrate consecutive forcings from a state; return the states at ascending times (n,) within it."""
+    return solve_packed(forcings, packed_state(start), t_s, resolution)
 
 
-def solve_packed(course: Course, state: tuple[Array, Array], t_s: Array, resolution: Resolution) -> Solution:
+def solve_packed(
+    forcings: Forcings, state: tuple[Array, Array], t_s: Array, resolution: Resolution
+) -> Solution:
     """Integrate as `solve` does, from a state ((13,), (13,)), high and low parts, updated to the end."""
     steps, lost = 0, ""
     high, low = np.empty((len(t_s), STATE)), np.empty((len(t_s), STATE))
-    for begin, end, forcing in course:
+    for begin, end, forcing in forcings:
         first, after = np.searchsorted(t_s, [begin, end])
-        part = slice(first, after if end != course[-1][1] else len(t_s))
+        part = slice(first, after if end != forcings[-1][1] else len(t_s))
         out = high[part], low[part]
         made = _advance(state, forcing, resolution, t_s[part], (begin, end), out)
         lost = lost or _LOST.get(made, "")
@@ -128,13 +130,13 @@ def _advance(
         made, t = integrate(
             state,
             series,
-            numbers.turning,
+            numbers.rotational,
             numbers.damping,
             numbers.body_sines,
             numbers.world,
             numbers.world_sines,
             numbers.orbit,
-            None if forcing.on_parabola else numbers.moving,
+            None if forcing.on_parabola else numbers.translational,
             numbers.springs,
             numbers.torsion,
             numbers.recorded,
@@ -152,7 +154,7 @@ def _advance(
             break
         due = int(np.searchsorted(times, t, side="right"))
     if forcing.on_parabola:
-        follow_parabola(state, numbers.moving, times, *span, out)
+        follow_parabola(state, numbers.translational, times, *span, out)
     return steps
 
 
@@ -175,21 +177,21 @@ def _working_space(forcing: Forcing, resolution: Resolution) -> tuple[tuple[int,
 
 
 def follow_scene(
-    scene: Scene, course: Course, state: tuple[Array, Array], t_s: Array, resolution: Resolution
+    scene: Scene, forcings: Forcings, state: tuple[Array, Array], t_s: Array, resolution: Resolution
 ) -> Solution:
-    """Integrate a course of a scene from a packed state; return the states at ascending times (n,).
+    """Integrate the forcings of a scene from a packed state; return the states at ascending times (n,).
 
-    x and v are those of the centre of mass. The state ((13,), (13,)) is updated to the end of the course.
+    x and v are those of the centre of mass. The state ((13,), (13,)) is updated to the end of the forcings.
     About a pivot its position and velocity are ignored, because they follow from attitude and omega.
     """
     if scene.pivot is None:
-        return solve_packed(course, state, t_s, resolution)
+        return solve_packed(forcings, state, t_s, resolution)
     for part in state:
         part[V:] = 0.0
-    turned = solve_packed(course, state, t_s, resolution)
+    about_pivot = solve_packed(forcings, state, t_s, resolution)
     origin = np.array([pair(x) for x in pivot_position(scene)], dtype=np.float64)
-    _put_centre(turned.high, turned.low, scene.pivot, origin)
-    return turned
+    _put_centre(about_pivot.high, about_pivot.low, scene.pivot, origin)
+    return about_pivot
 
 
 @kernel

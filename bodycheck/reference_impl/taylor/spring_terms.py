@@ -21,8 +21,8 @@ from bodycheck.reference_impl.kernels.generic_precision import (
     over_double,
     plus,
     put,
+    renorm,
     root,
-    settled,
     subtract_product,
     term,
     times,
@@ -36,7 +36,7 @@ from bodycheck.reference_impl.taylor.taylor_terms import (
     added,
     cauchy,
     put_vector,
-    turned_back,
+    rotated_to_body,
     vector_terms,
 )
 
@@ -69,7 +69,7 @@ def _reciprocal_root(series: Numbers, square: int, row: int, k: int) -> None:
     total = nothing(series)
     for j in range(1, k + 1):
         total = add_product(total, by_double(term(series, square, j), 0.5 * j - k), term(series, row, k - j))
-    put(series, row, k, over(over_double(settled(total), float(k)), s))
+    put(series, row, k, over(over_double(renorm(total), float(k)), s))
 
 
 @inlined_kernel
@@ -84,7 +84,7 @@ def _stretch(series: Numbers, spring: Array, row: int, k: int) -> None:
     for a in range(3):
         total = add_product(term(series, X + a, k), term(series, R + 3 * a, k), _place(series, spring, AT))
         total = add_product(total, term(series, R + 3 * a + 1, k), _place(series, spring, AT + 1))
-        total = settled(add_product(total, term(series, R + 3 * a + 2, k), _place(series, spring, AT + 2)))
+        total = renorm(add_product(total, term(series, R + 3 * a + 2, k), _place(series, spring, AT + 2)))
         if k == 0:
             total = minus(total, _place(series, spring, ANCHOR + a))
         put(series, row + _D + a, k, total)
@@ -102,8 +102,8 @@ def _spring_force(series: Numbers, spring: Array, row: int, k: int) -> Three:
         _reciprocal_root(series, row + _SQUARE, row + _INVERSE, k)
         for a in range(3):
             along = cauchy(series, row + _D + a, row + _INVERSE, k)
-            kept = minus(d[a], by_double(along, spring[REST_LENGTH]))
-            put(series, row + _FORCE + a, k, by_double(kept, -spring[STIFFNESS]))
+            scaled_arm = minus(d[a], by_double(along, spring[REST_LENGTH]))
+            put(series, row + _FORCE + a, k, by_double(scaled_arm, -spring[STIFFNESS]))
         return vector_terms(series, row + _FORCE, k)
     for a in range(3):
         force = by_double(d[a], -spring[STIFFNESS])
@@ -116,7 +116,7 @@ def _spring_force(series: Numbers, spring: Array, row: int, k: int) -> Three:
 @kernel
 def _spring_torque(series: Numbers, spring: Array, row: int, k: int) -> Three:
     """(at x R^T force)_k in body axes."""
-    x, y, z = turned_back(series, row + _FORCE, k)
+    x, y, z = rotated_to_body(series, row + _FORCE, k)
     a, b, c = _place(series, spring, AT), _place(series, spring, AT + 1), _place(series, spring, AT + 2)
     return (
         minus(times(z, b), times(y, c)),
@@ -126,24 +126,24 @@ def _spring_torque(series: Numbers, spring: Array, row: int, k: int) -> Three:
 
 
 @kernel
-def _least_along(high: Array, first: int, rows: int, h: float) -> float:
+def _min_along(high: Array, first: int, rows: int, h: float) -> float:
     """The minimum of d(0) . d(s) over s in [0, h], for d in the rows starting at first.
 
     Newton's method on the derivative, started from the least of a few samples, finds an interior minimum.
     """
     order = high.shape[1] - 2  # the motion does not need the last coefficient of d, which is not computed
-    place, least = h, math.inf
+    place, smallest = h, math.inf
     for i in range(1, _PLACES + 1):
         value = _along(high, first, rows, order, h * i / _PLACES)[0]
-        if value < least:
-            place, least = h * i / _PLACES, value
+        if value < smallest:
+            place, smallest = h * i / _PLACES, value
     for _ in range(_NEWTONS):
         _, slope, bend = _along(high, first, rows, order, place)
         if not bend > 0.0:
             break
         place = min(max(place - slope / bend, 0.0), h)
-        least = min(least, _along(high, first, rows, order, place)[0])
-    return least
+        smallest = min(smallest, _along(high, first, rows, order, place)[0])
+    return smallest
 
 
 @kernel
@@ -171,7 +171,7 @@ def passes_anchor(high: Array, springs: Array, row: int, h: float) -> bool:
     for i in range(len(springs)):
         first = row + SPRING_ROWS * i + _D
         jumps = springs[i, REST_LENGTH] != 0.0 and high[row + SPRING_ROWS * i + _SQUARE, 0] > 0.0
-        if jumps and not _least_along(high, first, 3, h) > 0.0:
+        if jumps and not _min_along(high, first, 3, h) > 0.0:
             return True
     return False
 
@@ -179,7 +179,7 @@ def passes_anchor(high: Array, springs: Array, row: int, h: float) -> bool:
 @kernel
 def passes_half_turn(high: Array, row: int, h: float) -> bool:
     """Whether the cosine of half the torsion angle, positive at first, vanishes within the step h."""
-    return not _least_along(high, row + _P, 1, h) > 0.0
+    return not _min_along(high, row + _P, 1, h) > 0.0
 
 
 @kernel
@@ -192,7 +192,9 @@ def is_at_anchor(high: Array, springs: Array, row: int) -> bool:
 
 
 @kernel
-def springs_share(series: Numbers, springs: Array, moving: Numbers, row: int, k: int) -> tuple[Three, Three]:
+def springs_share(
+    series: Numbers, springs: Array, translational: Numbers, row: int, k: int
+) -> tuple[Three, Three]:
     """(sum of the torques)_k in body axes and (sum of the forces / m)_k in world axes."""
     none = nothing(series)
     torque, force = (none, none, none), (none, none, none)
@@ -200,7 +202,7 @@ def springs_share(series: Numbers, springs: Array, moving: Numbers, row: int, k:
         first = row + SPRING_ROWS * i
         force = added(force, _spring_force(series, springs[i], first, k))
         torque = added(torque, _spring_torque(series, springs[i], first, k))
-    lightness = entry(moving, MASS_INVERSE)
+    lightness = entry(translational, MASS_INVERSE)
     return torque, (times(force[0], lightness), times(force[1], lightness), times(force[2], lightness))
 
 
@@ -221,20 +223,20 @@ def _relative_quaternion(series: Numbers, torsion: Numbers, row: int, k: int) ->
     p2 = subtract_product(add_product(p2, x, d), z, b)
     p3 = subtract_product(add_product(total, w, d), z, a)
     p3 = subtract_product(add_product(p3, y, b), x, c)
-    put(series, row, k, settled(p0))
-    put_vector(series, row + 1, k, (settled(p1), settled(p2), settled(p3)))
+    put(series, row, k, renorm(p0))
+    put_vector(series, row + 1, k, (renorm(p1), renorm(p2), renorm(p3)))
 
 
 @kernel
-def _half_angle_cosine(series: Numbers, whole: int, half: int, k: int) -> None:
+def _half_angle_cosine(series: Numbers, full: int, half: int, k: int) -> None:
     """c^2 = (1 + C) / 2, C and c in two rows: 2 c_0 c_k = C_k / 2 - the other products."""
-    total = by_double(term(series, whole, k), 0.5)
+    total = by_double(term(series, full, k), 0.5)
     if k == 0:
         put(series, half, 0, root(plus(total, exactly(series, 0.5))))
         return
     for n in range(1, k):
         total = subtract_product(total, term(series, half, n), term(series, half, k - n))
-    put(series, half, k, over(settled(total), by_double(term(series, half, 0), 2.0)))
+    put(series, half, k, over(renorm(total), by_double(term(series, half, 0), 2.0)))
 
 
 @kernel
@@ -243,7 +245,7 @@ def _quotient(series: Numbers, above: int, below: int, row: int, k: int) -> None
     total = term(series, above, k)
     for n in range(1, k + 1):
         total = subtract_product(total, term(series, below, n), term(series, row, k - n))
-    put(series, row, k, over(settled(total), term(series, below, 0)))
+    put(series, row, k, over(renorm(total), term(series, below, 0)))
 
 
 @kernel

@@ -50,15 +50,15 @@ from bodycheck.reference_impl.taylor.taylor_terms import (
     added,
     angular_rate,
     gradient_torque,
-    held_torque,
     moment_torque,
     own_torque,
     put_rate,
+    rotated_acceleration,
     rotation_matrix,
     sine_torque,
     start_sine,
-    turned_acceleration,
     vector_terms,
+    world_torque,
 )
 
 LOST_AT_ANCHOR, LOST_AT_HALF_TURN = -1, -2
@@ -73,13 +73,13 @@ _SMALLER = 1e14  # times the tolerance: for terms below this, rounding to double
 @kernel
 def _expand(
     series: Numbers,
-    turning: Numbers,
+    rotational: Numbers,
     damping: Numbers | None,
     body_sines: Array | None,
     world: Numbers | None,
     world_sines: Array | None,
     orbit: Numbers | None,
-    moving: Numbers | None,
+    translational: Numbers | None,
     springs: Array | None,
     torsion: Numbers | None,
     recorded: Array | None,
@@ -90,29 +90,29 @@ def _expand(
     """Fill the coefficients first + 1 .. last of the rows of the state, given the earlier ones."""
     for k in range(first, last):
         share = over_double(exactly(series, 1.0), k + 1.0)
-        torque = own_torque(series, turning, damping, body_sines, k, share)
+        torque = own_torque(series, rotational, damping, body_sines, k, share)
         if world is not None:
             rotation_matrix(series, k)
-            torque = added(torque, added(held_torque(series, world, k), moment_torque(series, world, k)))
+            torque = added(torque, added(world_torque(series, world, k), moment_torque(series, world, k)))
         if world_sines is not None:
             torque = added(torque, sine_torque(series, world_sines, rows[0], k))
         if orbit is not None:
-            torque = added(torque, gradient_torque(series, turning, orbit, k))
+            torque = added(torque, gradient_torque(series, rotational, orbit, k))
         if torsion is not None:
             torque = added(torque, torsion_torque(series, torsion, rows[2], k))
-        if moving is not None:
-            rate = acceleration(series, moving, k)
+        if translational is not None:
+            rate = acceleration(series, translational, k)
             if world is not None:
-                rate = added(rate, turned_acceleration(series, moving, k))
+                rate = added(rate, rotated_acceleration(series, translational, k))
             if springs is not None:
-                turn, push = springs_share(series, springs, moving, rows[1], k)
-                torque, rate = added(torque, turn), added(rate, push)
+                couple, push = springs_share(series, springs, translational, rows[1], k)
+                torque, rate = added(torque, couple), added(rate, push)
             if recorded is not None:
-                turn, push = recorded_share(series, recorded, moving, rows[3], k)
-                torque, rate = added(torque, turn), added(rate, push)
+                couple, push = recorded_share(series, recorded, translational, rows[3], k)
+                torque, rate = added(torque, couple), added(rate, push)
             put_rate(series, V, k, rate, share)
             put_rate(series, X, k, vector_terms(series, V, k), share)
-        angular_rate(series, turning, torque, k, share)
+        angular_rate(series, rotational, torque, k, share)
 
 
 @inlined_kernel
@@ -179,9 +179,9 @@ def _step_size(high: Array, order: int, tolerance: float, length: float) -> floa
     step = math.inf
     spin, speed = _largest(high, OMEGA, V, 0), _largest(high, V, X, 0)
     for k in (order - 1, order):
-        turned = _largest(high, 0, OMEGA, k)
-        if turned != 0.0:
-            step = min(step, (tolerance / turned) ** (1.0 / k))
+        size = _largest(high, 0, OMEGA, k)
+        if size != 0.0:
+            step = min(step, (tolerance / size) ** (1.0 / k))
         step = min(step, _reach(_largest(high, OMEGA, V, k), spin, k, tolerance))
         if length > 0.0:
             step = min(step, _reach(_largest(high, V, X, k) / length, speed / length, k, tolerance))
@@ -229,13 +229,13 @@ def _write(out: tuple[Array, Array], row: int, state: tuple[Array, Array]) -> No
 def integrate(
     state: tuple[Array, Array],
     series: Numbers,
-    turning: Numbers,
+    rotational: Numbers,
     damping: Numbers | None,
     body_sines: Array | None,
     world: Numbers | None,
     world_sines: Array | None,
     orbit: Numbers | None,
-    moving: Numbers | None,
+    translational: Numbers | None,
     springs: Array | None,
     torsion: Numbers | None,
     recorded: Array | None,
@@ -245,40 +245,40 @@ def integrate(
     end: float,
     tolerance: float,
     paired_orders: int,
-    most_steps: int,
+    max_steps: int,
     out: tuple[Array, Array],
 ) -> tuple[int, float]:
     """Advance the state from time begin to end, write it at the times into out; return steps and last time.
 
-    After most_steps it returns early; the next call, from the returned time, continues bit for bit.
+    After max_steps it returns early; the next call, from the returned time, continues bit for bit.
 
-    state ((13,), (13,)): the high and low parts of q, omega_body, v, x; without `moving`, v and x are left
-    unchanged. series (n, order + 1): workspace in the desired precision; rows: the first rows of the sines in
-    world axes, the springs, the torsion spring and the recorded loads. Coefficients beyond the paired orders
-    are computed in doubles, because they are small. times (n,): ascending, in [begin, end].
-    out ((n, 13), (n, 13)): NaN from the point where the integration fails. The result is then negative if the
+    state ((13,), (13,)): the high and low parts of q, omega_body, v, x; without `translational`, v and x
+    are left unchanged. series (n, order + 1): workspace in the desired precision; rows: the first rows of the
+    sines in world axes, the springs, the torsion spring and the recorded loads. Coefficients beyond the
+    paired orders are computed in doubles, because they are small. times (n,): ascending, in [begin, end]. out
+    ((n, 13), (n, 13)): NaN from the point where the integration fails. The result is then negative if the
     reason is known (LOST_AT_ANCHOR, LOST_AT_HALF_TURN).
     """
     high = high_part(series)
     order = high.shape[1] - 1
     full = min(paired_orders, order) if is_paired(series) else order
-    last = STATE if moving is not None else V
-    length = high_part(moving)[RADIUS] if moving is not None else 0.0
+    last = STATE if translational is not None else V
+    length = high_part(translational)[RADIUS] if translational is not None else 0.0
     t, due, steps = begin, 0, 0
     while due < len(times) and times[due] == begin:
         _write(out, due, state)
         due += 1
-    while t < end and steps < most_steps:
+    while t < end and steps < max_steps:
         _start(series, state, body_sines, world_sines, orbit, recorded, rows, t)
         _expand(
             series,
-            turning,
+            rotational,
             damping,
             body_sines,
             world,
             world_sines,
             orbit,
-            moving,
+            translational,
             springs,
             torsion,
             recorded,
@@ -288,13 +288,13 @@ def integrate(
         )
         _expand(
             high,
-            high_part(turning),
+            high_part(rotational),
             high_part(damping),
             body_sines,
             high_part(world),
             world_sines,
             high_part(orbit),
-            high_part(moving),
+            high_part(translational),
             springs,
             high_part(torsion),
             recorded,
@@ -341,7 +341,7 @@ def integrate(
 @kernel
 def follow_parabola(
     state: tuple[Array, Array],
-    moving: Numbers,
+    translational: Numbers,
     times: Array,
     begin: float,
     end: float,
@@ -354,11 +354,11 @@ def follow_parabola(
     for due in range(len(times) + 1):
         t = dd.two_sum(times[due] if due < len(times) else end, -begin)
         for i in range(3):
-            a = as_pair(entry(moving, ACCELERATION_WORLD + i))
+            a = as_pair(entry(translational, ACCELERATION_WORLD + i))
             v, x = (state[0][V + i], state[1][V + i]), (state[0][X + i], state[1][X + i])
             gained = dd.multiply(a, t)
-            way = dd.multiply(t, dd.add(v, dd.scale(gained, 0.5)))
-            v, x = dd.add(v, gained), dd.add(x, way)
+            displacement = dd.multiply(t, dd.add(v, dd.scale(gained, 0.5)))
+            v, x = dd.add(v, gained), dd.add(x, displacement)
             if due < len(times):
                 out[0][due, V + i], out[1][due, V + i] = v
                 out[0][due, X + i], out[1][due, X + i] = x

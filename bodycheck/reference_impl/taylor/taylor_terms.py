@@ -25,7 +25,7 @@ from bodycheck.reference_impl.kernels.generic_precision import (
     phase,
     plus,
     put,
-    settled,
+    renorm,
     sine_and_cosine,
     subtract_product,
     term,
@@ -59,7 +59,7 @@ def cauchy(series: Numbers, i: int, j: int, k: int) -> Any:
     total = nothing(series)
     for n in range(k + 1):
         total = add_product(total, term(series, i, n), term(series, j, k - n))
-    return settled(total)
+    return renorm(total)
 
 
 @kernel
@@ -72,11 +72,11 @@ def _cross_product(series: Numbers, i: int, j: int, k: int) -> Three:
         x = subtract_product(add_product(x, a1, b2), a2, b1)
         y = subtract_product(add_product(y, a2, b0), a0, b2)
         z = subtract_product(add_product(z, a0, b1), a1, b0)
-    return settled(x), settled(y), settled(z)
+    return renorm(x), renorm(y), renorm(z)
 
 
 @kernel
-def turned_back(series: Numbers, j: int, k: int) -> Three:
+def rotated_to_body(series: Numbers, j: int, k: int) -> Three:
     """(R^T a)_k, a in the rows starting at j."""
     x = y = z = nothing(series)
     for n in range(k + 1):
@@ -85,7 +85,7 @@ def turned_back(series: Numbers, j: int, k: int) -> Three:
             x = add_product(x, term(series, R + 3 * row, n), a)
             y = add_product(y, term(series, R + 3 * row + 1, n), a)
             z = add_product(z, term(series, R + 3 * row + 2, n), a)
-    return settled(x), settled(y), settled(z)
+    return renorm(x), renorm(y), renorm(z)
 
 
 @inlined_kernel
@@ -93,7 +93,7 @@ def _row_times(numbers: Numbers, i: int, v: Three) -> Any:
     """m . v, m the three numbers starting at i."""
     total = add_product(nothing(numbers), entry(numbers, i), v[0])
     total = add_product(total, entry(numbers, i + 1), v[1])
-    return settled(add_product(total, entry(numbers, i + 2), v[2]))
+    return renorm(add_product(total, entry(numbers, i + 2), v[2]))
 
 
 @inlined_kernel
@@ -158,24 +158,33 @@ def _spin(series: Numbers, k: int, share: Any) -> Three:
         y = subtract_product(add_product(add_product(y, qw, b), qz, a), qx, c)
         z = subtract_product(add_product(add_product(z, qw, c), qx, b), qy, a)
     half = by_double(share, 0.5)
-    put(series, 0, k + 1, times(half, settled(w)))
-    put_vector(series, 1, k + 1, (times(half, settled(x)), times(half, settled(y)), times(half, settled(z))))
-    return settled(tx), settled(ty), settled(tz)
+    put(series, 0, k + 1, times(half, renorm(w)))
+    put_vector(
+        series,
+        1,
+        k + 1,
+        (times(half, renorm(x)), times(half, renorm(y)), times(half, renorm(z))),
+    )
+    return renorm(tx), renorm(ty), renorm(tz)
 
 
 @kernel
 def own_torque(
-    series: Numbers, turning: Numbers, damping: Numbers | None, sines: Array | None, k: int, share: Any
+    series: Numbers, rotational: Numbers, damping: Numbers | None, sines: Array | None, k: int, share: Any
 ) -> Three:
     """(tau - C omega + I omega x omega)_k, tau given in body axes; extends q and the sines to k + 1."""
     omega = vector_terms(series, OMEGA, k)
-    put_vector(series, L, k, _matrix_times(turning, INERTIA, omega))
+    put_vector(series, L, k, _matrix_times(rotational, INERTIA, omega))
     torque = _spin(series, k, share)
     if damping is not None:
         torque = _subtracted(torque, _matrix_times(damping, 0, omega))
     if k == 0:
-        held = (entry(turning, TORQUE_BODY), entry(turning, TORQUE_BODY + 1), entry(turning, TORQUE_BODY + 2))
-        torque = added(torque, held)
+        constant = (
+            entry(rotational, TORQUE_BODY),
+            entry(rotational, TORQUE_BODY + 1),
+            entry(rotational, TORQUE_BODY + 2),
+        )
+        torque = added(torque, constant)
     if sines is not None:
         torque = _added_sines(series, torque, sines, SINES, k)
     return torque
@@ -194,8 +203,15 @@ def rotation_matrix(series: Numbers, k: int) -> None:
         yy, zz = add_product(yy, y, c), add_product(zz, z, d)
         xy, xz, yz = add_product(xy, x, c), add_product(xz, x, d), add_product(yz, y, d)
         wx, wy, wz = add_product(wx, w, b), add_product(wy, w, c), add_product(wz, w, d)
-    ww, xx, yy, zz = settled(ww), settled(xx), settled(yy), settled(zz)
-    xy, xz, yz, wx, wy, wz = settled(xy), settled(xz), settled(yz), settled(wx), settled(wy), settled(wz)
+    ww, xx, yy, zz = renorm(ww), renorm(xx), renorm(yy), renorm(zz)
+    xy, xz, yz, wx, wy, wz = (
+        renorm(xy),
+        renorm(xz),
+        renorm(yz),
+        renorm(wx),
+        renorm(wy),
+        renorm(wz),
+    )
     across, along = minus(ww, zz), minus(xx, yy)
     put(series, R, k, plus(across, along))
     put(series, R + 4, k, minus(across, along))
@@ -221,18 +237,18 @@ def moment_torque(series: Numbers, world: Numbers, k: int) -> Three:
         x = subtract_product(add_product(x, m1, r2), m2, r1)
         y = subtract_product(add_product(y, m2, r0), m0, r2)
         z = subtract_product(add_product(z, m0, r1), m1, r0)
-    return settled(x), settled(y), settled(z)
+    return renorm(x), renorm(y), renorm(z)
 
 
 @inlined_kernel
-def held_torque(series: Numbers, world: Numbers, k: int) -> Three:
+def world_torque(series: Numbers, world: Numbers, k: int) -> Three:
     """(R^T tau)_k, tau constant in world axes."""
     x = y = z = nothing(series)
     for d in range(3):
         r0, r1, r2 = vector_terms(series, R + 3 * d, k)
         tau = entry(world, TORQUE_WORLD + d)
         x, y, z = add_product(x, r0, tau), add_product(y, r1, tau), add_product(z, r2, tau)
-    return settled(x), settled(y), settled(z)
+    return renorm(x), renorm(y), renorm(z)
 
 
 @kernel
@@ -240,11 +256,11 @@ def sine_torque(series: Numbers, sines: Array, first_row: int, k: int) -> Three:
     """(R^T sum of amplitude sin(rate t + phase))_k, amplitudes in world axes."""
     none = nothing(series)
     put_vector(series, T, k, _added_sines(series, (none, none, none), sines, first_row, k))
-    return turned_back(series, T, k)
+    return rotated_to_body(series, T, k)
 
 
 @kernel
-def gradient_torque(series: Numbers, turning: Numbers, orbit: Numbers, k: int) -> Three:
+def gradient_torque(series: Numbers, rotational: Numbers, orbit: Numbers, k: int) -> Three:
     """(3 n^2 u x I u)_k, u = R^T (-sin n t, 0, -cos n t) in body axes."""
     x = y = z = nothing(series)
     for n in range(k + 1):
@@ -257,9 +273,9 @@ def gradient_torque(series: Numbers, turning: Numbers, orbit: Numbers, k: int) -
             subtract_product(y, b, cosine),
             subtract_product(z, c, cosine),
         )
-    u = (settled(x), settled(y), settled(z))
+    u = (renorm(x), renorm(y), renorm(z))
     put_vector(series, U, k, u)
-    put_vector(series, IU, k, _matrix_times(turning, INERTIA, u))
+    put_vector(series, IU, k, _matrix_times(rotational, INERTIA, u))
     _move_sine(series, ORBIT, entry(orbit, ORBIT_RATE), k)
     a, b, c = _cross_product(series, U, IU, k)
     factor = entry(orbit, GRADIENT)
@@ -301,40 +317,40 @@ def _added_sines(series: Numbers, torque: Three, sines: Array, first_row: int, k
 
 
 @inlined_kernel
-def acceleration(series: Numbers, moving: Numbers, k: int) -> Three:
+def acceleration(series: Numbers, translational: Numbers, k: int) -> Three:
     """(a_w - (c / m) v)_k, a_w = F_w / m."""
-    decay = entry(moving, DECAY)
+    decay = entry(translational, DECAY)
     a, b, c = vector_terms(series, V, k)
     drag = (times(decay, a), times(decay, b), times(decay, c))
     none = nothing(series)
     if k == 0:
-        held = (
-            entry(moving, ACCELERATION_WORLD),
-            entry(moving, ACCELERATION_WORLD + 1),
-            entry(moving, ACCELERATION_WORLD + 2),
+        constant = (
+            entry(translational, ACCELERATION_WORLD),
+            entry(translational, ACCELERATION_WORLD + 1),
+            entry(translational, ACCELERATION_WORLD + 2),
         )
-        return _subtracted(held, drag)
+        return _subtracted(constant, drag)
     return _subtracted((none, none, none), drag)
 
 
 @kernel
-def turned_acceleration(series: Numbers, moving: Numbers, k: int) -> Three:
+def rotated_acceleration(series: Numbers, translational: Numbers, k: int) -> Three:
     """(R a_b)_k, a_b = F_b / m."""
-    held = (
-        entry(moving, ACCELERATION_BODY),
-        entry(moving, ACCELERATION_BODY + 1),
-        entry(moving, ACCELERATION_BODY + 2),
+    constant = (
+        entry(translational, ACCELERATION_BODY),
+        entry(translational, ACCELERATION_BODY + 1),
+        entry(translational, ACCELERATION_BODY + 2),
     )
     total = nothing(series)
     x, y, z = total, total, total
     for d in range(3):
-        x = add_product(x, term(series, R + d, k), held[d])
-        y = add_product(y, term(series, R + 3 + d, k), held[d])
-        z = add_product(z, term(series, R + 6 + d, k), held[d])
-    return settled(x), settled(y), settled(z)
+        x = add_product(x, term(series, R + d, k), constant[d])
+        y = add_product(y, term(series, R + 3 + d, k), constant[d])
+        z = add_product(z, term(series, R + 6 + d, k), constant[d])
+    return renorm(x), renorm(y), renorm(z)
 
 
 @inlined_kernel
-def angular_rate(series: Numbers, turning: Numbers, torque: Three, k: int, share: Any) -> None:
+def angular_rate(series: Numbers, rotational: Numbers, torque: Three, k: int, share: Any) -> None:
     """omega' = I^-1 torque: the coefficient k + 1 = 1 / share of omega."""
-    put_rate(series, OMEGA, k, _matrix_times(turning, INERTIA_INVERSE, torque), share)
+    put_rate(series, OMEGA, k, _matrix_times(rotational, INERTIA_INVERSE, torque), share)

@@ -21,11 +21,11 @@ from bodycheck.reference_impl.dynamics import gyration_radius
 from bodycheck.reference_impl.rotations import exp_quaternion, normalised, quaternion_product
 from bodycheck.reference_impl.scene import Scene, State
 from bodycheck.reference_impl.taylor.solution import (
-    Course,
+    Forcings,
     Resolution,
     Solution,
-    course_of,
     follow_scene,
+    forcings_of,
     packed_state,
 )
 from bodycheck.reference_impl.trajectory import Trajectory
@@ -75,8 +75,8 @@ def _check_finite(motion: Trajectory, lost: str = "") -> None:
         lost_at = int(np.argmin(finite))
         first = float(motion.t_s[lost_at])
         before = float(motion.t_s[lost_at - 1]) if lost_at else 0.0
-        why = f"{lost} (after t = {before!r} s)" if lost else "it leaves the range of double precision"
-        raise ValueError(f"there is no truth at t = {first!r} s: {why}")
+        reason = f"{lost} (after t = {before!r} s)" if lost else "it leaves the range of double precision"
+        raise ValueError(f"there is no truth at t = {first!r} s: {reason}")
 
 
 def _exact(scene: Scene, closed: ExactMotion, t_s: Array) -> Truth:
@@ -109,14 +109,16 @@ def _linear_gaps(scene: Scene, motion: Trajectory, matrices: Array) -> Array:
     spin = _largest(motion.omega_body)
     found = np.zeros((6, len(motion.t_s)))
     for nudge in np.diag([NUDGE * spin] * 3 + [NUDGE] * 3):
-        departed = matrices @ nudge
-        faster, turned = (np.linalg.norm(part, axis=-1) for part in np.split(departed, 2, axis=1))
-        most = np.maximum(np.maximum(turned / np.pi, faster / (2.0 * spin) if spin > 0.0 else 0.0), 1.0)
-        departed = departed / most[:, None]
-        change = np.zeros((len(departed), 13))
-        half = np.concatenate([np.zeros((len(departed), 1)), 0.5 * departed[:, 3:]], axis=1)
+        deviation = matrices @ nudge
+        spin_change, rotated = (np.linalg.norm(part, axis=-1) for part in np.split(deviation, 2, axis=1))
+        excess = np.maximum(
+            np.maximum(rotated / np.pi, spin_change / (2.0 * spin) if spin > 0.0 else 0.0), 1.0
+        )
+        deviation = deviation / excess[:, None]
+        change = np.zeros((len(deviation), 13))
+        half = np.concatenate([np.zeros((len(deviation), 1)), 0.5 * deviation[:, 3:]], axis=1)
         change[:, 0:4] = quaternion_product(motion.attitude, half)
-        change[:, 4:7] = departed[:, :3]
+        change[:, 4:7] = deviation[:, :3]
         found = np.maximum(found, small_distances(scene, motion, change))
     return found
 
@@ -127,14 +129,14 @@ def certified_truth(scene: Scene, t_s: Array) -> Truth:
     t_s (n,) in s, ascending. For any scene without callback loads, including scenes with a closed form. The
     half ulp is that of every returned number: some 3e-16 rad. Raises ValueError as `solve_truth` does.
     """
-    course = course_of(scene, float(t_s[-1]) if len(t_s) else 0.0)
+    forcings = forcings_of(scene, float(t_s[-1]) if len(t_s) else 0.0)
     fine, check = (
-        follow_scene(scene, course, packed_state(scene.initial), t_s, resolution)
+        follow_scene(scene, forcings, packed_state(scene.initial), t_s, resolution)
         for resolution in (_FINE, _CHECK)
     )
     motion = _trajectory(t_s, fine)
     _check_finite(motion, fine.lost)
-    growths = _certified_growths(scene, course, motion, fine)
+    growths = _certified_growths(scene, forcings, motion, fine)
     gaps = small_distances(scene, motion, (check.high - fine.high) + (check.low - fine.low))
     noise = _EPS_PAIR * growths * (1 + max(fine.steps, check.steps))
     return _bounded(scene, motion, "certified", gaps + noise, growths)
@@ -150,7 +152,7 @@ def _halved(scene: Scene, t_s: Array) -> Truth:
     _check_finite(halved.motion)
     growths = _halved_growths(scene, halved)
     noise = _EPS * growths * math.sqrt(halved.steps)
-    kind: Kind = "certified" if halved.agreed else "estimated"
+    kind: Kind = "certified" if halved.converged else "estimated"
     return _bounded(scene, halved.motion, kind, halved.gaps + noise, growths)
 
 
@@ -178,11 +180,11 @@ def _known(errors: Array) -> Array:
     return np.where(np.isnan(errors), np.inf, errors)
 
 
-def _certified_growths(scene: Scene, course: Course, motion: Trajectory, fine: Solution) -> Array:
+def _certified_growths(scene: Scene, forcings: Forcings, motion: Trajectory, fine: Solution) -> Array:
     """Return growths (6, n) as `_growths`, from finer nudges in double-double where coarse ones saturate."""
     t_s = motion.t_s
     neighbours = [
-        _trajectory(t_s, follow_scene(scene, course, packed_state(start), t_s, _NUDGED))
+        _trajectory(t_s, follow_scene(scene, forcings, packed_state(start), t_s, _NUDGED))
         for start in _nudges(scene, motion)
     ]
     gaps = _largest_gaps(scene, motion, neighbours)
@@ -195,7 +197,7 @@ def _certified_growths(scene: Scene, course: Course, motion: Trajectory, fine: S
     for start in _nudges(scene, motion):
         nudged_high, nudged_low = packed_state(start)
         nudge = _FINE_NUDGE * ((nudged_high - rounded_high) + (nudged_low - rounded_low))
-        found = follow_scene(scene, course, (high.copy(), low + nudge), t_s, _FINE)
+        found = follow_scene(scene, forcings, (high.copy(), low + nudge), t_s, _FINE)
         difference = (found.high - fine.high) + (found.low - fine.low)
         apart = np.maximum(apart, _known(small_distances(scene, motion, difference)))
     return np.maximum.accumulate(np.maximum(growths, apart / (NUDGE * _FINE_NUDGE)), axis=1)
@@ -240,10 +242,10 @@ def _nudges(scene: Scene, motion: Trajectory) -> Iterator[State]:
     """
     start, omega = _rounded(scene.initial), NUDGE * _largest(motion.omega_body)
     for axis in np.eye(3):
-        turned = quaternion_product(start.quaternion, exp_quaternion(NUDGE * axis))
-        yield replace(start, quaternion=normalised(turned))
+        rotated = quaternion_product(start.quaternion, exp_quaternion(NUDGE * axis))
+        yield replace(start, quaternion=normalised(rotated))
         yield replace(start, omega_body=start.omega_body + omega * axis)
-    tied = any(load.couples_translation for load in scene.lasting_loads)
+    tied = any(load.couples_translation for load in scene.continuous_loads)
     if tied and scene.pivot is None:
         radius = gyration_radius(scene.body.mass, scene.body.inertia)
         speed = NUDGE * _largest(motion.velocity_m_s)

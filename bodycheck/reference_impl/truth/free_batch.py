@@ -59,12 +59,12 @@ def free_truths(inertia: Array, quaternion: Array, omega_body: Array, t_s: Array
     bounds, gaps = np.empty((len(q), 4)), np.zeros((len(q), 4))
     for axis in np.eye(3):
         nudged = omega_body + (NUDGE * spin)[:, None] * axis
-        near = FreeRotations.from_checked(inertia, quaternion, nudged, rest, rough=True)
+        near = FreeRotations.from_checked(inertia, quaternion, nudged, rest, approximate=True)
         _add_distances(tensors, q, omega, *near.at(t_s), gaps)
     _fill_bounds(tensors, q, omega, bounds)
-    least = (1.0 + spin * t_s[-1])[:, None] * np.stack([np.ones_like(spin)] * 3 + [spin], axis=1)
-    least[spin == 0.0, 3] = 1.0
-    return FreeTruths(q, omega, bounds, _EPS * np.maximum(gaps / NUDGE, least))
+    smallest = (1.0 + spin * t_s[-1])[:, None] * np.stack([np.ones_like(spin)] * 3 + [spin], axis=1)
+    smallest[spin == 0.0, 3] = 1.0
+    return FreeTruths(q, omega, bounds, _EPS * np.maximum(gaps / NUDGE, smallest))
 
 
 @long_kernel
@@ -133,16 +133,16 @@ def _fill_bounds(tensors: Array, q: Array, omega: Array, bounds: Array) -> None:
         for i in range(q.shape[1]):
             spin, (w, x, y, z) = vector_at(omega[k, i], 0), _attitude(q[k, i])
             about = times(inertia, spin)
-            turn = speed = energy = change = 0.0
+            angle = speed = energy = change = 0.0
             for size, v in ((w, (-x, -y, -z)), (x, (w, -z, y)), (y, (z, w, -x)), (z, (-y, x, w))):
-                turn += 2.0 * abs(size) * _norm(v)
+                angle += 2.0 * abs(size) * _norm(v)
                 change += 2.0 * abs(size) * _norm(cross(v, about))
             for j in range(3):
                 speed += abs(spin[j])
                 energy += abs(spin[j] * about[j])
                 column = (inertia[j], inertia[3 + j], inertia[6 + j])
                 change += abs(spin[j]) * _norm(column)
-            bounds[k, 0] = max(bounds[k, 0], EXACT_BOUNDS[0] + _HALF_ULP * turn)
+            bounds[k, 0] = max(bounds[k, 0], EXACT_BOUNDS[0] + _HALF_ULP * angle)
             bounds[k, 1] = max(bounds[k, 1], EXACT_BOUNDS[1] + _HALF_ULP * energy / kinetic)
             bounds[k, 2] = max(bounds[k, 2], EXACT_BOUNDS[2] + _HALF_ULP * change / momentum)
             bounds[k, 3] = max(bounds[k, 3], EXACT_OMEGA_ERROR * _norm(spin) + _HALF_ULP * speed)

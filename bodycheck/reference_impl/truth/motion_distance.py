@@ -10,22 +10,22 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum, gravity_potential, gyration_radius
 from bodycheck.reference_impl.loads.load import checked_continuous
-from bodycheck.reference_impl.pivot import kinetic_energies, turning_inertia
+from bodycheck.reference_impl.pivot import kinetic_energies, rotational_inertia
 from bodycheck.reference_impl.rotations import geodesic_angle, quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 
 _SHIFT = 2.0**-24  # large compared with the round-off of a double, small compared with 1
 _HALF_ULP = 2.0**-53
-_LEAST = 2.0**-1072  # absolute, for numbers too small for a relative ulp
-_MOST_ROWS = 1 << 18  # states per batch of distances: some 170 MB
-_MOST_TURN = 2.0**-12  # quaternion change up to which the angle is proportional to it
+_UNDERFLOW = 2.0**-1072  # absolute, for numbers too small for a relative ulp
+_MAX_ROWS = 1 << 18  # states per batch of distances: some 170 MB
+_MAX_ROTATION = 2.0**-12  # quaternion change up to which the angle is proportional to it
 
 
 def potential_energy(scene: Scene, motion: Trajectory) -> Array:
     """U of gravity, zero at the start, plus that of the loads with a potential: (n,) in J."""
     energy = gravity_potential(scene.body.mass, scene.gravity, motion.position_m - scene.initial.position)
-    for load in scene.lasting_loads:
+    for load in scene.continuous_loads:
         if checked_continuous(load, "the potential energy").potential_needs:
             energy = energy + load.potential(scene, motion)
     return energy
@@ -37,7 +37,7 @@ def distances(scene: Scene, one: Trajectory, other: Trajectory) -> Array:
     Angle in rad; differences of E and L over the largest K and |L| of `one`; |omega - omega'| in body axes,
     |x - x'| and |v - v'| in SI units.
     """
-    inertia = turning_inertia(scene)
+    inertia = rotational_inertia(scene)
     momenta = [
         angular_momentum(quaternion_to_matrix(motion.attitude), inertia, motion.omega_body)
         for motion in (one, other)
@@ -64,12 +64,12 @@ def scales(scene: Scene, motion: Trajectory) -> Array:
     1 for the first three; the largest |omega|; the largest distance from the start or the gyration radius,
     whichever is larger; the largest |v| or |omega| times the gyration radius, whichever is larger.
     """
-    radius = gyration_radius(scene.body.mass, turning_inertia(scene))
-    omega, way, speed = (
+    radius = gyration_radius(scene.body.mass, rotational_inertia(scene))
+    omega, distance, speed = (
         float(np.max(np.linalg.norm(part, axis=-1), initial=0.0))
         for part in (motion.omega_body, motion.position_m - scene.initial.position, motion.velocity_m_s)
     )
-    found = np.array([1.0, 1.0, 1.0, omega, max(way, radius), max(speed, omega * radius)])
+    found = np.array([1.0, 1.0, 1.0, omega, max(distance, radius), max(speed, omega * radius)])
     return np.where(found > 0.0, found, 1.0)[:, None]
 
 
@@ -82,10 +82,12 @@ def small_distances(scene: Scene, motion: Trajectory, change: Array) -> Array:
     sizes = np.max(np.abs(change), axis=-1)
     scale = np.max([np.max(np.abs(part), axis=-1) for part in _parts(motion)], axis=0)
     factor = np.where(sizes > _SHIFT * scale, 1.0, _SHIFT * scale / np.where(sizes == 0.0, 1.0, sizes))
-    turn = np.max(np.abs(change[:, 0:4]), axis=-1)
+    rotation = np.max(np.abs(change[:, 0:4]), axis=-1)
     # large numbers elsewhere must not magnify a small turn into a full one
     factor = np.where(
-        factor * turn > _MOST_TURN, np.maximum(_MOST_TURN / np.where(turn == 0.0, 1.0, turn), 1.0), factor
+        factor * rotation > _MAX_ROTATION,
+        np.maximum(_MAX_ROTATION / np.where(rotation == 0.0, 1.0, rotation), 1.0),
+        factor,
     )
     found = distances(scene, motion, _changed(motion, factor[:, None] * change)) / factor
     for row, part in zip((3, 4, 5), (slice(4, 7), slice(10, 13), slice(7, 10)), strict=True):
@@ -97,10 +99,10 @@ def rounding(scene: Scene, motion: Trajectory) -> Array:
     """Return the sum (6, n) of the distances caused by half an ulp in each number of the motion."""
     states = np.concatenate(_parts(motion), axis=-1)
     n, width = states.shape
-    together = min(max(_MOST_ROWS // max(n, 1), 1), width)
-    columns = [range(first, min(first + together, width)) for first in range(0, width, together)]
-    found = [_distances_of_shifts(scene, motion, states, some) for some in columns]
-    return np.concatenate(found, axis=1).sum(axis=1) * (_HALF_ULP / _SHIFT) + _LEAST
+    per_batch = min(max(_MAX_ROWS // max(n, 1), 1), width)
+    columns = [range(first, min(first + per_batch, width)) for first in range(0, width, per_batch)]
+    found = [_distances_of_shifts(scene, motion, states, part) for part in columns]
+    return np.concatenate(found, axis=1).sum(axis=1) * (_HALF_ULP / _SHIFT) + _UNDERFLOW
 
 
 def _distances_of_shifts(scene: Scene, motion: Trajectory, states: Array, columns: Sequence[int]) -> Array:

@@ -10,17 +10,17 @@ from itertools import pairwise
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.integrators.callback_motion import solve_black_box
+from bodycheck.reference_impl.integrators.callback_motion import solve_with_callback
 from bodycheck.reference_impl.loads_at import sum_of_wrenches
-from bodycheck.reference_impl.pivot import turning_inertia
-from bodycheck.reference_impl.scene import RigidBody, Scene, State, Timed, Wrenching
+from bodycheck.reference_impl.pivot import rotational_inertia
+from bodycheck.reference_impl.scene import ConstantLoad, RigidBody, Scene, State, WrenchFunction
 from bodycheck.reference_impl.taylor.forcing import pivot_position
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth.motion_distance import distances, scales
-from bodycheck.reference_impl.wrench import held_between
+from bodycheck.reference_impl.wrench import constant_loads_between
 
-_FEWEST, _MOST = 64, 2**13  # steps
-_AGREED = 1e-14  # rad, or relative: finer steps would only accumulate round-off
+_MIN_STEPS, _MAX_STEPS = 64, 2**13  # steps
+_CONVERGED = 1e-14  # rad, or relative: finer steps would only accumulate round-off
 _SHRINKS = 16.0  # least factor per halving; order 8 gives 256
 _ROUND_OFF = 1e-11  # a gap below this that no longer shrinks is round-off
 
@@ -29,23 +29,23 @@ _ROUND_OFF = 1e-11  # a gap below this that no longer shrinks is round-off
 class Halved:
     """The finest motion, and its distance from the motion with steps of twice the length.
 
-    gaps (6, n): as `distances`. agreed: whether the gaps shrank as those of a high-order method do, down to
-    round-off or up to the last halving. steps: number of steps of the finest motion.
+    gaps (6, n): as `distances`. converged: whether the gaps shrank as those of a high-order method do, down
+    to round-off or up to the last halving. steps: number of steps of the finest motion.
     """
 
     motion: Trajectory
     gaps: Array
-    agreed: bool
+    converged: bool
     steps: int
 
 
 def solve_by_halving(scene: Scene, t_s: Array) -> Halved:
     """Halve the step until two motions agree to round-off; t_s (n,) ascending, in s.
 
-    Raises ValueError as solve_black_box does.
+    Raises ValueError as solve_with_callback does.
     """
     until = float(t_s[-1]) if len(t_s) and t_s[-1] > 0.0 else 1.0
-    steps, before = _FEWEST, math.inf
+    steps, before = _MIN_STEPS, math.inf
     coarse = solve_with_steps(scene, scene.initial, t_s, until / steps)
     while True:
         steps *= 2
@@ -53,8 +53,8 @@ def solve_by_halving(scene: Scene, t_s: Array) -> Halved:
         gaps = distances(scene, fine, coarse)
         gap = float(np.max(gaps / scales(scene, fine), initial=0.0))
         shrank = gap * _SHRINKS <= before < math.inf
-        at_round_off = gap <= _AGREED or (gap <= _ROUND_OFF and not shrank)
-        if at_round_off or steps >= _MOST:
+        at_round_off = gap <= _CONVERGED or (gap <= _ROUND_OFF and not shrank)
+        if at_round_off or steps >= _MAX_STEPS:
             return Halved(fine, gaps, at_round_off or shrank, steps)
         coarse, before = fine, gap
 
@@ -62,7 +62,7 @@ def solve_by_halving(scene: Scene, t_s: Array) -> Halved:
 def solve_with_steps(scene: Scene, start: State, t_s: Array, dt_s: float) -> Trajectory:
     """Solve from a start, switch by switch, with steps of at most dt_s; t_s (n,) ascending, in s.
 
-    Raises ValueError as solve_black_box does.
+    Raises ValueError as solve_with_callback does.
     """
     times, places = np.unique(t_s, return_inverse=True)
     end = float(times[-1]) if len(times) else 0.0
@@ -71,7 +71,7 @@ def solve_with_steps(scene: Scene, start: State, t_s: Array, dt_s: float) -> Tra
     for begin, until in pairwise(edges):
         inside = times[(times > begin) & (times <= until)]
         grid = np.unique([begin, *inside, until])
-        solved = _solved(scene, held_between(scene, begin, until), state, grid, dt_s)
+        solved = _solved(scene, constant_loads_between(scene, begin, until), state, grid, dt_s)
         found.append(solved[np.isin(grid, inside)])
         state = State(*np.split(solved[-1], [3, 7, 10]))
     states = np.concatenate(found)[1 if len(times) and times[0] > 0.0 else 0 :][places]
@@ -90,16 +90,18 @@ def packed(state: State) -> Array:
     return np.concatenate([state.position, state.quaternion, state.velocity, state.omega_body])
 
 
-def _solved(scene: Scene, timed: Sequence[Timed], start: State, t_s: Array, dt_s: float) -> Array:
+def _solved(
+    scene: Scene, constant_loads: Sequence[ConstantLoad], start: State, t_s: Array, dt_s: float
+) -> Array:
     """Return the states (n, 13) under these loads and the continuous ones."""
-    wrench = sum_of_wrenches([*timed, *scene.lasting_loads], scene)
+    wrench = sum_of_wrenches([*constant_loads, *scene.continuous_loads], scene)
     if scene.pivot is None:
-        motion = solve_black_box(scene.body, start, wrench, t_s, dt_s)
+        motion = solve_with_callback(scene.body, start, wrench, t_s, dt_s)
         position, velocity = motion.position_m, motion.velocity_m_s
     else:
         place = PivotPlace.of(scene)
-        body = RigidBody(scene.body.mass, turning_inertia(scene))
-        motion = solve_black_box(body, start, place.about_pivot(wrench), t_s, dt_s)
+        body = RigidBody(scene.body.mass, rotational_inertia(scene))
+        motion = solve_with_callback(body, start, place.about_pivot(wrench), t_s, dt_s)
         position, velocity = place.centre(motion.rotation_matrices, motion.omega_world)
     return np.hstack([position, motion.attitude, velocity, motion.omega_body])
 
@@ -125,12 +127,12 @@ class PivotPlace:
         arm = -(rotation @ self.in_body)
         return self.in_world + arm, np.cross(omega_world, arm)
 
-    def about_pivot(self, wrench: Wrenching) -> Wrenching:
+    def about_pivot(self, wrench: WrenchFunction) -> WrenchFunction:
         """Return the wrench of the same loads about the pivot, which supports every force."""
 
-        def turning(t: float, _: Array, rotation: Array, __: Array, omega: Array) -> tuple[Array, Array]:
+        def pivot_wrench(t: float, _: Array, rotation: Array, __: Array, omega: Array) -> tuple[Array, Array]:
             position, velocity = self.centre(rotation, omega)
             force, torque = wrench(t, position, rotation, velocity, omega)
             return np.zeros(3), torque + np.cross(position - self.in_world, force)
 
-        return turning
+        return pivot_wrench

@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 from bodycheck._util.formatting import number, scientific
-from bodycheck.adapters.importers import HeldLink
+from bodycheck.adapters.importers import ImportedLink
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.audit.audit import SINGLE, Body, Difference
 from bodycheck.scenarios.model_files.exact import (
@@ -297,7 +297,7 @@ def _angle(expected: Body, imported: Body) -> float:
     return min(angles)
 
 
-def joint_causes(joint: Joint | None, imported: HeldLink) -> tuple[str, ...]:
+def joint_causes(joint: Joint | None, imported: ImportedLink) -> tuple[str, ...]:
     """Return what the import added to a joint, or left out."""
     if joint is None or joint.fixed or joint.kind in ("free", "floating", "mocap"):
         return ()

@@ -149,7 +149,7 @@ class Answers:
         if entry is None:
             message = {**engine_pool.ask(engine.name, request(), self._timeout_s), "run": self._run_id}
             result = read(message)
-            entry = Entry.of(key, protocol.kept(message, result))
+            entry = Entry.of(key, protocol.stored_part(message, result))
             if cache and _is_repeatable(result) and message.get("build", engine.build.id) == engine.build.id:
                 cache.keep(entry)
         else:
@@ -219,7 +219,7 @@ def _read(message: Message, case: Case) -> Answer:
     try:
         return replace(protocol.answer_of(message, case.scene.sample_times), build=_build(message))
     except ValueError as error:
-        message_text = protocol.shown(f"{type(error).__name__}: {error}")
+        message_text = protocol.one_line(f"{type(error).__name__}: {error}")
         return Answer("failed", message_text, build=_build(message))
 
 
@@ -227,12 +227,12 @@ def _read_search(message: Message) -> StableStep:
     try:
         return replace(protocol.stable_step_of(message), build=_build(message))
     except ValueError as error:
-        message_text = protocol.shown(f"{type(error).__name__}: {error}")
+        message_text = protocol.one_line(f"{type(error).__name__}: {error}")
         return StableStep("failed", message_text, build=_build(message))
 
 
 def _build(message: Message) -> str:
-    return protocol.shown(str(message.get("build", "")))
+    return protocol.one_line(str(message.get("build", "")))
 
 
 def _is_repeatable(answer: Answer | StableStep) -> bool:

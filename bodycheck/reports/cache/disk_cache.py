@@ -11,9 +11,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from bodycheck._util.cache_dir import cache_home
-from bodycheck._util.checksummed_json import opened, sealed
-from bodycheck._util.files import atomic_write
+from bodycheck._util.cache_dir import cache_dir
+from bodycheck._util.files import atomic_write, opened, sealed
 from bodycheck.adapters.workers.protocol import Message
 
 
@@ -59,7 +58,7 @@ class Cache:
     @classmethod
     def default(cls) -> Cache:
         """Return the cache next to the compiled kernels; BODYCHECK_CACHE_DIR moves both."""
-        return cls(cache_home() / "results")
+        return cls(cache_dir() / "results")
 
     def write_only(self) -> Cache:
         """Return the same cache without reading: results are computed again and replace the old entries."""

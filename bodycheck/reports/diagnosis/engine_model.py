@@ -238,7 +238,7 @@ class Model:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The steps between samples: their number in one sample interval, their length, and the stretches.
+    """The steps between samples: their number in one sample interval, their length, and the segments.
 
     dt_s: (s_all,) the step in each sample interval. timeline: (samples - 1, stride) stretch of each step.
     """
@@ -255,7 +255,7 @@ class Grid:
         step = plan.dt_s
         spans: list[list[tuple[Any, float]]] = []
         rows, done = np.empty(plan.steps, dtype=np.intp), 0
-        for length, _ in plan.stretches:
+        for length, _ in plan.segments:
             rows[done : done + length] = len(spans)
             spans.append(_shares(scene, done * step, (done + length) * step))
             done += length

@@ -299,7 +299,7 @@ def _body() -> Iterator[Fault]:
         _inertia(lambda inertia, s: s[0] * inertia),
         (Parameter("factor", low=1e-6),),
         _near(1.0),
-        lambda at: at.has_torque or at.has_moment or bool(at.scene.lasting_loads) or not at.is_free,
+        lambda at: at.has_torque or at.has_moment or bool(at.scene.continuous_loads) or not at.is_free,
         confirm="apply a known torque to a body at rest and divide it by the angular acceleration",
     )
     for which, word in enumerate(("smallest", "middle", "largest")):
@@ -319,7 +319,7 @@ def _body() -> Iterator[Fault]:
         _mass,
         (Parameter("factor", low=1e-6),),
         _near(1.0),
-        lambda at: at.has_force or bool(at.scene.lasting_loads) or not at.is_free,
+        lambda at: at.has_force or bool(at.scene.continuous_loads) or not at.is_free,
         confirm="push the body at its centre of mass and divide the force by the acceleration",
     )
     yield Fault(
@@ -1003,7 +1003,7 @@ def _load_faults() -> Iterator[Fault]:
         _set("continuous"),
         (_FACTOR,),
         _near(1.0),
-        lambda at: bool(at.scene.lasting_loads),
+        lambda at: bool(at.scene.continuous_loads),
         _factor_texts("the continuous load"),
         confirm=confirm,
     )

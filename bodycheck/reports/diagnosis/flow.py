@@ -301,7 +301,7 @@ class Flow:
             gyroscopic = self._gyro * gyroscopic
         acceleration = np.broadcast_to(force_world, w.shape)
         torque = np.broadcast_to(torque_body, w.shape)
-        lasting = self._scene.lasting_loads
+        lasting = self._scene.continuous_loads
         rotates = self._needs[0] or any(self._needs[3:]) or lasting or "inertia_in_world" in features
         if rotates or "body_velocity" in features:
             rotation = matrix_of(y.q)
@@ -384,7 +384,7 @@ class Flow:
             np.moveaxis(times(rotation, y.w), 0, -1),
         )
         force, torque = np.zeros((*shape, 3)), np.zeros((*shape, 3))
-        for load in self._scene.lasting_loads:
+        for load in self._scene.continuous_loads:
             push, turning = load.wrench(self._scene, at)
             force, torque = force + push, torque + turning
         factor = self._numbers("continuous")[:, None]

@@ -9,7 +9,7 @@ from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, Any, Literal
 
 from bodycheck._util.formatting import names, number, setting, step
-from bodycheck._util.untrusted import joined, parted
+from bodycheck._util.untrusted import shell_join, shell_split
 from bodycheck.reports.gates.gate import Gate
 from bodycheck.reports.measurement.verdicts import QuantityVerdict, amount_of, method_verdict
 from bodycheck.reports.run_files.run_tables import RunTables, StudyKey, key_of, study_key
@@ -168,12 +168,12 @@ def _present(row: Mapping[Any, Any]) -> dict[str, Any]:
 
 def _full_command(columns: Mapping[str, Any], manifest: Mapping[str, Any]) -> str:
     """Return the command that runs a case's method at all steps of the run."""
-    arguments = parted(columns["reproduce"])
+    arguments = shell_split(columns["reproduce"])
     for option, values in (("--dt", manifest["dt_s"]), ("--tolerance", manifest["tolerances"])):
         if option in arguments:
             index = arguments.index(option)
             arguments[index : index + 2] = [option, ",".join(map(repr, values))] if values else []
-    return joined(arguments)
+    return shell_join(arguments)
 
 
 def why_none(gate: Gate, run: RunTables) -> str:

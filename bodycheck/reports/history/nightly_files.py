@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET
 
-from bodycheck._util.files import write_whole
+from bodycheck._util.files import write_file
 from bodycheck._util.formatting import count
 from bodycheck.reports.comparison.change import Change
 from bodycheck.reports.comparison.compare import unversioned
@@ -123,7 +123,7 @@ def write_feed(folder: Path, runs: Iterable[Mapping[str, Any]]) -> None:
 
     runs: the content of each night.json, the oldest first.
     """
-    write_whole(folder / _FEED_FILE, feed(runs))
+    write_file(folder / _FEED_FILE, feed(runs))
 
 
 def feed(runs: Iterable[Mapping[str, Any]]) -> bytes:

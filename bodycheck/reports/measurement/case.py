@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from bodycheck._util.untrusted import joined, parted
+from bodycheck._util.untrusted import shell_join, shell_split
 from bodycheck.adapters.contract import Build, Engine, Method, ReadBack, Setting, read_back_mismatch
 from bodycheck.adapters.execution import Answer, Case
 from bodycheck.adapters.programs import with_method
@@ -236,12 +236,12 @@ def reproducing_command(
         arguments += ["--tolerance", repr(setting.tolerance)]
     if code or engine.build.kind == "handed over":
         arguments.append(ALLOW_CODE)
-    return joined(arguments)
+    return shell_join(arguments)
 
 
 def scenario_spec(reproduce: str) -> str | None:
     """Return the scenario argument in the command of a case: the word after `bodycheck run`."""
-    arguments = parted(reproduce)
+    arguments = shell_split(reproduce)
     return arguments[2] if len(arguments) > 2 else None
 
 

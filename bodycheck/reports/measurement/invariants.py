@@ -10,7 +10,7 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum, principal_axes, rotational_energy
-from bodycheck.reference_impl.pivot import turning_inertia
+from bodycheck.reference_impl.pivot import rotational_inertia
 from bodycheck.reference_impl.scene import GravityGradient, Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.scales import largest_norm
@@ -86,7 +86,7 @@ def _is_heavy_top(scene: Scene) -> bool:
 
 def _spin(scene: Scene) -> Iterator[Invariant]:
     """omega . axis of a symmetric top, free or heavy with its centre of mass on the axis."""
-    axis = symmetry_axis(turning_inertia(scene))
+    axis = symmetry_axis(rotational_inertia(scene))
     if axis is None:
         return
     on_axis = scene.pivot is not None and _is_zero(np.cross(scene.pivot, axis), scene.pivot)
@@ -143,7 +143,7 @@ def _kovalevskaya(scene: Scene) -> Iterator[Invariant]:
     """
     if not _is_heavy_top(scene):
         return
-    inertia = turning_inertia(scene)
+    inertia = rotational_inertia(scene)
     axis, arm = symmetry_axis(inertia), -np.asarray(scene.pivot)
     length = float(np.linalg.norm(arm))
     if axis is None or not length or not _is_zero(np.array([arm @ axis]), arm):
@@ -173,7 +173,7 @@ def _kovalevskaya(scene: Scene) -> Iterator[Invariant]:
 
 
 def _momentum(scene: Scene, motion: Trajectory) -> Array:
-    return angular_momentum(motion.rotation_matrices, turning_inertia(scene), motion.omega_body)
+    return angular_momentum(motion.rotation_matrices, rotational_inertia(scene), motion.omega_body)
 
 
 def _is_zero(vector: Array, reference: Array) -> bool:

@@ -16,7 +16,7 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum, linear_momentum
-from bodycheck.reference_impl.pivot import kinetic_energies, turning_inertia
+from bodycheck.reference_impl.pivot import kinetic_energies, rotational_inertia
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
@@ -59,7 +59,7 @@ class Motion:
         For a body with a pivot, E and L are taken about the pivot.
         """
         kinetic, rotational = kinetic_energies(scene, trajectory)
-        inertia = turning_inertia(scene)
+        inertia = rotational_inertia(scene)
         return cls(
             kinetic=kinetic,
             rotational=rotational,
@@ -151,7 +151,7 @@ def _needed_by_energy(scene: Scene) -> frozenset[str]:
     """Return the quantities that E depends on: the potential adds the position, the attitude or both."""
     needed = {"position"} if scene.gravity.any() else set()
     return frozenset({"velocity", "omega"} | needed).union(
-        *(load.potential_needs for load in scene.lasting_loads)
+        *(load.potential_needs for load in scene.continuous_loads)
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum, gyration_radius
-from bodycheck.reference_impl.pivot import kinetic_energies, turning_inertia
+from bodycheck.reference_impl.pivot import kinetic_energies, rotational_inertia
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 
@@ -31,7 +31,7 @@ def scene_scales(scene: Scene, truth: Trajectory) -> Scales:
 
     For a body with a pivot, inertia, energy and angular momentum are taken about the pivot.
     """
-    body, inertia = scene.body, turning_inertia(scene)
+    body, inertia = scene.body, rotational_inertia(scene)
     radius = gyration_radius(body.mass, inertia)
     omega = largest_norm(truth.omega_body)
     speed = max(largest_norm(truth.velocity_m_s), omega * radius)

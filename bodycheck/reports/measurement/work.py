@@ -13,7 +13,7 @@ from bodycheck.reference_impl.loads.load import Instants, Load, checked_continuo
 from bodycheck.reference_impl.loads_at import wrench_at
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reference_impl.wrench import held_between
+from bodycheck.reference_impl.wrench import constant_loads_between
 
 _DEGREES = (7, 5)  # of the splines through the power; their difference estimates the error
 
@@ -22,10 +22,10 @@ def working_loads(scene: Scene, start_s: float, end_s: float) -> list[Load]:
     """Return the loads that act within [begin_s, end_s) and have no potential energy."""
     lasting = [
         load
-        for load in scene.lasting_loads
+        for load in scene.continuous_loads
         if not checked_continuous(load, "the balance of energy").potential_needs
     ]
-    return [*held_between(scene, start_s, end_s), *lasting]
+    return [*constant_loads_between(scene, start_s, end_s), *lasting]
 
 
 def work_done(scene: Scene, motion: Trajectory) -> tuple[Array, float] | None:
@@ -35,7 +35,7 @@ def work_done(scene: Scene, motion: Trajectory) -> tuple[Array, float] | None:
     J; None where a switch lies between samples, an interval between switches has too few samples, the scene
     has a continuous load, or the body has a pivot.
     """
-    if scene.lasting_loads or scene.pivot is not None:
+    if scene.continuous_loads or scene.pivot is not None:
         return None
     t, n = motion.t_s, len(motion.t_s)
     ends = [0.0, *scene.switches_before(scene.duration_s), scene.duration_s]

@@ -345,7 +345,7 @@ def _balance(motion: Sampled) -> tuple[Array, Array]:
     """Return the gained momenta and the integrals of the wrench, (2, 3): linear, then angular."""
     scene, path = motion.scene, motion.trajectory
     at = Instants(path.t_s, path.position_m, path.rotation_matrices, path.velocity_m_s, path.omega_world)
-    wrenches = [load.wrench(scene, at) for load in scene.lasting_loads]
+    wrenches = [load.wrench(scene, at) for load in scene.continuous_loads]
     rates = [sum(part) for part in zip(*wrenches, strict=True)]
     integrals = [motion.dt_s * (np.sum(rate, axis=0) - 0.5 * (rate[0] + rate[-1])) for rate in rates]
     return np.array([momentum[-1] - momentum[0] for momentum in _momenta(motion)]), np.array(integrals)

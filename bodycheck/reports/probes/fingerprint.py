@@ -31,7 +31,13 @@ from bodycheck.reference_impl.loads.kinds.sine_torque import SineTorque
 from bodycheck.reference_impl.loads.kinds.spring import Spring
 from bodycheck.reference_impl.loads.kinds.torsion_spring import TorsionSpring
 from bodycheck.reference_impl.one_step_maps import MAPS, OneStepMap
-from bodycheck.reference_impl.one_step_maps.one_step_map import Loads, Motion, Solid, held, scene_loads
+from bodycheck.reference_impl.one_step_maps.one_step_map import (
+    Loads,
+    Motion,
+    Solid,
+    scene_loads,
+    zero_order_hold,
+)
 from bodycheck.reference_impl.rotations import geodesic_angle, normalised
 from bodycheck.reference_impl.scene import Load, PointForce, RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
@@ -506,7 +512,9 @@ def _ruled(name: str, steps: Steps) -> Iterator[Match]:
         if in_body_axes is None:
             acting = steps
         elif one.stages:
-            acting = replace(steps, loads=held(steps.loads, steps.before, in_body_axes=in_body_axes))
+            acting = replace(
+                steps, loads=zero_order_hold(steps.loads, steps.before, in_body_axes=in_body_axes)
+            )
         else:
             continue
         yield Match(name, float(np.max(distances(acting, _many(one, acting, parts)))), rule)

@@ -15,7 +15,7 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum, linear_momentum
-from bodycheck.reference_impl.scene import Axes, PointForce, Scene, Timed, Torque
+from bodycheck.reference_impl.scene import Axes, ConstantLoad, PointForce, Scene, Torque
 from bodycheck.reports.probes.finding import Finding, Limit, Sampled, delay_finding, limit, noise
 
 _MIN_SIZE = 1e-3  # of the impulse; a mistake that gives less is not distinguished from no response
@@ -179,7 +179,7 @@ def _loads(motions: Sequence[Sampled], momenta: Sequence[_Momenta], resolution: 
         )
 
 
-def _loads_and_ends(scene: Scene) -> tuple[list[Timed], list[float]]:
+def _loads_and_ends(scene: Scene) -> tuple[list[ConstantLoad], list[float]]:
     """Return the timed loads by start, and for each the start of the next one or the end of the scene."""
     loads = sorted(scene.piecewise_constant_loads, key=lambda load: load.from_s)
     return loads, [*(load.from_s for load in loads[1:]), scene.duration_s]
@@ -187,7 +187,7 @@ def _loads_and_ends(scene: Scene) -> tuple[list[Timed], list[float]]:
 
 def _window(
     name: str,
-    load: Timed,
+    load: ConstantLoad,
     pause_ends_s: float,
     motions: Sequence[Sampled],
     series: Sequence[Array],
@@ -216,7 +216,7 @@ def _window(
     )
 
 
-def _mistaken_rates(load: Timed, rotation: Array, part: int) -> Iterator[tuple[str, Array]]:
+def _mistaken_rates(load: ConstantLoad, rotation: Array, part: int) -> Iterator[tuple[str, Array]]:
     """Yield force or torque (n, 3) in world axes as frequent mistakes give it, with their descriptions."""
     right = _rates(load, rotation)
     other: Axes = "world" if load.axes == "body" else "body"
@@ -235,7 +235,7 @@ def _mistaken_rates(load: Timed, rotation: Array, part: int) -> Iterator[tuple[s
     yield f"the {load.axes} force acts in {other} axes", swapped[1]
 
 
-def _rates(load: Timed, rotation: Array) -> tuple[Array, Array]:
+def _rates(load: ConstantLoad, rotation: Array) -> tuple[Array, Array]:
     """Return force and torque about the centre of mass, (n, 3), world axes, at attitudes (n, 3, 3)."""
     value = np.einsum("nij,j->ni", rotation, load.value) if load.axes == "body" else load.value
     value = np.broadcast_to(value, (len(rotation), 3))
@@ -322,7 +322,7 @@ def _unloaded(motions: Sequence[Sampled], momenta: Sequence[_Momenta], resolutio
     return Finding("unloaded_response", found.size, 0.0, found.size, found.tolerance, message)
 
 
-def _moment(load: Timed) -> float:
+def _moment(load: ConstantLoad) -> float:
     """Return the magnitude of the angular impulse of a load, in N m s."""
     torque = load.value if isinstance(load, Torque) else np.cross(load.at, load.value)
     return _norm(torque) * (load.until_s - load.from_s)

@@ -19,7 +19,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.formatting import meant, names, nearest
+from bodycheck._util.formatting import names, nearest, suggestion
 from bodycheck._util.untrusted import parse_toml
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.run_files.trajectory_files import COLUMNS
@@ -322,7 +322,7 @@ def read_map(specs: Sequence[MapSpec], like: str | None = None) -> ColumnMap:
         if key in CONVENTIONS:
             conventions[key] = CONVENTIONS[key](value, key)
         elif key not in KINDS:
-            raise InputError(f"{key}: unknown key of a column map{meant(key, [*KINDS, *CONVENTIONS])}")
+            raise InputError(f"{key}: unknown key of a column map{suggestion(key, [*KINDS, *CONVENTIONS])}")
         elif isinstance(value, bool) or not isinstance(value, str | int | float):
             raise InputError(f'{key}: should be a product, like "p_deg_s*deg"')
         else:
@@ -368,7 +368,7 @@ def source(name: str) -> Raw:
     Raises InputError if there is no such source.
     """
     if name not in source_names():
-        raise InputError(f"--like {name}: unknown source{meant(name, source_names())}")
+        raise InputError(f"--like {name}: unknown source{suggestion(name, source_names())}")
     return parse_toml((_SOURCES / f"{name}.toml").read_text(encoding="utf-8"), name)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import names, nearest
-from bodycheck._util.untrusted import quoted
+from bodycheck._util.untrusted import shell_quote
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import (
     conjugate,
@@ -81,7 +81,7 @@ def nearest_map(columns: Sequence[str], known: ColumnMap | None = None) -> str:
         if {column for product in products for column in product.columns} <= set(columns):
             return f"; try --like {name}"
     pairs = ", ".join(_pairs(columns, known or ColumnMap()))
-    return f"; try --map {quoted(pairs)}" if pairs else ""
+    return f"; try --map {shell_quote(pairs)}" if pairs else ""
 
 
 def _pairs(columns: Sequence[str], known: ColumnMap) -> Iterator[str]:

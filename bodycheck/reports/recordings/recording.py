@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bodycheck._util.errors import InputError, UnavailableError
-from bodycheck._util.formatting import meant
+from bodycheck._util.formatting import suggestion
 from bodycheck._util.untrusted import from_outside, printable
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.run_files.trajectory_files import COLUMNS, MAX_BYTES, doubles, read_npz
@@ -282,9 +282,9 @@ def _topic_of(path: Path, reader: McapReader, topic: str) -> str:
         raise InputError(f"{path}: unpacked, it exceeds the limit of {MAX_BYTES} bytes")
     topics = sorted({channel.topic for channel in summary.channels.values()})
     if topic and topic not in topics:
-        raise InputError(f"{path}: topic={topic}: unknown topic{meant(topic, topics)}")
+        raise InputError(f"{path}: topic={topic}: unknown topic{suggestion(topic, topics)}")
     if not topic and len(topics) != 1:
-        raise InputError(f"{path}: choose a topic with --map topic=NAME{meant('', topics)}")
+        raise InputError(f"{path}: choose a topic with --map topic=NAME{suggestion('', topics)}")
     return topic or topics[0]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import number, step
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.pivot import turning_inertia
+from bodycheck.reference_impl.pivot import rotational_inertia
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem
@@ -59,7 +59,7 @@ def polhode(trajectory: Trajectory, truth: Trajectory, inertia: Array) -> Array:
 
 
 def _polhodes(page: Figure, problem: Problem, cases_drawn: Sequence[CaseResult]) -> None:
-    inertia = turning_inertia(problem.scenario.scene)
+    inertia = rotational_inertia(problem.scenario.scene)
     moments, _ = principal_frame(inertia)
     semiaxes = 1.0 / np.sqrt(moments)
     truth = problem.truth.trajectory

@@ -23,7 +23,7 @@ from pydantic import (
 )
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.untrusted import parted, read_json
+from bodycheck._util.untrusted import read_json, shell_split
 from bodycheck.adapters.workers.message_check import MethodMessage
 from bodycheck.adapters.workers.protocol import read_back_of
 from bodycheck.reference_impl.rotations import geodesic_angle
@@ -54,7 +54,7 @@ from bodycheck.reports.run_files.trajectory_files import read_arrays
 from bodycheck.reports.run_files.writer import file_name, trajectory_file
 from bodycheck.scenarios.library import scenario_names
 from bodycheck.scenarios.reader import fault_lines
-from bodycheck.scenarios.serialization import as_written
+from bodycheck.scenarios.serialization import deserialized
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -190,7 +190,7 @@ def _check_settings(path: Path, rows: Iterable[dict[str, Any]]) -> None:
 def _check_commands(path: Path, rows: Iterable[dict[str, Any]]) -> None:
     for command in {row["reproduce"] for row in rows}:
         try:
-            parted(command)
+            shell_split(command)
         except ValueError as error:
             raise InputError(f"{path}: reproduce is not a command: {error}: {command!r:.80}") from None
 
@@ -229,7 +229,7 @@ def _problems(folder: Path, tables: Tables, cache: Cache | None, *, allow_code: 
     commands = {case.columns["scenario"]: case.columns["reproduce"] for case in tables.cases}
     for name, facts in tables.manifest["scenarios"].items():
         where = f"{folder / 'manifest.json'}: scenarios.{name}"
-        scenario = as_written(facts, where, allow_code=allow_code)
+        scenario = deserialized(facts, where, allow_code=allow_code)
         problem = Problem.of(scenario, scenario_spec(commands.get(name, "")) or name, cache)
         path = folder / "trajectories" / file_name(name) / "truth.npz"
         stored = read_arrays(path)

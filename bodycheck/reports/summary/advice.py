@@ -9,8 +9,8 @@ from functools import lru_cache
 from typing import TypeAlias
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.formatting import meant, number
-from bodycheck._util.untrusted import joined, parted
+from bodycheck._util.formatting import number, suggestion
+from bodycheck._util.untrusted import shell_join, shell_split
 from bodycheck.adapters.programs import with_method
 from bodycheck.reports.measurement.case import ALLOW_CODE, CaseResult, scenario_spec
 from bodycheck.reports.measurement.measures import MEASURES, QUANTITIES
@@ -102,7 +102,7 @@ def check_question(error: float | None, dt_s: float | None, quantity: str) -> No
         if value is not None and not 0.0 < value < math.inf:
             raise InputError(f"{option} {value!r}: must be a positive number")
     if quantity not in _ADVISED:
-        raise InputError(f"--quantity {quantity}: unknown quantity{meant(quantity, _ADVISED)}")
+        raise InputError(f"--quantity {quantity}: unknown quantity{suggestion(quantity, _ADVISED)}")
 
 
 def settings_within(
@@ -233,10 +233,10 @@ def _nearest_timed(curve: ErrorCurve, setting: float | None) -> CaseResult:
 @lru_cache
 def _with_step(command: str, dt_s: float | None) -> str:
     """Return the command of a case with another step."""
-    arguments = parted(command)
+    arguments = shell_split(command)
     if dt_s is not None and "--dt" in arguments:
         arguments[arguments.index("--dt") + 1] = repr(dt_s)
-    return joined(arguments)
+    return shell_join(arguments)
 
 
 def _cost(option: Option) -> tuple[float, float]:
@@ -357,9 +357,9 @@ def _total(times: Iterable[float | None]) -> float | None:
 def _command(key: MethodKey, each: Sequence[str], dt_s: float | None) -> str:
     """Merge several commands into one that runs the method on all their scenarios."""
     specs = [name for command in each if (name := scenario_spec(command)) is not None]
-    code = [ALLOW_CODE] if any(ALLOW_CODE in parted(command) for command in each) else []
+    code = [ALLOW_CODE] if any(ALLOW_CODE in shell_split(command) for command in each) else []
     step = [] if dt_s is None else ["--dt", repr(dt_s)]
-    return joined(["bodycheck", "run", *as_suite(specs), "--engine", with_method(*key), *step, *code])
+    return shell_join(["bodycheck", "run", *as_suite(specs), "--engine", with_method(*key), *step, *code])
 
 
 def to_measure(curves: Curves, advice: Iterable[Answer], error: float) -> dict[tuple[str, MethodKey], float]:

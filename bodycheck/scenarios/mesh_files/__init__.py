@@ -20,7 +20,7 @@ Parser: TypeAlias = Callable[[BufferedIOBase], tuple[Array, Triangles]]
 
 _PARSERS: dict[str, Parser] = {".stl": parse_stl, ".obj": parse_obj, ".ply": parse_ply}
 MESH_SUFFIXES = tuple(_PARSERS)
-_MOST_BYTES = 1 << 30
+_MAX_BYTES = 1 << 30
 
 
 def open_mesh(path: Traversable) -> BufferedIOBase:
@@ -35,9 +35,9 @@ def open_mesh(path: Traversable) -> BufferedIOBase:
         file.seek(0)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    if size > _MOST_BYTES:
+    if size > _MAX_BYTES:
         file.close()
-        raise InputError(f"{path}: too large, {size} bytes (limit: {_MOST_BYTES})")
+        raise InputError(f"{path}: too large, {size} bytes (limit: {_MAX_BYTES})")
     return file
 
 

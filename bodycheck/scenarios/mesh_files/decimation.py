@@ -13,23 +13,23 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
 from bodycheck.scenarios.mesh_files.obj import parse_obj
 
-MOST_TRIANGLES = 600
+MAX_TRIANGLES = 600
 """The largest number of triangles of a decimated mesh."""
 
 _RESOLUTIONS = (20, 16, 13, 11, 9, 8, 7, 6, 5, 4)
 """Numbers of cells along the longest edge of the bounding box, finest first."""
 
 
-def decimated(vertices: Array, triangles: Triangles, most: int = MOST_TRIANGLES) -> tuple[Array, Triangles]:
+def decimated(vertices: Array, triangles: Triangles, limit: int = MAX_TRIANGLES) -> tuple[Array, Triangles]:
     """Merge the vertices (n, 3) in each cell of ever coarser cubic grids until few triangles remain.
 
     A mesh that has no more triangles (m, 3) is returned unchanged.
     """
     for resolution in _RESOLUTIONS:
-        if len(triangles) <= most:
+        if len(triangles) <= limit:
             break
         vertices, triangles = _clustered(vertices, triangles, resolution)
-    return vertices, triangles[:most]
+    return vertices, triangles[:limit]
 
 
 def _clustered(vertices: Array, triangles: Triangles, resolution: int) -> tuple[Array, Triangles]:
@@ -56,8 +56,8 @@ def _clustered(vertices: Array, triangles: Triangles, resolution: int) -> tuple[
         codes *= n
         codes += corners[rows, (first + k) % 3]
     codes = np.unique(codes)
-    kept = np.stack([codes // n**2, codes // n % n, codes % n], axis=1)
-    used, renumbered = np.unique(kept, return_inverse=True)
+    unique = np.stack([codes // n**2, codes // n % n, codes % n], axis=1)
+    used, renumbered = np.unique(unique, return_inverse=True)
     return means[used], renumbered.reshape(-1, 3)
 
 
@@ -72,6 +72,6 @@ def obj_text(vertices: Array, triangles: Triangles) -> str:
 def read_obj_text(text: str) -> tuple[Array, Triangles]:
     """Return the mesh of an OBJ text; raises ValueError if it is not one, or larger than a decimated mesh."""
     vertices, triangles = parse_obj(BytesIO(text.encode()))
-    if not 0 < len(triangles) <= MOST_TRIANGLES:
-        raise ValueError(f"has {len(triangles)} triangles, not 1 to {MOST_TRIANGLES}")
+    if not 0 < len(triangles) <= MAX_TRIANGLES:
+        raise ValueError(f"has {len(triangles)} triangles, not 1 to {MAX_TRIANGLES}")
     return vertices, triangles

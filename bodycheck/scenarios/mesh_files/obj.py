@@ -17,9 +17,9 @@ from bodycheck.scenarios.mesh_files.text_formats import (
     fans,
     floats,
     integer,
-    lines_of_words,
     points,
-    shown,
+    quoted,
+    split_lines,
 )
 
 _CONTINUED = re.compile(rb"(?m)^(?:[^\n]*\\\r?\n)+[^\n]*")
@@ -35,15 +35,15 @@ def parse_obj(file: BufferedIOBase) -> tuple[Array, Triangles]:
     vertices, lengths, corners = array("d"), array("i"), array("i")
     ahead: list[tuple[int, int]] = []  # lines with a reference to a later vertex than any before
     data = file.read()
-    for line, words in lines_of_words(BytesIO(_CONTINUED.sub(_joined, data) if b"\\" in data else data)):
+    for line, words in split_lines(BytesIO(_CONTINUED.sub(_joined, data) if b"\\" in data else data)):
         match words[0]:
             case "v":
                 if len(words) < 4:
-                    raise ValueError(f"line {line}: {shown(words)} has fewer than three coordinates")
+                    raise ValueError(f"line {line}: {quoted(words)} has fewer than three coordinates")
                 vertices.extend(floats(words[1:4], line))
             case "f":
                 if len(words) < 4:
-                    raise ValueError(f"line {line}: {shown(words)} has fewer than three corners")
+                    raise ValueError(f"line {line}: {quoted(words)} has fewer than three corners")
                 before = len(vertices) // 3
                 face = [_corner(word, line, before) for word in words[1:]]
                 if max(face) >= max(before, ahead[-1][1] + 1 if ahead else 0):

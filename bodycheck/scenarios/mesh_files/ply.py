@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
-from bodycheck.scenarios.mesh_files.text_formats import fans, floats, integer, lines_of_words, shown
+from bodycheck.scenarios.mesh_files.text_formats import fans, floats, integer, quoted, split_lines
 
 _TYPES = {
     name: code
@@ -93,7 +93,7 @@ def _parse_header(header: bytes) -> tuple[str, list[_Element]]:
     """Return the byte order ('' for ASCII) and the elements in the order of the file."""
     byte_order: str | None = None
     elements: list[_Element] = []
-    for line, words in lines_of_words(BytesIO(header)):
+    for line, words in split_lines(BytesIO(header)):
         match words:
             case ["ply"] | ["comment" | "obj_info", *_]:
                 pass
@@ -104,7 +104,7 @@ def _parse_header(header: bytes) -> tuple[str, list[_Element]]:
             case ["property", *kinds, name] if elements and name not in _names(elements[-1]):
                 elements[-1].properties.append(_property(name, kinds, line))
             case _:
-                raise ValueError(f"line {line}: {shown(words)} is out of place in a PLY header")
+                raise ValueError(f"line {line}: {quoted(words)} is out of place in a PLY header")
     if byte_order is None:
         raise ValueError("the header has no format line")
     return byte_order, elements
@@ -124,7 +124,7 @@ def _property(name: str, kinds: Sequence[str], line: int) -> _Property:
             return _Property(name, item, length)
         case [item] if item in _TYPES.values() and not corners:
             return _Property(name, item, None)
-    raise ValueError(f"line {line}: {shown(kinds)} is not a valid type of property {name!r}")
+    raise ValueError(f"line {line}: {quoted(kinds)} is not a valid type of property {name!r}")
 
 
 def _length(number: int, where: str) -> int:
@@ -138,13 +138,13 @@ class _Rows:
     """Collects the needed properties of an element's rows."""
 
     def __init__(self, element: _Element) -> None:
-        self._kept = [known for known in element.properties if known.name in _NEEDED]
-        self._numbers = {known.name: array("q" if known.item in _INTEGERS else "d") for known in self._kept}
-        self._lengths = {known.name: array("q") for known in self._kept if known.length is not None}
+        self._needed = [known for known in element.properties if known.name in _NEEDED]
+        self._numbers = {known.name: array("q" if known.item in _INTEGERS else "d") for known in self._needed}
+        self._lengths = {known.name: array("q") for known in self._needed if known.length is not None}
 
     def add(self, row: dict[str, Sequence[Any]]) -> None:
         """Add a row: property -> its numbers."""
-        for known in self._kept:
+        for known in self._needed:
             self._numbers[known.name].extend(row[known.name])
             if known.length is not None:
                 self._lengths[known.name].append(len(row[known.name]))
@@ -158,7 +158,7 @@ class _Rows:
 
 def _ascii_tables(elements: Sequence[_Element], body: bytes, first_line: int) -> dict[str, Columns]:
     """Return the columns of each element; each line of the body is a row."""
-    lines = lines_of_words(BytesIO(body), first_line)
+    lines = split_lines(BytesIO(body), first_line)
     tables: dict[str, Columns] = {}
     for element in elements:
         rows, count = _Rows(element), 0
@@ -180,15 +180,15 @@ def _ascii_row(element: _Element, words: list[str], line: int) -> dict[str, Sequ
         if known.length is not None:
             count = _length(integer(words[at], line), f"line {line}") if at < len(words) else 1
             at += 1
-        taken = words[at : at + count]
-        if len(taken) < count:
-            raise ValueError(f"line {line}: {shown(words)} ends within {known.name!r}")
+        items = words[at : at + count]
+        if len(items) < count:
+            raise ValueError(f"line {line}: {quoted(words)} ends within {known.name!r}")
         at += count
         row[known.name] = (
-            [integer(word, line) for word in taken] if known.item in _INTEGERS else floats(taken, line)
+            [integer(word, line) for word in items] if known.item in _INTEGERS else floats(items, line)
         )
     if at < len(words):
-        raise ValueError(f"line {line}: {shown(words)} continues after its last property")
+        raise ValueError(f"line {line}: {quoted(words)} continues after its last property")
     return row
 
 
@@ -197,12 +197,12 @@ def _binary_tables(elements: Sequence[_Element], body: bytes, byte_order: str) -
     tables: dict[str, Columns] = {}
     offset = 0
     for element in elements:
-        least = element.count * sum(
+        min_bytes = element.count * sum(
             np.dtype(known.length or known.item).itemsize for known in element.properties
         )
-        if least > len(body) - offset or (element.count and not element.properties):
+        if min_bytes > len(body) - offset or (element.count and not element.properties):
             raise ValueError(
-                f"element {element.name!r} has {element.count} rows of at least {least} bytes in total, "
+                f"element {element.name!r} has {element.count} rows of at least {min_bytes} bytes in total, "
                 f"but {len(body) - offset} are left"
             )
         if element.count:
@@ -252,14 +252,14 @@ def _binary_row(
     for known in element.properties:
         count = 1
         if known.length is not None:
-            length, offset = _take(body, byte_order + known.length, 1, offset, known.name)
+            length, offset = _numbers_at(body, byte_order + known.length, 1, offset, known.name)
             count = _length(int(length[0]), f"a list {known.name!r}")
-        numbers, offset = _take(body, byte_order + known.item, count, offset, known.name)
+        numbers, offset = _numbers_at(body, byte_order + known.item, count, offset, known.name)
         row[known.name] = numbers.tolist()
     return row, offset
 
 
-def _take(body: bytes, code: str, count: int, offset: int, name: str) -> tuple[NDArray[Any], int]:
+def _numbers_at(body: bytes, code: str, count: int, offset: int, name: str) -> tuple[NDArray[Any], int]:
     """Return `count` numbers at an offset, and the offset after them."""
     end = offset + count * np.dtype(code).itemsize
     if end > len(body):
@@ -287,10 +287,10 @@ def _triangles(table: Columns, vertices: int) -> Triangles:
     if wrong.any() or (lengths < 3).any():
         ends = np.cumsum(lengths, dtype=np.int64)
         short = np.flatnonzero(lengths < 3)[:1].tolist()
-        beyond = np.searchsorted(ends, np.flatnonzero(wrong)[:1], side="right").tolist()
-        row = min(short + beyond)
-        corners_said = shown(str(corner) for corner in corners[ends[row] - lengths[row] : ends[row]].tolist())
+        out_of_range = np.searchsorted(ends, np.flatnonzero(wrong)[:1], side="right").tolist()
+        row = min(short + out_of_range)
+        corner_list = quoted(str(corner) for corner in corners[ends[row] - lengths[row] : ends[row]].tolist())
         raise ValueError(
-            f"face {row} (the first is 0) has the corners {corners_said}; there are {vertices} vertices"
+            f"face {row} (the first is 0) has the corners {corner_list}; there are {vertices} vertices"
         )
     return fans(lengths, corners)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
-from bodycheck.scenarios.mesh_files.text_formats import floats, lines_of_words, points, shown
+from bodycheck.scenarios.mesh_files.text_formats import floats, points, quoted, split_lines
 
 _HEADER = 84
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -32,8 +32,8 @@ def parse_stl(file: BufferedIOBase) -> tuple[Array, Triangles]:
     header = file.read(_HEADER)
     size = file.seek(0, os.SEEK_END)
     file.seek(0)
-    said = int.from_bytes(header[80:], "little")
-    expected = _HEADER + said * _FACET.itemsize
+    n = int.from_bytes(header[80:], "little")
+    expected = _HEADER + n * _FACET.itemsize
     if size >= _HEADER and size == expected:
         return _numbered(np.frombuffer(file.read(), dtype=_FACET, offset=_HEADER)["corners"].reshape(-1, 3))
     if header.lstrip()[:5].lower() == b"solid":
@@ -41,7 +41,7 @@ def parse_stl(file: BufferedIOBase) -> tuple[Array, Triangles]:
     if size < _HEADER:
         raise ValueError(f"not an STL file: {size} bytes are less than the {_HEADER} of a binary header")
     raise ValueError(
-        f"not an STL file: its header states {said} triangles, which take {expected} bytes, but it has {size}"
+        f"not an STL file: its header states {n} triangles, which take {expected} bytes, but it has {size}"
     )
 
 
@@ -58,7 +58,7 @@ def _ascii_corners(file: BufferedIOBase) -> Array:
     """Return the corners (3 m, 3) of an ASCII file."""
     corners = array("d")
     facets, keyword = 0, ""
-    for line, words in lines_of_words(file):
+    for line, words in split_lines(file):
         keyword = words[0].lower()
         match keyword, len(words):
             case "vertex", 4:
@@ -72,7 +72,7 @@ def _ascii_corners(file: BufferedIOBase) -> Array:
             case ("solid" | "endsolid", _):
                 pass
             case _:
-                raise ValueError(f"line {line}: {shown(words)} is not a line of an ASCII STL file")
+                raise ValueError(f"line {line}: {quoted(words)} is not a line of an ASCII STL file")
     if keyword != "endsolid":
         raise ValueError("ends without endsolid")
     return points(corners)

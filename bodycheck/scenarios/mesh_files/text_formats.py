@@ -13,7 +13,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
 
 
-def lines_of_words(lines: Iterable[bytes], first: int = 1) -> Iterator[tuple[int, list[str]]]:
+def split_lines(lines: Iterable[bytes], first: int = 1) -> Iterator[tuple[int, list[str]]]:
     """Yield (line number, words) of each line that is not blank, counting from `first`."""
     for number, line in enumerate(lines, first):
         words = line.decode("utf-8", errors="replace").split()
@@ -26,7 +26,7 @@ def floats(words: Sequence[str], line: int) -> list[float]:
     try:
         return [float(word) for word in words]
     except ValueError:
-        raise ValueError(f"line {line}: not all of {shown(words)} are numbers") from None
+        raise ValueError(f"line {line}: not all of {quoted(words)} are numbers") from None
 
 
 def integer(word: str, line: int) -> int:
@@ -34,13 +34,13 @@ def integer(word: str, line: int) -> int:
     try:
         value = int(word)
     except ValueError:
-        raise ValueError(f"line {line}: {shown([word])} is not an integer") from None
+        raise ValueError(f"line {line}: {quoted([word])} is not an integer") from None
     if abs(value) >= 1 << 31:
-        raise ValueError(f"line {line}: {shown([word])} is out of range")
+        raise ValueError(f"line {line}: {quoted([word])} is out of range")
     return value
 
 
-def shown(words: Iterable[str]) -> str:
+def quoted(words: Iterable[str]) -> str:
     """Return words for a message: quoted, printable, at most 60 characters."""
     text = " ".join(words)
     return repr(text if len(text) <= 60 else text[:57] + "...")

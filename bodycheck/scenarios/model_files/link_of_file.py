@@ -8,7 +8,7 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.formatting import meant
+from bodycheck._util.formatting import suggestion
 
 MODEL_FORMATS = ("urdf", "mjcf")
 """The formats, as keys of [body]."""
@@ -43,12 +43,12 @@ def link_of_file(folder: Traversable, file: str, kind: str, name: str | None) ->
     if name is None:
         if len(known) != 1:
             raise InputError(
-                f"{path}: has {len(known)} links with inertia; name one by link{meant('', known)}"
+                f"{path}: has {len(known)} links with inertia; name one by link{suggestion('', known)}"
             )
         (name,) = known
     link = model.by_name.get(name)
     if link is None:
-        raise InputError(f"{path}: has no link {name!r}{meant(name, known)}")
+        raise InputError(f"{path}: has no link {name!r}{suggestion(name, known)}")
     if link.unread:
         raise InputError(f"{path}:{link.line}: {name}: {link.unread}")
     if link.stated is None or not link.stated.inertia.mass > 0:

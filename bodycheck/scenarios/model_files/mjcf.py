@@ -33,20 +33,20 @@ from bodycheck.scenarios.model_files.exact import (
     rotation_to,
 )
 from bodycheck.scenarios.model_files.mjcf_shapes import SIZES, exact_of, geom_inertia, mesh_inertia
-from bodycheck.scenarios.model_files.model_file import Joint, ModelFile, ModelLink, Shape, Stated
+from bodycheck.scenarios.model_files.model_file import Joint, ModelFile, ModelLink, Shape, StatedInertia
 from bodycheck.scenarios.model_files.xml_file import Node, parse_xml
 
 _TINY_MASS = 1e-14  # lighter geoms do not count
 _ALTERNATIVES = ("axisangle", "euler", "xyaxes", "zaxis")
 _GENERATORS = ("composite", "flexcomp", "attach")
-_MOST_COPIES = 10_000
+_MAX_COPIES = 10_000
 
 
 def read_mjcf(root: Any, path: Path) -> ModelFile:
     """Return the model of a <mujoco> element; raises InputError with one line if it cannot be read."""
     reader = _Reader(path)
     reader.expand(Node(root, path))
-    reader.settle()
+    reader.read_settings()
     for world in reader.sections("worldbody"):
         reader.body_content(world, None, Frame.of(), None, "")
     links = _total_mass(reader.links, float(reader.compiler.get("settotalmass", "-1")))
@@ -79,8 +79,8 @@ class _Settings:
     sequence: str = "xyz"
     from_geom: str = "auto"
     groups: tuple[int, int] = (0, 5)
-    least_mass: float = 0.0
-    least_inertia: float = 0.0
+    min_mass: float = 0.0
+    min_inertia: float = 0.0
     balance: bool = False
 
 
@@ -90,7 +90,7 @@ class _Open:
 
     node: Node
     name: str
-    inertial: Stated | None = None
+    inertial: StatedInertia | None = None
     explicit: bool = False
     parts: list[ExactInertia] = field(default_factory=list)
     joints: list[Joint] = field(default_factory=list)
@@ -160,7 +160,7 @@ class _Reader:
         for root in self._roots:
             yield from self._nodes(root, tag)
 
-    def settle(self) -> None:
+    def read_settings(self) -> None:
         """Read compiler settings, default classes and meshes."""
         for section in self.sections("compiler"):
             self.compiler |= {str(name): str(value) for name, value in section.element.attrib.items()}
@@ -217,8 +217,8 @@ class _Reader:
         self._classes[name] = own
         for node in self._nodes(section):
             if node.tag in ("mesh", "geom", "joint"):
-                given = {str(k): str(v) for k, v in node.element.attrib.items()}
-                own.attributes[node.tag] = _overridden(own.attributes.get(node.tag, {}), given)
+                attributes = {str(k): str(v) for k, v in node.element.attrib.items()}
+                own.attributes[node.tag] = _overridden(own.attributes.get(node.tag, {}), attributes)
         for node in self._nodes(section, "default"):
             if "class" not in node:
                 raise InputError(f"{node.where}: has no attribute 'class'")
@@ -230,8 +230,8 @@ class _Reader:
         if name not in self._classes:
             known = ", ".join(sorted(self._classes))
             raise InputError(f"{node.where}: unknown default class {name!r:.60} (available: {known:.200})")
-        given = {str(k): str(v) for k, v in node.element.attrib.items()}
-        return _overridden(self._classes[name].attributes.get(node.tag, {}), given)
+        attributes = {str(k): str(v) for k, v in node.element.attrib.items()}
+        return _overridden(self._classes[name].attributes.get(node.tag, {}), attributes)
 
     def _mesh_path(self, name: str) -> Path:
         name = name.replace("\\", "/")
@@ -313,20 +313,20 @@ class _Reader:
         self, node: Node, body: _Open | None, frame: Frame, childclass: str | None, suffix: str
     ) -> None:
         copies = node.numbers("count", 1)[0]
-        if not 0 <= copies <= _MOST_COPIES or copies != int(copies):
-            raise InputError(f"{node.where}: count = {copies:g} (expected an integer up to {_MOST_COPIES})")
+        if not 0 <= copies <= _MAX_COPIES or copies != int(copies):
+            raise InputError(f"{node.where}: count = {copies:g} (expected an integer up to {_MAX_COPIES})")
         offset = exact(node.numbers("offset", 3, "0 0 0"))
         euler = node.numbers("euler", 3, "0 0 0")
         step = Frame(self._euler(euler), offset)
         position = exact(np.zeros(3))
         for k in range(int(copies)):
-            turned = self._euler([k * angle for angle in euler])
+            rotation = self._euler([k * angle for angle in euler])
             own = f"{node.text('sep', '')}{k:0{len(str(int(copies)))}d}"
-            placed = frame @ Frame(turned, position)
+            placed = frame @ Frame(rotation, position)
             self.body_content(node, body, placed, node.element.get("childclass") or childclass, own + suffix)
-            position = (Frame(turned, position) @ step).position
+            position = (Frame(rotation, position) @ step).position
 
-    def _stated(self, body: _Open) -> tuple[Stated | None, str]:
+    def _stated(self, body: _Open) -> tuple[StatedInertia | None, str]:
         """Return the inertia of a body by the compiler's rules, or why it is not computed here."""
         settings = self.settings
         from_geoms = settings.from_geom == "true" or (settings.from_geom == "auto" and not body.explicit)
@@ -338,22 +338,22 @@ class _Reader:
             total = composite(parts)
             derived = f"from {len(parts)} geom{'s' if len(parts) > 1 else ''}"
             overruled = None if body.inertial is None else float(body.inertial.inertia.mass)
-            stated = Stated(body.node.line, total, Frame.of(), derived, tuple(parts), overruled)
-        if stated is None and not (settings.least_mass or settings.least_inertia):
+            stated = StatedInertia(body.node.line, total, Frame.of(), derived, tuple(parts), overruled)
+        if stated is None and not (settings.min_mass or settings.min_inertia):
             return None, ""
         if stated is None:
             zero = exact(np.zeros((3, 3)))
-            stated = Stated(body.node.line, ExactInertia(mp.mpf(0), zero[0], zero), Frame.of())
+            stated = StatedInertia(body.node.line, ExactInertia(mp.mpf(0), zero[0], zero), Frame.of())
         return self._corrected(stated), ""
 
-    def _corrected(self, stated: Stated) -> Stated:
+    def _corrected(self, stated: StatedInertia) -> StatedInertia:
         """Apply boundmass, boundinertia and balanceinertia."""
         settings, body = self.settings, stated.inertia
-        if not (settings.least_mass or settings.least_inertia or settings.balance):
+        if not (settings.min_mass or settings.min_inertia or settings.balance):
             return stated
-        mass = max(body.mass, mp.mpf(settings.least_mass))
+        mass = max(body.mass, mp.mpf(settings.min_mass))
         values, axes = mp.eigsy(mp.matrix(body.tensor.tolist()))
-        moments = [max(value, mp.mpf(settings.least_inertia)) for value in values]
+        moments = [max(value, mp.mpf(settings.min_inertia)) for value in values]
         changed = mass != body.mass or moments != list(values)
         if settings.balance and 2 * max(moments) > sum(moments):
             moments, changed = [sum(moments) / 3] * 3, True
@@ -366,7 +366,7 @@ class _Reader:
 
     # ------------------------------------------------------------------------------------ inertials and geoms
 
-    def _inertial(self, node: Node) -> Stated:
+    def _inertial(self, node: Node) -> StatedInertia:
         own = _raw(node)
         tensor = exact(np.zeros((3, 3)))
         full = "fullinertia" in own
@@ -383,7 +383,7 @@ class _Reader:
         if full:  # MuJoCo's reference: the orientation then follows from the matrix
             frame = Frame(identity(), frame.position)
         body = ExactInertia(mp.mpf(node.number("mass")), exact(np.zeros(3)), tensor)
-        return Stated(node.line, body, frame)
+        return StatedInertia(node.line, body, frame)
 
     def _geom(self, node: Node, body: _Open, frame: Frame, childclass: str | None) -> None:
         own = self._attributes(node, childclass)
@@ -529,17 +529,17 @@ class _Reader:
         return Joint(own.get("name", ""), kind, node.line, axis, damping[0] if damping else 0.0, limits)
 
 
-def _overridden(before: dict[str, str], given: dict[str, str]) -> dict[str, str]:
-    """Return attributes over those of a class; an orientation replaces any, a size its first numbers."""
+def _overridden(before: dict[str, str], own: dict[str, str]) -> dict[str, str]:
+    """Return own over those of a class; an orientation replaces any, a size its first numbers."""
     found = dict(before)
-    if any(name in given for name in _ALTERNATIVES):
+    if any(name in own for name in _ALTERNATIVES):
         found = {name: value for name, value in found.items() if name not in _ALTERNATIVES}
-    if "size" in given and "size" in found:
-        given = {
-            **given,
-            "size": " ".join([*given["size"].split(), *found["size"].split()[len(given["size"].split()) :]]),
+    if "size" in own and "size" in found:
+        own = {
+            **own,
+            "size": " ".join([*own["size"].split(), *found["size"].split()[len(own["size"].split()) :]]),
         }
-    return {**found, **given}
+    return {**found, **own}
 
 
 def _raw(node: Node) -> dict[str, str]:

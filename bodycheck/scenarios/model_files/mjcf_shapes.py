@@ -170,5 +170,5 @@ def _hull(vertices: Array) -> tuple[Array, Triangles]:
 
 def exact_of(mass: float, centre: Array, tensor: Array) -> ExactInertia:
     """Return doubles as an ExactInertia."""
-    moved: Exact = exact(centre)
-    return ExactInertia(mp.mpf(mass), moved, exact(tensor))
+    position: Exact = exact(centre)
+    return ExactInertia(mp.mpf(mass), position, exact(tensor))

@@ -16,7 +16,7 @@ Format: TypeAlias = Literal["urdf", "mjcf", "sdf"]
 
 
 @dataclass(frozen=True, eq=False)
-class Stated:
+class StatedInertia:
     """An inertia as written: about the centre of mass, in the axes of an inertial frame of the link.
 
     derived: how it follows from the file if it is not written, such as "from 2 geoms", with its parts.
@@ -83,7 +83,7 @@ class ModelLink:
     parent: str | None
     pose: Frame
     joint: Joint | None
-    stated: Stated | None
+    stated: StatedInertia | None
     shapes: tuple[Shape, ...] = ()
     unread: str = ""
     inertia_scaling: float = 1.0
@@ -123,8 +123,8 @@ class ModelFile:
 
     def outside(self) -> tuple[Path, ...]:
         """The files that it names outside of its own folder."""
-        home = self.path.resolve().parent
-        return tuple(path for path in self.reads if not path.resolve().is_relative_to(home))
+        folder = self.path.resolve().parent
+        return tuple(path for path in self.reads if not path.resolve().is_relative_to(folder))
 
     def fixed_below(self, name: str) -> Iterator[tuple[ModelLink, Frame]]:
         """Yield the links that fixed joints connect to a link, with their poses in it."""

@@ -29,7 +29,7 @@ def _text(root: Any) -> str:
     return etree.tostring(root, encoding="unicode")
 
 
-def bare_text(model: ModelFile) -> str:
+def text_without_meshes(model: ModelFile) -> str:
     """Return a URDF without the shapes that need mesh files; "" for other formats."""
     if model.format != "urdf":
         return ""

@@ -14,7 +14,7 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, exact, finite, mp, rotation_of_rpy
-from bodycheck.scenarios.model_files.model_file import Joint, ModelFile, ModelLink, Shape, Stated
+from bodycheck.scenarios.model_files.model_file import Joint, ModelFile, ModelLink, Shape, StatedInertia
 from bodycheck.scenarios.model_files.urdf import MOMENTS, SIZES, check_tree, collision_shapes, resolved
 from bodycheck.scenarios.model_files.xml_file import Node
 
@@ -141,7 +141,7 @@ def _joint(node: Node) -> Joint:
     )
 
 
-def _stated(link: Node) -> Stated:
+def _stated(link: Node) -> StatedInertia:
     inertial = link.child("inertial")
     inertia = None if inertial is None else inertial.child("inertia")
     tensor = np.zeros((3, 3))
@@ -149,8 +149,8 @@ def _stated(link: Node) -> Stated:
         tensor[i, j] = tensor[j, i] = _number(inertia, name, float(i == j))
     body = ExactInertia(mp.mpf(_number(inertial, "mass", 1.0)), exact(np.zeros(3)), exact(tensor))
     if inertial is None:
-        return Stated(link.line, body, Frame.of(), "by the defaults of SDFormat")
-    return Stated(inertial.line, body, _pose(inertial))
+        return StatedInertia(link.line, body, Frame.of(), "by the defaults of SDFormat")
+    return StatedInertia(inertial.line, body, _pose(inertial))
 
 
 def _shapes(link: Node) -> list[Shape]:

@@ -28,8 +28,8 @@ def half_extents(shape: Shape, model: ModelFile) -> tuple[Array, Array] | None:
         case "sphere" if len(size) >= 1:
             return np.zeros(3), np.full(3, size[0])
         case "cylinder" | "capsule" if len(size) >= 2:
-            reach = (size[1] if half else size[1] / 2.0) + (size[0] if shape.kind == "capsule" else 0.0)
-            return np.zeros(3), np.array([size[0], size[0], reach])
+            half_size = (size[1] if half else size[1] / 2.0) + (size[0] if shape.kind == "capsule" else 0.0)
+            return np.zeros(3), np.array([size[0], size[0], half_size])
         case "mesh" if shape.mesh and len(shape.scale) == 3:
             box = _mesh_box(resolved(shape.mesh, model.path))
             if box is not None:
@@ -74,7 +74,7 @@ def uniform(link: ModelLink, model: ModelFile) -> MassProperties | None:
     if solid is None:
         return None
     mass = float(link.stated.inertia.mass)
-    solid = solid.rotated(doubles(shape.frame.rotation)).moved(doubles(shape.frame.position))
+    solid = solid.rotated(doubles(shape.frame.rotation)).translated(doubles(shape.frame.position))
     return solid.at_density(mass / solid.mass) if mass > 0.0 else None
 
 
@@ -95,7 +95,7 @@ def _solid(shape: Shape, model: ModelFile) -> MassProperties | None:
             solid = primitive("capsule", [half[0], 2.0 * (half[2] - half[0])])
         case _:
             solid = primitive("box", (2.0 * half).tolist())
-    return solid.moved(middle)
+    return solid.translated(middle)
 
 
 def volume_m3(shape: Shape, model: ModelFile) -> float:
@@ -129,20 +129,20 @@ def _span(shape: Shape, model: ModelFile, R: Array, margin_m: float) -> tuple[Ar
     if box is None:
         return None
     middle, half = box
-    turned = R.T @ doubles(shape.frame.rotation)
-    at = turned @ middle + R.T @ doubles(shape.frame.position)
-    along = np.abs(turned[:, 2])
+    relative = R.T @ doubles(shape.frame.rotation)
+    at = relative @ middle + R.T @ doubles(shape.frame.position)
+    along = np.abs(relative[:, 2])
     match shape.kind:
         case "sphere":
-            reach = half
+            half_size = half
         case "capsule" if shape.by_ends:  # Bullet makes it of two spheres, with a margin
-            reach = along * (half[2] - half[0]) + half[0] + margin_m
+            half_size = along * (half[2] - half[0]) + half[0] + margin_m
         case "capsule":  # Bullet turns the box around the capsule
-            reach = np.abs(turned) @ half
+            half_size = np.abs(relative) @ half
         case "mesh":
-            reach = np.abs(turned) @ (half + margin_m)
+            half_size = np.abs(relative) @ (half + margin_m)
         case "cylinder":
-            reach = along * half[2] + np.sqrt(np.maximum(0.0, 1.0 - along**2)) * half[0]
+            half_size = along * half[2] + np.sqrt(np.maximum(0.0, 1.0 - along**2)) * half[0]
         case _:
-            reach = np.abs(turned) @ half
-    return at - reach, at + reach
+            half_size = np.abs(relative) @ half
+    return at - half_size, at + half_size

@@ -26,7 +26,7 @@ from bodycheck.scenarios.model_files.model_file import Format
 
 _MASS, _CENTRE = 2.5, (0.08, -0.05, 0.12)
 _MOMENTS, _AXES_RPY = (0.031, 0.052, 0.067), (0.4, -0.7, 1.1)
-_TURN = (0.3, 0.9, -0.5)
+_RPY = (0.3, 0.9, -0.5)
 _SMALL = (
     (0.2, (0.05, 0.02, -0.03), (1e-3, 2e-3, 2.5e-3), (0.2, 0.1, -0.4)),
     (0.1, (-0.02, 0.04, 0.01), (8e-4, 1e-3, 1.5e-3), (-0.6, 0.3, 0.2)),
@@ -66,12 +66,12 @@ def spellings() -> tuple[Spelling, ...]:
 
 
 def _urdf_spellings() -> Iterator[Spelling]:
-    whole = body()
-    yield _urdf("off-diagonals", _urdf_link("body", whole, (0.0, 0.0, 0.0)))
+    total = body()
+    yield _urdf("off-diagonals", _urdf_link("body", total, (0.0, 0.0, 0.0)))
     yield _urdf("principal inertial frame", _urdf_principal())
-    yield _urdf("rotated inertial frame", _urdf_link("body", whole, _TURN))
-    scaled = ExactInertia(whole.mass * 1000, whole.centre * 1000, whole.tensor * mp.mpf(10) ** 9)
-    yield _urdf("g and mm", _urdf_link("body", scaled, _TURN))
+    yield _urdf("rotated inertial frame", _urdf_link("body", total, _RPY))
+    scaled = ExactInertia(total.mass * 1000, total.centre * 1000, total.tensor * mp.mpf(10) ** 9)
+    yield _urdf("g and mm", _urdf_link("body", scaled, _RPY))
     rest, parts = _split(1)
     yield _urdf("welded child", _urdf_chain(rest, parts))
     rest, parts = _split(2)
@@ -110,10 +110,10 @@ def _urdf_inertial(
 
 
 def _urdf_chain(rest: ExactInertia, parts: Sequence[ExactInertia], axis: str = "") -> str:
-    content = _urdf_link("body", rest, _TURN)
+    content = _urdf_link("body", rest, _RPY)
     parent = "body"
     for k, (part, (xyz, rpy)) in enumerate(zip(parts, _POSES, strict=False)):
-        content += _urdf_link(f"part{k}", part, _TURN)
+        content += _urdf_link(f"part{k}", part, _RPY)
         along = f'<axis xyz="{axis}"/>' if axis else ""
         content += (
             f'  <joint name="joint{k}" type="fixed"><parent link="{parent}"/><child link="part{k}"/>'
@@ -127,8 +127,8 @@ def _urdf_chain(rest: ExactInertia, parts: Sequence[ExactInertia], axis: str = "
 
 
 def _mjcf_spellings() -> Iterator[Spelling]:
-    whole = body()
-    yield _mjcf("fullinertia", _mjcf_full(whole))
+    total = body()
+    yield _mjcf("fullinertia", _mjcf_full(total))
     R = rotation_of_rpy(_AXES_RPY)
     at = f'pos="{_words(_CENTRE)}" mass="{_MASS!r}" diaginertia="{_words(_MOMENTS)}"'
     yield _mjcf("diaginertia and quat", f'<inertial {at} quat="{_words(_quaternion(R))}"/>')
@@ -163,9 +163,9 @@ def _mjcf_children(parts: Sequence[ExactInertia], k: int = 0) -> str:
     if k == len(parts):
         return ""
     xyz, rpy = _POSES[k]
-    turn = _words(_quaternion(rotation_of_rpy(rpy)))
+    quaternion = _words(_quaternion(rotation_of_rpy(rpy)))
     inside = _mjcf_full(parts[k]) + _mjcf_children(parts, k + 1)
-    return f'<body name="part{k}" pos="{_words(xyz)}" quat="{turn}">{inside}</body>'
+    return f'<body name="part{k}" pos="{_words(xyz)}" quat="{quaternion}">{inside}</body>'
 
 
 # ------------------------------------------------------------------------------------------ parts of the body
@@ -181,20 +181,20 @@ def _split(count: int) -> tuple[ExactInertia, list[ExactInertia]]:
     frame, left = Frame.of(), body()
     for part, (xyz, rpy) in zip(parts, _POSES, strict=False):
         frame = frame @ Frame.of(xyz, rotation_of_rpy(rpy))
-        left = _without(left, part.placed(frame))
+        left = _remainder(left, part.placed(frame))
     return left, parts
 
 
-def _without(whole: ExactInertia, part: ExactInertia) -> ExactInertia:
-    """Return the body whose composite with `part` is `whole`."""
-    mass = whole.mass - part.mass
-    centre = (whole.mass * whole.centre - part.mass * part.centre) / mass
-    rest = ExactInertia(mass, centre, whole.tensor)
+def _remainder(total: ExactInertia, part: ExactInertia) -> ExactInertia:
+    """Return the body whose composite with `part` is `total`."""
+    mass = total.mass - part.mass
+    centre = (total.mass * total.centre - part.mass * part.centre) / mass
+    rest = ExactInertia(mass, centre, total.tensor)
     tensor = (
-        whole.tensor
+        total.tensor
         - part.tensor
-        - part.steiner(part.centre - whole.centre)
-        - rest.steiner(centre - whole.centre)
+        - part.steiner(part.centre - total.centre)
+        - rest.steiner(centre - total.centre)
     )
     return ExactInertia(mass, centre, tensor)
 

@@ -14,10 +14,10 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, exact, mp, rotation_of_rpy
-from bodycheck.scenarios.model_files.model_file import Joint, ModelFile, ModelLink, Shape, Stated
+from bodycheck.scenarios.model_files.model_file import Joint, ModelFile, ModelLink, Shape, StatedInertia
 from bodycheck.scenarios.model_files.xml_file import Node
 
-_MOVING = ("revolute", "continuous", "prismatic", "floating", "planar", "spherical")
+_MOVABLE = ("revolute", "continuous", "prismatic", "floating", "planar", "spherical")
 
 MOMENTS = ((0, 0, "ixx"), (1, 1, "iyy"), (2, 2, "izz"), (0, 1, "ixy"), (0, 2, "ixz"), (1, 2, "iyz"))
 """Row, column and name of each number of <inertia>."""
@@ -125,8 +125,8 @@ def check_tree(parents: Mapping[str, str], model: Node) -> None:
 
 def _joint(node: Node) -> Joint:
     kind = node.text("type")
-    if kind != "fixed" and kind not in _MOVING:
-        known = ", ".join(("fixed", *_MOVING))
+    if kind != "fixed" and kind not in _MOVABLE:
+        known = ", ".join(("fixed", *_MOVABLE))
         raise InputError(f"{node.where}: unknown joint type {kind!r:.60} (available: {known})")
     axis, dynamics, limit = node.child("axis"), node.child("dynamics"), node.child("limit")
     return Joint(
@@ -150,7 +150,7 @@ def _origin(node: Node) -> Frame:
     return Frame.of(origin.leading("xyz", 3, "0 0 0"), rotation_of_rpy(origin.leading("rpy", 3, "0 0 0")))
 
 
-def _stated(link: Node) -> Stated | None:
+def _stated(link: Node) -> StatedInertia | None:
     inertial = link.child("inertial")
     if inertial is None:
         return None
@@ -161,7 +161,7 @@ def _stated(link: Node) -> Stated | None:
         for i, j, name in MOMENTS:
             tensor[i, j] = tensor[j, i] = inertia.number(name, 0.0)
     body = ExactInertia(m, exact(np.zeros(3)), exact(tensor))
-    return Stated(inertial.line, body, _origin(inertial))
+    return StatedInertia(inertial.line, body, _origin(inertial))
 
 
 def _inertia_scaling(link: Node) -> float:

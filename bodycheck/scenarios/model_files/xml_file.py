@@ -13,7 +13,7 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.untrusted import printable
 from bodycheck.scenarios.model_files.exact import finite
 
-_MOST_BYTES = 1 << 26
+_MAX_BYTES = 1 << 26
 _DECLARATION = re.compile(rb"\s*<\?xml\b[^>]*\?>")
 _DEEPEST = 200  # engines recurse, and so do readers
 
@@ -29,11 +29,11 @@ def read_bytes(path: Path) -> bytes:
         if path.exists() and not path.is_file():
             raise InputError(f"{path}: is not a regular file")
         with path.open("rb") as file:
-            content = file.read(_MOST_BYTES + 1)
+            content = file.read(_MAX_BYTES + 1)
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    if len(content) > _MOST_BYTES:
-        raise InputError(f"{path}: is too large (limit: {_MOST_BYTES} bytes)")
+    if len(content) > _MAX_BYTES:
+        raise InputError(f"{path}: is too large (limit: {_MAX_BYTES} bytes)")
     return content
 
 
@@ -134,9 +134,9 @@ class Node:
 
     def leading(self, name: str, count: int, default: str) -> list[float]:
         """Return the first `count` numbers, as engines do where there are more."""
-        given = self.text(name, default).split()
+        words = self.text(name, default).split()
         try:
-            return finite(" ".join(given[:count]), count)
+            return finite(" ".join(words[:count]), count)
         except ValueError as error:
             raise InputError(f"{self.where}: {name} = {error}") from None
 

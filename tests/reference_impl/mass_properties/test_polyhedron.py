@@ -151,7 +151,7 @@ def test_translation_moves_the_centre_only(body: Any, displacement: Any) -> None
     """A mesh moved by d has its centre moved by d, its mass and inertia as they were."""
     vertices, triangles = body
     solid, moved = polyhedron(vertices, triangles), polyhedron(vertices + displacement, triangles)
-    expected = solid.moved(displacement)
+    expected = solid.translated(displacement)
     assert moved.mass == pytest.approx(solid.mass, rel=1e-13, abs=0.0)
     assert moved.centre == pytest.approx(expected.centre, abs=1e-14)
     assert moved.inertia == pytest.approx(expected.inertia, abs=1e-13 * np.trace(solid.inertia))

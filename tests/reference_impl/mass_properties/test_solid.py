@@ -36,7 +36,7 @@ def test_inertia_about_another_point_is_huygens_steiner() -> None:
 def test_moving_and_rotating_equals_that_of_the_points() -> None:
     """The points moved, then rotated, have the moved and rotated properties."""
     rotation, displacement = exp_matrix(np.array([0.4, -1.0, 2.0])), np.array([3.0, 4.0, 5.0])
-    posed = CLOUD.moved(displacement).rotated(rotation)
+    posed = CLOUD.translated(displacement).rotated(rotation)
     points = (POINTS + displacement) @ rotation.T
     assert posed.centre == pytest.approx(MASSES @ points / MASSES.sum(), rel=1e-14, abs=0.0)
     assert posed.inertia == pytest.approx(

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bodycheck._util.checksummed_json import sealed
+from bodycheck._util.files import sealed
 from bodycheck.reference_impl.scene import CallbackLoad, RigidBody, Scene, State
 from bodycheck.reference_impl.truth import certification as truth
 from bodycheck.reference_impl.truth.truth import Truth

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from bodycheck._util.checksummed_json import opened, sealed
 from bodycheck._util.errors import InputError
+from bodycheck._util.files import opened, sealed
 from bodycheck.reports.cache.disk_cache import key_of
 from bodycheck.reports.cache.journal import Journal
 from tests.helpers.expected_messages import ExpectedMessage

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.loads.load import ContinuousLoad, Instants, Wrenching
+from bodycheck.reference_impl.loads.load import ContinuousLoad, Instants, WrenchFunction
 
 if TYPE_CHECKING:
     from bodycheck.reference_impl.scene import Scene
@@ -24,7 +24,7 @@ class CallbackLoad(ContinuousLoad):
     kind: ClassVar[str] = "callable"
 
     name: str
-    function: Wrenching
+    function: WrenchFunction
 
     def wrench(self, scene: Scene, at: Instants) -> tuple[Array, Array]:
         """Return the values of the function, called once per instant."""

@@ -31,8 +31,8 @@ class Drag(ContinuousLoad):
 
     def wrench(self, scene: Scene, at: Instants) -> tuple[Array, Array]:
         """Return the formulas above, in world axes."""
-        turned = at.rotation @ self.angular @ np.swapaxes(at.rotation, -1, -2)
-        return -self.linear * at.velocity, -np.asarray((turned @ at.omega[..., None])[..., 0])
+        rotated = at.rotation @ self.angular @ np.swapaxes(at.rotation, -1, -2)
+        return -self.linear * at.velocity, -np.asarray((rotated @ at.omega[..., None])[..., 0])
 
     def about_pivot(self, scene: Scene, pivot: Array) -> Drag:
         """Return the drag of the centre of mass, v = omega x c, as angular drag: c x (omega x c) linear."""

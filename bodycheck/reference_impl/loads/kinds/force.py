@@ -33,7 +33,7 @@ class PointForce(Load):
     def wrench(self, scene: Scene, at: Instants) -> tuple[Array, Array]:
         """Return force and torque within the interval."""
         force = at.in_world(self.axes, self.value)
-        return force, np.cross(at.turned(self.at), force)
+        return force, np.cross(at.rotated(self.at), force)
 
     def about_pivot(self, scene: Scene, pivot: Array) -> PointForce:
         """Return the force with its point relative to the pivot."""

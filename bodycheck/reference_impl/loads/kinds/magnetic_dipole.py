@@ -33,7 +33,7 @@ class MagneticDipole(ContinuousLoad):
 
     def wrench(self, scene: Scene, at: Instants) -> tuple[Array, Array]:
         """Return zero force, and the torque above."""
-        return np.zeros_like(at.omega), np.cross(at.turned(self.moment), self.field)
+        return np.zeros_like(at.omega), np.cross(at.rotated(self.moment), self.field)
 
     def potential(self, scene: Scene, motion: Trajectory) -> Array:
         """Return U (n,) in J, zero if the dipole is perpendicular to the field."""

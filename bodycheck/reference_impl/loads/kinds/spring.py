@@ -35,7 +35,7 @@ class Spring(ContinuousLoad):
 
     def wrench(self, scene: Scene, at: Instants) -> tuple[Array, Array]:
         """Return the force above, and its moment."""
-        arm = at.turned(self.at)
+        arm = at.rotated(self.at)
         stretch = at.position + arm - self.anchor
         length = np.linalg.norm(stretch, axis=-1, keepdims=True)
         shortfall = np.divide(self.rest_length, length, out=np.ones_like(length), where=length > 0.0)

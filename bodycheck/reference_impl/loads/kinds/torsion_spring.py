@@ -32,13 +32,13 @@ class TorsionSpring(ContinuousLoad):
 
     def wrench(self, scene: Scene, at: Instants) -> tuple[Array, Array]:
         """Return zero force, and the torque above."""
-        turned = at.rotation @ scene.initial.rotation.T
-        return np.zeros_like(at.omega), -self.stiffness * log_matrix(turned)
+        rotated = at.rotation @ scene.initial.rotation.T
+        return np.zeros_like(at.omega), -self.stiffness * log_matrix(rotated)
 
     def potential(self, scene: Scene, motion: Trajectory) -> Array:
         """Return U (n,) in J, zero at the start."""
-        turned = quaternion_product(conjugate(scene.initial.quaternion), motion.attitude)
-        angle = np.linalg.norm(log_quaternion(turned), axis=-1)
+        rotated = quaternion_product(conjugate(scene.initial.quaternion), motion.attitude)
+        angle = np.linalg.norm(log_quaternion(rotated), axis=-1)
         return np.asarray(0.5 * self.stiffness * angle**2)
 
     def about_pivot(self, scene: Scene, pivot: Array) -> TorsionSpring:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.pivot import turning_inertia
+from bodycheck.reference_impl.pivot import rotational_inertia
 from bodycheck.reference_impl.rotations import matrix_to_quaternion
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.case import CaseResult
@@ -39,7 +39,7 @@ def motion_view(
     played = played_cases(cases, at_s)
     if at_s is None or not played:
         return None
-    inertia = turning_inertia(problem.scenario.scene)
+    inertia = rotational_inertia(problem.scenario.scene)
     moments, axes = principal_frame(inertia)
     frames = frame_numbers(problem.compared)
     return {
