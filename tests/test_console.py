@@ -19,7 +19,7 @@ import pytest
 from typer.main import get_command
 
 from bodycheck.cli.commands import app
-from bodycheck.cli.help_text import ADAPTERS, ASK, MEASURE, WATCH
+from bodycheck.cli.options import ADAPTERS, ASK, MEASURE, WATCH
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.summary.cells import overviews, summary_cells
@@ -65,7 +65,7 @@ def command(*words: str) -> str:
 
 
 RELEASES = """
-from bodycheck.reports.comparison.measure_track import Finding
+from bodycheck.reports.comparison.release_results import Finding
 from bodycheck.reports.comparison.release_results import Found, Track, found_document
 from bodycheck.reports.document import print_document
 
@@ -297,7 +297,7 @@ def test_names_are_completed(typed: str, folder: Path) -> None:
 
 
 def test_every_command_is_in_a_named_group_of_the_help() -> None:
-    """The groups of help_text; none is left to the unnamed rest."""
+    """The groups of the options; none is left to the unnamed rest."""
     commands: Any = get_command(app)
     groups = {command.rich_help_panel for command in commands.commands.values()}
     assert groups == {MEASURE, ASK, WATCH, ADAPTERS}

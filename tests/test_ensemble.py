@@ -42,6 +42,7 @@ from bodycheck.scenarios.ensemble import Ensemble, default_distribution
 from bodycheck.scenarios.library import load_scenario
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.in_process_cli import run_bodycheck
+from tests.helpers.quantile_agreement import agree
 
 
 def ensemble(seed: int = 1) -> Ensemble:
@@ -272,7 +273,7 @@ def test_error_bars_cover_as_they_state() -> None:
         one, other = QuantileSketch(), QuantileSketch()
         one.add(rng.lognormal(0.0, 3.0, 2000))
         other.add(rng.lognormal(0.0, 3.0, 2000))
-        agreed += one.quantile(0.75).agrees(other.quantile(0.75))
+        agreed += agree(one.quantile(0.75), other.quantile(0.75))
         found = one.quantile(0.5)
         covered += found.low <= 1.0 <= found.high
     assert 0.92 <= agreed / trials <= 0.985

@@ -20,7 +20,7 @@ from bodycheck.adapters.contract import Setting
 from bodycheck.adapters.execution import Case
 from bodycheck.adapters.workers import case_messages
 from bodycheck.adapters.workers.executors import CaseRequest, answer_case
-from bodycheck.reports.cache.entries import Entry
+from bodycheck.reports.cache.disk_cache import Entry
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.runs import cluster as dask_cluster
 from bodycheck.runs.directory import RunRequest, run_to_folder

@@ -18,7 +18,7 @@ from bodycheck.adapters import registry
 from bodycheck.adapters.contract import Control, Engine, Method
 from bodycheck.adapters.versions import environments, uv
 from bodycheck.adapters.versions.uv import releases
-from bodycheck.reports.comparison.measure_track import under_one_name
+from bodycheck.reports.comparison.compare import renamed
 from bodycheck.reports.comparison.release_results import Found
 from bodycheck.reports.run_files.run_reader import Tables
 from bodycheck.runs import version_search
@@ -134,7 +134,7 @@ def test_versions_are_engines_of_their_own() -> None:
 def test_two_versions_are_compared_under_one_name() -> None:
     """Every table and case uses the common name; otherwise nothing could be compared."""
     run = bodycheck.run(["intermediate-axis"], engines=["toy==1.0"], dt_s=STEPS, speed=False)
-    tables = under_one_name(run, "toy")
+    tables = renamed(run, {"toy==1.0": "toy"})
     assert {*tables.results["engine"]} == {*tables.methods["engine"]} == {"toy"}
     assert {case.columns["engine"] for case in tables.cases} == {"toy"}
 
@@ -271,7 +271,6 @@ def selected(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Selection, dict[str,
 
     monkeypatch.setattr(version_search, "announced", announced)
     monkeypatch.setattr(version_search, "run_selection", run_selection)
-    monkeypatch.setattr(version_search, "under_one_name", lambda tables, _: tables)
     monkeypatch.setattr(version_search, "releases", lambda *_: ("1", "2", "3"))
     return runs
 

@@ -22,8 +22,7 @@ import numpy as np
 
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import MethodKey, key_of
-from bodycheck.reports.summary.cases_within import cases_within, largest_error
-from bodycheck.reports.summary.error_curve import ErrorCurve, Estimate, curves_of
+from bodycheck.reports.summary.error_curve import ErrorCurve, Estimate, cases_within, curves_of, largest_error
 from bodycheck.runs.advice_run import measure_steps
 from bodycheck.runs.run_options import NULL_PROGRESS, RunOptions
 

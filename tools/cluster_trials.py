@@ -32,7 +32,7 @@ from bodycheck.adapters.execution import Case
 from bodycheck.adapters.workers import case_messages
 from bodycheck.adapters.workers.engine_pool import EnginePool, announced
 from bodycheck.adapters.workers.executors import CaseRequest, answer_case
-from bodycheck.reports.cache.entries import Entry
+from bodycheck.reports.cache.disk_cache import Entry
 from bodycheck.runs.cluster import TlsFiles, connected
 from bodycheck.runs.directory import partial_of
 from bodycheck.scenarios.library import load_scenario

@@ -26,6 +26,7 @@ from bodycheck.reports.summary.quantiles import SHARES, QuantileSketch
 from bodycheck.runs.ensemble_cases import measured, truth_of
 from bodycheck.scenarios.ensemble import Ensemble, default_distribution
 from bodycheck.scenarios.library import load_scenario
+from tests.helpers.quantile_agreement import agree
 
 _SCENARIO, _DT_S, _STEPS = "intermediate-axis", 1e-2, 1000
 _TRIALS, _BODIES = 100, 100_000
@@ -125,7 +126,7 @@ def quantiles() -> None:
     agreed = np.zeros(len(SHARES), dtype=int)
     for trial in range(_TRIALS):
         one, other = (_sketch(2 * trial + seed) for seed in (1, 2))
-        agreed += [one.quantile(share).agrees(other.quantile(share)) for share in SHARES]
+        agreed += [agree(one.quantile(share), other.quantile(share)) for share in SHARES]
     for share, count in zip(SHARES, agreed, strict=True):
         print(f"quantile {share:g} at n = {_BODIES}: {count} of {_TRIALS} agree")
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import time
 
-from bodycheck.runs.identify import fingerprints, laws
+from bodycheck.runs.engine_checks import fingerprints, laws
 
 
 def main() -> None:

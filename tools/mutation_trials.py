@@ -69,25 +69,25 @@ TESTS: dict[str, tuple[str, ...]] = {
     "reports/measurement/order.py": ("test_order.py",),
     "reports/measurement/verdicts.py": ("test_state_laws.py", "test_summary.py"),
     "reports/measurement/growth.py": ("test_growth.py",),
-    "reports/measurement/stability.py": ("test_state_laws.py",),
+    "reports/measurement/study.py": ("test_state_laws.py",),
     "reports/summary/worst_results.py": ("test_state_laws.py", "test_summary.py"),
     "reports/run_files/run_tables.py": ("test_state_laws.py",),
     "reports/summary/cells.py": ("test_state_laws.py",),
     "adapters/stable_step.py": ("../adapters/test_stable_step.py",),
-    **{
-        f"reports/gates/{name}.py": _GATES
-        for name in ("gate", "gate_measure", "gate_output", "proposal", "verdict")
-    },
+    **{f"reports/gates/{name}.py": _GATES for name in ("gate", "gate_output", "proposal", "verdict")},
     **{
         f"reports/comparison/{name}.py": ("comparison/test_change.py",)
-        for name in ("compare", "describe", "environment_diff")
+        for name in ("compare", "environment_diff")
     },
     "reports/comparison/change.py": ("comparison/test_change.py", "comparison/test_headlines.py"),
     "reports/comparison/headlines.py": ("comparison/test_headlines.py", "comparison/test_change.py"),
-    "reports/comparison/release_search.py": ("comparison/test_bisection.py", "comparison/test_headlines.py"),
+    "reports/comparison/describe.py": ("comparison/test_change.py", "comparison/test_headlines.py"),
     "reports/history/accepted_levels.py": ("history/test_regression.py",),
-    "reports/comparison/measure_track.py": ("comparison/test_measure_track.py",),
-    "reports/comparison/release_results.py": ("comparison/test_version_text.py",),
+    "reports/comparison/release_results.py": (
+        "comparison/test_bisection.py",
+        "comparison/test_version_text.py",
+        "comparison/test_measure_track.py",
+    ),
     "reports/history/step_detection.py": ("history/test_step_detection.py",),
     "reports/history/baseline.py": (
         "history/test_baseline.py",
@@ -101,8 +101,12 @@ TESTS: dict[str, tuple[str, ...]] = {
     "reports/cache/truths.py": ("cache/test_cache.py",),
     "reports/cache/answers.py": ("cache/test_answers.py",),
     "reports/cache/journal.py": ("cache/test_journal.py",),
-    "reports/cache/entries.py": ("cache/test_journal.py", "cache/test_answers.py", "cache/test_cache.py"),
-    "reports/cache/disk_cache.py": ("cache/test_cache.py", "../test_reuse.py"),
+    "reports/cache/disk_cache.py": (
+        "cache/test_journal.py",
+        "cache/test_answers.py",
+        "cache/test_cache.py",
+        "../test_reuse.py",
+    ),
     "runs/nightly_run.py": (
         "../test_nightly_run.py",
         *_NIGHTLY,
@@ -154,6 +158,7 @@ Of a file those that are not slow; a test named by itself may be slow: a push ru
 
 ONLY = {
     "reports/measurement/case.py": {"measured_by", "_horizon"},
+    "reports/measurement/study.py": {"stability_row", "_search"},
     "reports/summary/cells.py": {
         "faults_of",
         "summary_cell",

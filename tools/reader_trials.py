@@ -37,8 +37,7 @@ from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.workers import protocol
 from bodycheck.reference_impl.kernels.cache_files import _content, _DamagedError
-from bodycheck.reports.cache.disk_cache import Cache
-from bodycheck.reports.cache.entries import Entry
+from bodycheck.reports.cache.disk_cache import Cache, Entry
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.reports.comparison.compare import compare
 from bodycheck.reports.document import markdown
@@ -50,7 +49,7 @@ from bodycheck.reports.recordings.column_map import ColumnMap, read_map
 from bodycheck.reports.recordings.conversion import recorded_arrays
 from bodycheck.reports.render.html import render_report
 from bodycheck.reports.run_files.run_reader import read_run, read_tables
-from bodycheck.reports.run_files.table_formats import as_parquet
+from bodycheck.reports.run_files.tables import as_parquet
 from bodycheck.reports.run_files.trajectory_files import read_arrays
 from bodycheck.reports.summary.advice import settings_within
 from bodycheck.reports.summary.error_curve import curves_of
@@ -220,7 +219,7 @@ def _run_files(sound: Path) -> list[Reader]:
 
     def page(path: Path) -> None:
         folder = next(parent for parent in path.parents if (parent / "methods.csv").exists())
-        render_report(read_run(folder, cache=Cache.default()))
+        render_report(read_run(folder, allow_code=False, cache=Cache.default()))
 
     npz = next((sound / "run/trajectories").rglob("reference_m1*.npz"))
     return [

@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 
 from bodycheck._util.errors import InputError
-from bodycheck.cli.help_text import MEASURE, OUTPUT, described
-from bodycheck.cli.options import Json, Quiet
+from bodycheck.cli.options import MEASURE, OUTPUT, Json, Quiet, described
 
 auditing = typer.Typer()
 
@@ -139,10 +138,9 @@ def audit(
 
 
 def _spellings(engine: str | None, timeout_s: float, *, as_json: bool, quiet: bool) -> None:
-    from bodycheck.reports.audit.spelling_document import spelling_document
     from bodycheck.reports.document import answer
     from bodycheck.reports.render.progress import status_line
-    from bodycheck.runs.spelling_run import run_spellings
+    from bodycheck.runs.spelling_run import run_spellings, spelling_document
 
     with status_line("spinning the spellings of one body", quiet=quiet):
         results = run_spellings(None if engine is None else engine.split(","), timeout_s)

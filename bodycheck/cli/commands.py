@@ -15,13 +15,17 @@ from bodycheck.cli.audit_command import auditing
 from bodycheck.cli.engine_commands import adapter_commands, identity_commands
 from bodycheck.cli.ensemble_commands import ensemble_commands
 from bodycheck.cli.gate_command import gating
-from bodycheck.cli.help_text import HOW, MEASURE, WATCH, WHAT, Group, described
 from bodycheck.cli.merge_command import merging
 from bodycheck.cli.nightly import nightly
 from bodycheck.cli.options import (
+    HOW,
+    MEASURE,
+    WATCH,
+    WHAT,
     AllowCode,
     Engines,
     Fresh,
+    Group,
     Jobs,
     Json,
     NoSpeed,
@@ -31,6 +35,7 @@ from bodycheck.cli.options import (
     ShardOption,
     TimeoutS,
     complete_scenarios,
+    described,
     numbers,
     progress_of,
 )
@@ -190,7 +195,7 @@ def truth(
     The last column, bound_rad, bounds the orientation error of the truth.
     """
     from bodycheck.reports.render.progress import status_line
-    from bodycheck.reports.run_files.table_formats import FORMATS
+    from bodycheck.reports.run_files.tables import FORMATS
     from bodycheck.reports.run_files.trajectory_files import trajectory_table
     from bodycheck.runs import runner
 

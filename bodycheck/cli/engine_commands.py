@@ -6,8 +6,16 @@ from typing import Annotated
 
 import typer
 
-from bodycheck.cli.help_text import ADAPTERS, MEASURE, described
-from bodycheck.cli.options import AllowCode, Json, Quiet, TimeoutS, complete_engines
+from bodycheck.cli.options import (
+    ADAPTERS,
+    MEASURE,
+    AllowCode,
+    Json,
+    Quiet,
+    TimeoutS,
+    complete_engines,
+    described,
+)
 from bodycheck.runs.run_options import TIMEOUT_S
 
 adapter_commands = typer.Typer()
@@ -42,7 +50,7 @@ def check(
     """
     from bodycheck.reports.document import answer
     from bodycheck.reports.render.progress import status_line
-    from bodycheck.runs.check_adapter import check_adapter, conformance_document
+    from bodycheck.runs.engine_checks import check_adapter, conformance_document
 
     with status_line(f"checking {engine}", quiet=quiet):
         found = check_adapter(engine, timeout_s=timeout_s, allow_code=allow_code)
@@ -115,7 +123,7 @@ def fingerprint(
     from bodycheck.reports.document import answer
     from bodycheck.reports.render.progress import status_line
     from bodycheck.reports.summary.method_identity import fingerprint_document
-    from bodycheck.runs.identify import fingerprints
+    from bodycheck.runs.engine_checks import fingerprints
 
     with status_line(f"comparing {engine} with known maps", quiet=quiet):
         rows = fingerprints(engine, timeout_s=timeout_s, all_loads=all_loads, allow_code=allow_code)
@@ -141,7 +149,7 @@ def laws(
     from bodycheck.reports.document import answer
     from bodycheck.reports.render.progress import status_line
     from bodycheck.reports.summary.method_identity import laws_document
-    from bodycheck.runs.identify import laws as checked
+    from bodycheck.runs.engine_checks import laws as checked
 
     with status_line(f"checking the laws on {engine}", quiet=quiet):
         rows = checked(engine, timeout_s=timeout_s, allow_code=allow_code)

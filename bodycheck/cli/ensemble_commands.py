@@ -8,8 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bodycheck._util.errors import InputError
-from bodycheck.cli.help_text import HOW, MEASURE, OUTPUT, WHAT, described
 from bodycheck.cli.options import (
+    HOW,
+    MEASURE,
+    OUTPUT,
+    WHAT,
     AllowCode,
     Jobs,
     Json,
@@ -18,6 +21,7 @@ from bodycheck.cli.options import (
     TimeoutS,
     complete_engines,
     complete_scenarios,
+    described,
     numbers,
     progress_of,
 )

@@ -10,8 +10,19 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bodycheck._util.errors import InputError, StoppedError
-from bodycheck.cli.help_text import OUTPUT, WATCH, described
-from bodycheck.cli.options import AllowCode, Fresh, Jobs, Json, Quiet, Scenarios, TimeoutS, progress_of
+from bodycheck.cli.options import (
+    OUTPUT,
+    WATCH,
+    AllowCode,
+    Fresh,
+    Jobs,
+    Json,
+    Quiet,
+    Scenarios,
+    TimeoutS,
+    described,
+    progress_of,
+)
 from bodycheck.runs.run_options import TIMEOUT_S
 
 if TYPE_CHECKING:

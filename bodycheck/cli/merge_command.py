@@ -8,9 +8,17 @@ from typing import Annotated
 import typer
 
 from bodycheck._util.errors import InputError
-from bodycheck.cli.help_text import MEASURE, OUTPUT, described
 from bodycheck.cli.nightly import print_judgement
-from bodycheck.cli.options import AllowCode, Json, Threshold, Tolerances, thresholds_of
+from bodycheck.cli.options import (
+    MEASURE,
+    OUTPUT,
+    AllowCode,
+    Json,
+    Threshold,
+    Tolerances,
+    described,
+    thresholds_of,
+)
 from bodycheck.reports.gates.thresholds import THRESHOLD
 
 merging = typer.Typer()

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from bodycheck._util.errors import InputError, StoppedError
-from bodycheck.cli.help_text import OUTPUT, WATCH, described
 from bodycheck.cli.options import (
+    OUTPUT,
+    WATCH,
     AllowCode,
     Engines,
     Jobs,
@@ -26,6 +27,7 @@ from bodycheck.cli.options import (
     TimeoutS,
     Tolerances,
     check_out_files,
+    described,
     progress_of,
     thresholds_of,
     write_out_files,
@@ -190,7 +192,7 @@ def query(
     from bodycheck.reports.history.baseline import readable_runs
     from bodycheck.reports.history.queries import TABLES
     from bodycheck.reports.history.queries import query as run_query
-    from bodycheck.reports.run_files.table_formats import FORMATS
+    from bodycheck.reports.run_files.tables import FORMATS
 
     runs, left_out = readable_runs(History.existing(folder).runs(), TABLES)
     sys.stdout.write(FORMATS[as_](run_query(runs, sql)).decode())

@@ -9,8 +9,9 @@ import typer
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import suggestion
-from bodycheck.cli.help_text import ASK, OUTPUT, described
 from bodycheck.cli.options import (
+    ASK,
+    OUTPUT,
     PICTURES,
     AllowCode,
     Json,
@@ -21,6 +22,7 @@ from bodycheck.cli.options import (
     check_explanation_files,
     check_out_files,
     complete_scenarios,
+    described,
     numbers,
     progress_of,
     thresholds_of,
@@ -337,7 +339,7 @@ def table(
     """Print a table of a run as CSV, JSON or Markdown, or write it to a file, also as Parquet."""
     from bodycheck._util.files import write_file
     from bodycheck.reports.run_files.run_reader import read_tables
-    from bodycheck.reports.run_files.table_formats import FORMATS
+    from bodycheck.reports.run_files.tables import FORMATS
 
     if as_ == "parquet" and out is None:
         raise InputError("--format parquet: is a binary format; name a file with --out")

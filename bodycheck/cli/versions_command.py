@@ -10,16 +10,18 @@ from typing import Annotated
 import typer
 
 from bodycheck._util.errors import InputError
-from bodycheck.cli.help_text import WATCH, Group, described
 from bodycheck.cli.options import (
+    WATCH,
     AllowCode,
     Fresh,
+    Group,
     Jobs,
     Json,
     Quiet,
     Scenario,
     Threshold,
     TimeoutS,
+    described,
     numbers,
     progress_of,
     thresholds_of,
@@ -85,12 +87,10 @@ def versions(
     from bodycheck.reports.comparison.release_results import found_data, found_document
     from bodycheck.reports.document import answer
     from bodycheck.runs.run_options import RunOptions
-    from bodycheck.runs.version_search import Search, search
+    from bodycheck.runs.version_search import Search, audit_versions, search
 
     announce = partial(_announce, quiet=quiet)
     if audit is not None:
-        from bodycheck.runs.audit_versions import audit_versions
-
         found = audit_versions(
             engine, since, until, audit, every=every, timeout_s=timeout_s, announce=announce
         )

@@ -72,7 +72,7 @@ def judge_files(
     scenario_spec: str,
     cache: Cache | None,
     column_map: ColumnMap,
-    steps_s: Sequence[float] | None = None,
+    steps_s: Sequence[float] | None,
 ) -> Ranking:
     """Judge several files of one scenario and rank them by the first error that all of them have.
 
@@ -182,7 +182,7 @@ def explained_file(
     scenario_spec: str,
     cache: Cache | None,
     column_map: ColumnMap,
-    dt_s: float | None = None,
+    dt_s: float | None,
 ) -> ExplainedCase:
     """Return the diagnosis of the trajectory in a file.
 

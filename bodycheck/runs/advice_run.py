@@ -5,18 +5,27 @@ from __future__ import annotations
 import hashlib
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.files import write_file
-from bodycheck._util.formatting import vector
+from bodycheck._util.formatting import suggestion, vector
+from bodycheck.adapters.contract import Method
 from bodycheck.adapters.programs import with_method
 from bodycheck.reports.cache.disk_cache import Cache
-from bodycheck.reports.measurement.case import scenario_spec
-from bodycheck.reports.run_files.run_reader import read_run
-from bodycheck.reports.run_files.run_tables import MethodKey, Run, RunTables
+from bodycheck.reports.measurement.case import CaseResult, measured_by, scenario_spec
+from bodycheck.reports.measurement.measures import Motion
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.measurement.study import method_rows
+from bodycheck.reports.run_files.run_reader import Tables, read_manifest, read_run, read_tables
+from bodycheck.reports.run_files.run_tables import MethodKey, Run, RunTables, cases_by_method
+from bodycheck.reports.run_files.tables import METHOD_COLUMNS, as_table
 from bodycheck.reports.summary.advice import (
     Advice,
     Answer,
@@ -26,16 +35,143 @@ from bodycheck.reports.summary.advice import (
     to_measure,
 )
 from bodycheck.reports.summary.error_curve import curves_of
-from bodycheck.reports.summary.horizon import check_horizon, until
-from bodycheck.runs.choose import chosen_run
-from bodycheck.runs.directory import RUNS
+from bodycheck.runs.directory import RUNS, RunRequest, run_to_folder
 from bodycheck.runs.manifest import Identity
 from bodycheck.runs.run_options import ProgressFactory, RunOptions
 from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import select
 from bodycheck.scenarios.free_body import FreeBody, scenario_text
 from bodycheck.scenarios.library import load_scenarios
-from bodycheck.scenarios.serialization import deserialized
+from bodycheck.scenarios.serialization import deserialized, serialized
+
+_SAME = 1e-9  # relative difference of two times that count as equal
+
+
+def until(run: Run, horizon_s: float) -> Run:
+    """Return a run with the errors, orders and verdicts of its motions up to a time in s.
+
+    Scales and speeds are those of the whole scenario. Raises InputError where a scenario has no sample up to
+    the horizon besides the first.
+    """
+    problems = {problem.scenario.name: _cut(problem, horizon_s) for problem in run.problems}
+    cases = tuple(_measured_until(case, problems[case.columns["scenario"]]) for case in run.cases)
+    rows = ({"run_id": run.run_id, **row} for row in _rows(run, cases, problems))
+    return replace(
+        run, cases=cases, methods=as_table(rows, METHOD_COLUMNS), problems=tuple(problems.values())
+    )
+
+
+def check_horizon(horizon_s: float, scenario: str, interval_s: float) -> None:
+    """Raise InputError where a horizon is shorter than the sampling interval of a scenario, both in s."""
+    if interval_s > horizon_s * (1.0 + _SAME):
+        raise InputError(f"--horizon-s {horizon_s!r}: the first sample of {scenario} is at {interval_s!r} s")
+
+
+def _cut(problem: Problem, horizon_s: float) -> Problem:
+    check_horizon(horizon_s, problem.scenario.name, float(problem.times[1]))
+    until = int(np.count_nonzero(problem.times <= horizon_s * (1.0 + _SAME)))
+    return replace(problem, compared=until)
+
+
+def _measured_until(case: CaseResult, problem: Problem) -> CaseResult:
+    if not case.ok or case.trajectory is None:
+        return case
+    motion = Motion.of(problem.scenario.scene, case.trajectory)
+    measured, moved = measured_by(problem, case.trajectory, motion)
+    return CaseResult(case.columns | problem.columns | measured, moved)
+
+
+def _rows(run: Run, cases: tuple[CaseResult, ...], problems: dict[str, Problem]) -> Iterator[dict[str, Any]]:
+    for scenario, methods in cases_by_method(cases).items():
+        for (engine, name), own in methods.items():
+            facts = run.manifest["engines"][engine]["methods"][name]
+            coarsest_first = sorted(own, key=lambda case: -(case.setting.fineness or 0.0))
+            yield from method_rows(coarsest_first, problems[scenario], Method.of(facts))
+
+
+def chosen_run(
+    folder: Path | None,
+    requested: Sequence[str],
+    *,
+    allow_code: bool,
+    make_progress: ProgressFactory,
+) -> tuple[Path, Tables, list[str]]:
+    """Return a run's folder, its tables, and the names of the requested scenarios [default: all of the run].
+
+    Without a folder, take the newest run under bodycheck-runs/ that has exactly these scenarios, or an older
+    one that has all its methods and more; if there is none, run them. allow_code: scenarios may name
+    functions, whose code runs. Raises InputError if the folder is not that of a run or lacks a scenario.
+    """
+    if folder is not None:
+        return _named(folder, requested, allow_code=allow_code)
+    loaded = load_scenarios(requested, allow_code=allow_code)
+    scenarios_written = {scenario.name: serialized(scenario) for _, scenario in loaded}
+    # a user's function may have changed under the same name, so no stored run is known to match
+    own_code = any(scenario.scene.has_callback_load for _, scenario in loaded)
+    stored = [] if own_code else _newest_first()
+    complete = [
+        (path, manifest)
+        for path, manifest in stored
+        if scenarios_written.items() <= manifest["scenarios"].items()
+    ]
+    for path, manifest in _most_complete_first(complete):
+        try:
+            return path, read_tables(path), list(scenarios_written or manifest["scenarios"])
+        except InputError as error:
+            _warn_left_out(error)
+    scenarios = list(requested) or ["standard"]
+    print(f"no stored run in {RUNS}/ has these scenarios; running {' '.join(scenarios)}", file=sys.stderr)
+    _, report = run_to_folder(RunRequest(scenarios=scenarios, allow_code=allow_code), None, make_progress)
+    return _named(report.parent, requested, allow_code=allow_code)
+
+
+def _named(folder: Path, requested: Sequence[str], *, allow_code: bool) -> tuple[Path, Tables, list[str]]:
+    tables = read_tables(folder)
+    known = list(tables.manifest["scenarios"])
+    names: list[str] = []
+    for name in requested:
+        loaded = [] if name in known else load_scenarios([name], allow_code=allow_code)
+        names += [scenario.name for _, scenario in loaded] or [name]
+    if missing := [name for name in names if name not in known]:
+        raise InputError(f"{folder}: has no scenario {', '.join(missing)}{suggestion(missing[0], known)}")
+    return folder, tables, list(dict.fromkeys(names)) or known
+
+
+def _most_complete_first(
+    runs: Sequence[tuple[Path, dict[str, Any]]],
+) -> Iterator[tuple[Path, dict[str, Any]]]:
+    """Yield runs, newest first, but each after the newest older one that has all its methods and more.
+
+    A run of one case, to confirm an answer, must not replace the run that the answer came from.
+    """
+    for index, (path, manifest) in enumerate(runs):
+        more_complete = (run for run in runs[index + 1 :] if _methods(run[1]) > _methods(manifest))
+        yield from islice(more_complete, 1)
+        yield path, manifest
+
+
+def _methods(manifest: dict[str, Any]) -> set[tuple[str, str | None, str]]:
+    return {
+        (engine, entry.get("version"), method)
+        for engine, entry in manifest["engines"].items()
+        for method in entry.get("methods", ())
+    }
+
+
+def _newest_first() -> list[tuple[Path, dict[str, Any]]]:
+    """Return the folders and manifests of complete runs in bodycheck-runs/; warn about damaged runs."""
+    found = []
+    for path in RUNS.glob("*/manifest.json"):
+        try:
+            found.append((path.parent, read_manifest(path.parent)))
+        except InputError as error:
+            _warn_left_out(error)
+    return sorted(found, key=lambda run: (run[1]["created"], run[0]), reverse=True)
+
+
+def _warn_left_out(error: InputError) -> None:
+    print(f"warning: a damaged run is ignored: {error}", file=sys.stderr)
+
 
 _MAX_ROUNDS = 12
 _MAX_STEPS = 2e7  # of a case that a search measures

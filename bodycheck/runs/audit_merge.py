@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
@@ -12,13 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.shard import Shard, division_faults
+from bodycheck._util.shard import Shard
 from bodycheck.reports.audit.audit import AUDIT_FILE, Audit, Body, Difference, read_audit, write_audit
 from bodycheck.reports.audit.audit_page import audit_page
 from bodycheck.reports.run_files.sentinels import differing_facts, machine_facts
 from bodycheck.reports.run_files.writer import atomic_folder
 from bodycheck.runs.audit_run import spins_in
 from bodycheck.runs.manifest import machine, software
+from bodycheck.runs.merge import all_shards
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,16 +63,7 @@ def merge_audits(folders: Sequence[Path], out: Path) -> tuple[Audit, list[str]]:
 
 
 def _parts(folders: Sequence[Path]) -> list[_Part]:
-    parts = [_part(folder) for folder in folders]
-    if twice := [folder for folder, times in Counter(map(Path.resolve, folders)).items() if times > 1]:
-        raise InputError(f"{twice[0]}: is given twice")
-    faults = list(division_faults({part.folder: part.shard for part in parts}))
-    first, *others = parts
-    for part in others:
-        faults += [f"{part.folder}: {fault} than in {first.folder}" for fault in _different(part, first)]
-    if faults:
-        raise InputError("\n".join(faults))
-    return sorted(parts, key=lambda part: part.shard.index)
+    return all_shards([_part(folder) for folder in folders], _different)
 
 
 def _part(folder: Path) -> _Part:
@@ -86,11 +77,11 @@ def _part(folder: Path) -> _Part:
 def _different(one: _Part, other: _Part) -> Iterator[str]:
     """Yield in what the requests of two shards differ."""
     if one.audit.sha256 != other.audit.sha256:
-        yield f"another content of {one.audit.file}"
+        yield f"{one.folder}: another content of {one.audit.file} than in {other.folder}"
     elif [link.name for link in one.audit.links] != [link.name for link in other.audit.links]:
-        yield "other links"
+        yield f"{one.folder}: other links than in {other.folder}"
     if [column.name for column in one.audit.columns] != [column.name for column in other.audit.columns]:
-        yield "other importers"
+        yield f"{one.folder}: other importers than in {other.folder}"
 
 
 def _owner(parts: Sequence[_Part], link: str) -> _Part:

@@ -3,21 +3,107 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from dataclasses import asdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+import numpy as np
 
 from bodycheck._util.untrusted import shell_join
 from bodycheck.adapters.programs import with_method
-from bodycheck.reports.run_files.ensemble_dataset import SCHEMA_VERSION, Dataset, Part
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reports.render.figures import figure_bytes, rendering
 from bodycheck.reports.run_files.sentinels import write_sentinels
 from bodycheck.reports.summary.quantiles import SHARES, QuantileSketch
+from bodycheck.runs.ensemble_cases import ROTATION_MEASURES
 from bodycheck.runs.ensemble_result import EnsembleResult, Key, MethodStatistics, key_text
 from bodycheck.runs.manifest import machine, software
 from bodycheck.scenarios.ensemble import scenario_text
+
+if TYPE_CHECKING:
+    from duckdb import DuckDBPyConnection
+
+SCHEMA_VERSION = 1
+"""The column `schema_version` of every table; it changes with the meaning or the name of a column."""
+
+_ROWS = 1 << 17  # per file
+
+
+@dataclass(frozen=True)
+class Part:
+    """The folder of some rows of a table: its name, then KEY=VALUE for each partition."""
+
+    folders: tuple[str, ...]
+
+    @classmethod
+    def of_method(cls, engine: str, method: str, setting: str) -> Part:
+        """Return the cases of a method at a step or tolerance; values are percent-encoded where needed."""
+        keys = {"engine": engine, "method": method, "setting": setting}
+        return cls(("cases", *(f"{key}={quote(value, safe='@.+-')}" for key, value in keys.items())))
+
+
+class Dataset:
+    """Collects columns of rows, and writes a file when there are enough."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._waiting: dict[Part, list[Mapping[str, Any]]] = {}
+        self._files: dict[Part, int] = {}
+        self._connection: DuckDBPyConnection | None = None
+
+    def __enter__(self) -> Dataset:
+        import duckdb  # late: only stored datasets need it
+
+        self._connection = duckdb.connect()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        assert self._connection is not None
+        try:
+            if kind is None:
+                for part in list(self._waiting):
+                    self._write(part)
+        finally:
+            self._connection.close()
+
+    def add(self, part: Part, columns: Mapping[str, Any]) -> None:
+        """Add rows given by their columns, (n,) each."""
+        waiting = self._waiting.setdefault(part, [])
+        waiting.append(columns)
+        if sum(len(next(iter(one.values()))) for one in waiting) >= _ROWS:
+            self._write(part)
+
+    def _write(self, part: Part) -> None:
+        import pandas as pd
+
+        waiting = self._waiting.pop(part, [])
+        if not waiting:
+            return
+        table = pd.DataFrame({name: _joined([one[name] for one in waiting]) for name in waiting[0]})
+        if "schema_version" not in table:
+            table.insert(0, "schema_version", SCHEMA_VERSION)
+        folder = self._folder.joinpath(*part.folders)
+        folder.mkdir(parents=True, exist_ok=True)
+        number = self._files.get(part, 0)
+        self._files[part] = number + 1
+        assert self._connection is not None
+        self._connection.from_df(table).write_parquet(str(folder / f"part-{number}.parquet"))
+
+
+def _joined(pieces: list[Any]) -> Any:
+    """Return a column of all pieces; texts as categories, of which an ensemble has few."""
+    import pandas as pd
+
+    joined = np.concatenate([np.asarray(piece) for piece in pieces])
+    return joined if joined.dtype.kind in "fiub" else pd.Categorical(joined.astype(str))
+
 
 _COMMON = {"schema_version": SCHEMA_VERSION}
 TRUTH = "truth"
@@ -140,8 +226,6 @@ def _draw(result: EnsembleResult, path: Path) -> None:
         import matplotlib  # noqa: F401 - an extra
     except ImportError:
         return
-    from bodycheck.reports.render.distributions import distributions_svg
-
     sketches = [(key_text(key), statistics.sketches) for key, statistics in result.statistics]
     path.write_bytes(distributions_svg(sketches))
 
@@ -156,3 +240,37 @@ def _identity(key: Key) -> dict[str, Any]:
         "dt_s": setting.dt_s,
         "tolerance": setting.tolerance,
     }
+
+
+_LABELS = {
+    "orientation_error_rad": "orientation error (rad)",
+    "omega_error": "relative error of omega",
+    "rotational_energy_drift": "relative drift of the energy",
+    "angular_momentum_drift": "relative drift of the angular momentum",
+}
+_SIZE_IN = (7.2, 5.6)
+_SMALLEST = 1e-17  # an error of 0 is drawn here
+
+
+def distributions_svg(methods: Sequence[tuple[str, Mapping[str, QuantileSketch]]]) -> bytes:
+    """Return one panel per measure; methods: (label, sketches by measure)."""
+    with rendering():
+        from matplotlib.figure import Figure
+
+        page = Figure(figsize=_SIZE_IN, layout="constrained")
+        panels = page.subplots(2, 2)
+        for axes, measure in zip(panels.flat, ROTATION_MEASURES, strict=True):
+            for label, sketches in methods:
+                if sketches[measure].total:
+                    axes.step(*_share_above(sketches[measure]), where="post", label=label)
+            axes.set(xscale="log", yscale="log", xlabel=_LABELS[measure], ylabel="share of bodies above")
+        panels.flat[0].legend(loc="lower left")
+        return figure_bytes(page, ".svg")
+
+
+def _share_above(sketch: QuantileSketch) -> tuple[Array, Array]:
+    """Return finite errors (k,), ascending, and the share of all bodies with at least that error (k,)."""
+    low, _ = sketch.edges
+    above = 1.0 - (np.cumsum(sketch.counts) - sketch.counts) / sketch.total
+    finite = np.isfinite(low)
+    return np.maximum(low[finite], _SMALLEST), above[finite]

@@ -13,7 +13,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, NonNegativeInt, ValidationError
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.shard import Shard, division_faults
+from bodycheck._util.shard import Shard
 from bodycheck._util.untrusted import escaped, read_json
 from bodycheck.adapters.contract import Engine, Method, Setting
 from bodycheck.reports.probes.examination import OTHER_BITS
@@ -28,6 +28,7 @@ from bodycheck.reports.run_files.writer import atomic_folder
 from bodycheck.reports.summary.quantiles import QuantileSketch
 from bodycheck.runs.ensemble_files import TRUTH, write_summaries
 from bodycheck.runs.ensemble_result import EnsembleRequest, EnsembleResult, Key, MethodStatistics, WorstBody
+from bodycheck.runs.merge import all_shards
 
 _OF_THE_MACHINE = ("shard", "jobs", "timeout_s", "allow_code")
 _PART = re.compile(r"part-([0-9]+)\.parquet")
@@ -116,19 +117,12 @@ def merge_ensembles(folders: Sequence[Path], out: Path, *, allow_code: bool = Fa
 
 def _parts(folders: Sequence[Path]) -> list[_Part]:
     """Read the shards, in order."""
-    parts = [_part(folder) for folder in folders]
-    if twice := [folder for folder, times in Counter(map(Path.resolve, folders)).items() if times > 1]:
-        raise InputError(f"{twice[0]}: is given twice")
-    faults = list(division_faults({part.folder: part.shard for part in parts}))
-    first, *others = parts
-    for part in others:
-        faults += [
-            f"{part.folder}: {name} is {own}, but {expected} in {first.folder}"
-            for name, own, expected in _different(part.manifest, first.manifest)
-        ]
-    if faults:
-        raise InputError("\n".join(faults))
-    return sorted(parts, key=lambda part: part.shard.index)
+
+    def faults(part: _Part, first: _Part) -> Iterator[str]:
+        for name, own, expected in _different(part.manifest, first.manifest):
+            yield f"{part.folder}: {name} is {own}, but {expected} in {first.folder}"
+
+    return all_shards([_part(folder) for folder in folders], faults)
 
 
 def _part(folder: Path) -> _Part:

@@ -16,10 +16,9 @@ from bodycheck._util.shard import Shard
 from bodycheck.adapters.contract import Engine, Method, Setting
 from bodycheck.adapters.programs import with_method
 from bodycheck.reference_impl.wrench import steps_per_sample
-from bodycheck.reports.measurement.rotation_measures import ROTATION_MEASURES
 from bodycheck.reports.run_files.sentinels import Sentinel
 from bodycheck.reports.summary.quantiles import Quantile, QuantileSketch
-from bodycheck.runs.ensemble_cases import BatchResult, BatchTruth, settings_of
+from bodycheck.runs.ensemble_cases import ROTATION_MEASURES, BatchResult, BatchTruth, settings_of
 from bodycheck.runs.run_options import TIMEOUT_S
 from bodycheck.runs.selection import select
 from bodycheck.scenarios.ensemble import Ensemble, default_distribution

@@ -21,11 +21,10 @@ from bodycheck.reference_impl.closed_forms.exact_motion import closed_form_of
 from bodycheck.reference_impl.free_rotation.free_rotations import FreeRotation
 from bodycheck.reference_impl.random_bodies import Bodies
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.run_files.ensemble_dataset import Dataset, Part
 from bodycheck.reports.run_files.sentinels import Sentinel
 from bodycheck.reports.run_files.writer import atomic_folder, check_output
 from bodycheck.runs.ensemble_cases import BatchResult, BatchTruth, EnginePools, measured, replay_of, truth_of
-from bodycheck.runs.ensemble_files import write_summaries
+from bodycheck.runs.ensemble_files import Dataset, Part, write_summaries
 from bodycheck.runs.ensemble_result import EnsembleRequest, EnsembleResult, Key
 from bodycheck.runs.run_options import ProgressFactory, RunOptions
 from bodycheck.scenarios.ensemble import Ensemble, scenario_text
@@ -183,7 +182,7 @@ def _add(result: EnsembleResult, found: _Rows, dataset: Dataset) -> None:
     for (key, statistics), one in zip(result.statistics, found.results, strict=True):
         statistics.add(found.first, one, truth, result.request.worst)
         columns = {"row": rows, **one.measures, "outcome": one.endings, "message": one.messages}
-        dataset.add(Part.of_method("cases", *_names(key)), {**_setting_columns(key, len(rows)), **columns})
+        dataset.add(Part.of_method(*_names(key)), {**_setting_columns(key, len(rows)), **columns})
 
 
 def _body_columns(rows: NDArray[np.int64], bodies: Bodies, truth: BatchTruth) -> dict[str, Any]:

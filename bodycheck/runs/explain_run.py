@@ -20,7 +20,7 @@ from bodycheck.reports.diagnosis.explain import (
 )
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.run_files.run_reader import read_run
-from bodycheck.reports.run_files.run_tables import MethodKey, Run, key_of
+from bodycheck.reports.run_files.run_tables import MethodKey, Run, cases_by_method, key_of
 
 
 @dataclass(frozen=True)
@@ -86,13 +86,10 @@ def _named(run: Run, pattern: _CasePattern) -> Iterator[ExplainedCase]:
     """Yield the diagnoses of the cases of a pattern: one of each method, unless the step is named."""
     rows: list[Any] = run.methods.to_dict("records")
     wrong, orders = wrong_verdicts(rows), _orders(run)
+    by_method = cases_by_method(case for case in run.cases if pattern.fits(case))
     for problem in run.problems:
         name = problem.scenario.name
-        by_method: dict[MethodKey, list[CaseResult]] = {}
-        for case in run.cases:
-            if case.columns["scenario"] == name and pattern.fits(case):
-                by_method.setdefault(key_of(case.columns), []).append(case)
-        for key, cases in by_method.items():
+        for key, cases in by_method.get(name, {}).items():
             chosen = diagnosed_case(cases, problem.scenario.scene.sample_interval_s)
             if chosen is not None:
                 verdicts = wrong.get((name, key), ())

@@ -19,10 +19,9 @@ from bodycheck._util.untrusted import shell_join
 from bodycheck.adapters.programs import with_method
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.random_bodies import COORDINATES, Bodies, bodies_at
-from bodycheck.reports.measurement.rotation_measures import ROTATION_MEASURES
-from bodycheck.reports.run_files.ensemble_dataset import SCHEMA_VERSION
 from bodycheck.reports.run_files.writer import atomic_folder
-from bodycheck.runs.ensemble_cases import BatchTruth, EnginePools, measured, truth_of
+from bodycheck.runs.ensemble_cases import ROTATION_MEASURES, BatchTruth, EnginePools, measured, truth_of
+from bodycheck.runs.ensemble_files import SCHEMA_VERSION
 from bodycheck.runs.ensemble_result import EnsembleRequest, Key
 from bodycheck.runs.ensemble_run import is_free_rotation
 from bodycheck.runs.run_options import Progress, ProgressFactory, RunOptions

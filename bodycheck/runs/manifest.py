@@ -16,9 +16,9 @@ from typing import Any
 
 from bodycheck.adapters.contract import Engine
 from bodycheck.reports.measurement.case import CaseResult
-from bodycheck.reports.measurement.speed import MachineNoise
 from bodycheck.runs.run_options import RunOptions
 from bodycheck.runs.selection import Selection
+from bodycheck.runs.speed import MachineNoise
 from bodycheck.scenarios.serialization import serialized
 
 _GIT_S = 10.0  # at most, for a command of git

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
@@ -24,7 +24,7 @@ from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.study import Study, study
 from bodycheck.reports.probes.examination import identified
 from bodycheck.reports.run_files.run_reader import read_manifest, read_run
-from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run, study_key
 from bodycheck.reports.run_files.sentinels import (
     Sentinel,
     differing_facts,
@@ -60,6 +60,30 @@ class _ShardFacts(BaseModel):
     scenarios: dict[str, str]
     methods: list[tuple[str, str]]
     off_centre_only: list[tuple[str, str]]
+
+
+class InFolder(Protocol):
+    """A shard of a run, an ensemble or an audit, in a folder."""
+
+    @property
+    def folder(self) -> Path:
+        """Where it is stored."""
+
+    @property
+    def shard(self) -> Shard:
+        """Which one it is."""
+
+
+_StoredShard = TypeVar("_StoredShard", bound=InFolder)
+
+
+@dataclass(frozen=True, eq=False)
+class _Manifest:
+    """A shard whose manifest has been read."""
+
+    folder: Path
+    shard: Shard
+    content: dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,11 +130,11 @@ def merge(folders: Sequence[Path], *, allow_code: bool = False) -> Run:
             key = scenario.name, engine.name, method.name
             owner = _owner(parts, "study", *key)
             if _has(owner, engine.name, method.name):
-                found = [case for case in owner.run.cases if _key(case.columns) == key]
+                found = [case for case in owner.run.cases if study_key(case.columns) == key]
                 cases += [case if owner.machine == timed_on else _untimed(case) for case in found]
-                methods += [row for row in rows_of(owner.run.methods) if _key(row) == key]
-                stability += [row for row in rows_of(owner.run.stability) if _key(row) == key]
-                diagnoses += [row for row in rows_of(owner.run.diagnoses) if _key(row) == key]
+                methods += [row for row in rows_of(owner.run.methods) if study_key(row) == key]
+                stability += [row for row in rows_of(owner.run.stability) if study_key(row) == key]
+                diagnoses += [row for row in rows_of(owner.run.diagnoses) if study_key(row) == key]
             else:
                 missing.append(f"{engine.name}:{method.name}")
                 failed_study = _failed_study(selection, problems[-1], engine, method, owner)
@@ -144,23 +168,33 @@ def merge(folders: Sequence[Path], *, allow_code: bool = False) -> Run:
 
 def _parts(folders: Sequence[Path], *, allow_code: bool) -> list[_Part]:
     """Read the shards, in order; raises InputError unless they are all shards of one request."""
-    if twice := [folder for folder, times in Counter(map(Path.resolve, folders)).items() if times > 1]:
-        raise InputError(f"{twice[0]}: is given twice")
-    shards = {folder: _shard(folder) for folder in folders}
-    faults = [
-        *division_faults({folder: shard for folder, (shard, _) in shards.items()}),
-        *_request_faults({folder: manifest for folder, (_, manifest) in shards.items()}),
-    ]
-    if faults:
-        raise InputError("\n".join(faults))
     cache = Cache.default()
     return [
-        _Part(shard, read_run(folder, allow_code=allow_code, cache=cache), read_sentinels(folder))
-        for folder, (shard, _) in sorted(shards.items(), key=lambda one: one[1][0].index)
+        _Part(one.shard, read_run(one.folder, allow_code=allow_code, cache=cache), read_sentinels(one.folder))
+        for one in all_shards([_shard(folder) for folder in folders], _request_faults)
     ]
 
 
-def _shard(folder: Path) -> tuple[Shard, dict[str, Any]]:
+def all_shards(
+    shards: Sequence[_StoredShard], request_faults: Callable[[_StoredShard, _StoredShard], Iterable[str]]
+) -> list[_StoredShard]:
+    """Return shards in order; raises InputError unless they are all shards of one request, each given once.
+
+    request_faults: in what the request of one shard differs from that of another.
+    """
+    times_given = Counter(shard.folder.resolve() for shard in shards)
+    if twice := [folder for folder, times in times_given.items() if times > 1]:
+        raise InputError(f"{twice[0]}: is given twice")
+    faults = list(division_faults({one.folder: one.shard for one in shards}))
+    first, *others = shards
+    for other in others:
+        faults += request_faults(other, first)
+    if faults:
+        raise InputError("\n".join(faults))
+    return sorted(shards, key=lambda one: one.shard.index)
+
+
+def _shard(folder: Path) -> _Manifest:
     """Return which shard a folder holds, and its manifest."""
     unfinished = partial_of(folder)
     if unfinished.exists() and not folder.exists():
@@ -173,20 +207,19 @@ def _shard(folder: Path) -> tuple[Shard, dict[str, Any]]:
         raise InputError(
             f"{folder}: not a shard (expected a folder written by `bodycheck run --shard`)"
         ) from None
-    return Shard.parse(facts.shard), manifest
+    return _Manifest(folder, Shard.parse(facts.shard), manifest)
 
 
-def _request_faults(manifests: Mapping[Path, dict[str, Any]]) -> Iterator[str]:
-    """Yield how the requests of shards differ: scenarios, steps, tolerances, speeds."""
-    (first, expected), *others = manifests.items()
-    for folder, manifest in others:
-        for key in _REQUESTED:
-            if manifest[key] != expected[key]:
-                yield f"{folder}: {key} is {manifest[key]}, but {expected[key]} in {first}"
-        if list(manifest["shard"]["scenarios"]) != list(expected["shard"]["scenarios"]):
-            yield f"{folder}: has other scenarios than {first}"
-        for name in redefined(expected, manifest):
-            yield f"{folder}: the scenario {name} differs from that of {first}"
+def _request_faults(one: _Manifest, first: _Manifest) -> Iterator[str]:
+    """Yield how the requests of two shards differ: scenarios, steps, tolerances, speeds."""
+    manifest, expected = one.content, first.content
+    for key in _REQUESTED:
+        if manifest[key] != expected[key]:
+            yield f"{one.folder}: {key} is {manifest[key]}, but {expected[key]} in {first.folder}"
+    if list(manifest["shard"]["scenarios"]) != list(expected["shard"]["scenarios"]):
+        yield f"{one.folder}: has other scenarios than {first.folder}"
+    for name in redefined(expected, manifest):
+        yield f"{one.folder}: the scenario {name} differs from that of {first.folder}"
 
 
 def _selection(parts: Sequence[_Part]) -> Selection:
@@ -229,10 +262,6 @@ def _owner(parts: Sequence[_Part], *unit: str) -> _Part:
 
 def _has(part: _Part, engine: str, method: str) -> bool:
     return [engine, method] in part.manifest["shard"]["methods"]
-
-
-def _key(row: Mapping[str, Any]) -> tuple[str, str, str]:
-    return row["scenario"], row["engine"], row["method"]
 
 
 def _untimed(case: CaseResult) -> CaseResult:

@@ -40,7 +40,7 @@ _TEST = '''"""The adapter obeys bodycheck's contract: the checks of `bodycheck c
 
 import bodycheck
 import pytest
-from bodycheck.runs.check_adapter import check_adapter
+from bodycheck.runs.engine_checks import check_adapter
 
 from {module} import {class_name}
 

@@ -10,9 +10,9 @@ from bodycheck.reports.document import markdown
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import read_summary, readable_runs, seal_run
-from bodycheck.reports.history.feed import write_feed
 from bodycheck.reports.history.history_output import nightly_document, nightly_page
 from bodycheck.reports.history.nightly_files import (
+    write_feed,
     write_judgement,
     write_nightly_report,
     write_nightly_tables,

@@ -22,7 +22,6 @@ from bodycheck.reports.cache.truths import is_known, known_truth
 from bodycheck.reports.diagnosis.explain import ExplainedCase, diagnosis_row, explained_cases, wrong_verdicts
 from bodycheck.reports.judge import Ranking, explained_file, judge_files
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.measurement.speed import measure_speeds
 from bodycheck.reports.measurement.study import Study
 from bodycheck.reports.probes.examination import identified
 from bodycheck.reports.recordings.column_map import ColumnMap, MapSpec, read_map, scenario_of
@@ -41,6 +40,7 @@ from bodycheck.runs.manifest import Identity, manifest_of
 from bodycheck.runs.motions import run_motions
 from bodycheck.runs.run_options import NULL_PROGRESS, TIMEOUT_S, Progress, RunOptions
 from bodycheck.runs.selection import Selection, select
+from bodycheck.runs.speed import measure_speeds
 from bodycheck.scenarios.library import PROBES, load_scenario
 from bodycheck.scenarios.model import Scenario
 

@@ -29,7 +29,7 @@ from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reference_impl.rotations import geodesic_angle, matrix_to_quaternion, quaternion_to_matrix
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 from bodycheck.reports.cache.answers import Answers
-from bodycheck.runs.check_adapter import check_adapter
+from bodycheck.runs.engine_checks import check_adapter
 
 pytestmark = [pytest.mark.engines, pytest.mark.slow]
 

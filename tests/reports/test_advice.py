@@ -22,8 +22,7 @@ from bodycheck.reports.summary.advice import (
     to_measure,
 )
 from bodycheck.reports.summary.advice_document import advice_document
-from bodycheck.reports.summary.cases_within import sequences_of
-from bodycheck.reports.summary.error_curve import ErrorCurve
+from bodycheck.reports.summary.error_curve import ErrorCurve, sequences_of
 from tests.helpers.expected_messages import ExpectedMessage
 
 BOUND = 1e-14

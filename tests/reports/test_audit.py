@@ -20,12 +20,11 @@ from bodycheck.reports.audit.audit_document import audit_data, failures, sarif
 from bodycheck.reports.audit.audit_page import audit_page
 from bodycheck.reports.audit.causes import DISCARDED, body_causes, joint_causes, with_issue
 from bodycheck.reports.audit.lint import lint
-from bodycheck.reports.audit.spelling_document import APART_RAD
 from bodycheck.reports.document import json_text
-from bodycheck.runs import audit_versions as audit_versions_module
+from bodycheck.runs import version_search
 from bodycheck.runs.audit_merge import merge_audits, write_shard
 from bodycheck.runs.audit_run import AuditOptions, audit
-from bodycheck.runs.spelling_run import run_spellings
+from bodycheck.runs.spelling_run import APART_RAD, run_spellings
 from bodycheck.scenarios.model_files.exact import Frame, doubles
 from bodycheck.scenarios.model_files.model_file import Joint, ModelFile
 from bodycheck.scenarios.model_files.model_reader import read_model
@@ -506,12 +505,12 @@ def test_release_in_which_an_audit_changed_is_named(tmp_path: Path, monkeypatch:
     wrong = Comparison("differs", difference=Difference(0.0, 0.0, 0.27), causes=("off-diagonals dropped",))
     fault = replace(sound, links=(replace(link, held=dict.fromkeys(link.held, wrong)),))
     versions = ["3.11.0", "3.12.0", "3.13.0", "3.14.0", "4.0.0"]
-    monkeypatch.setattr(audit_versions_module, "releases", lambda *_: versions)
+    monkeypatch.setattr(version_search, "releases", lambda *_: versions)
     monkeypatch.setattr(
-        audit_versions_module, "_audit", lambda name, *_: fault if name < "mujoco==3.14" else sound
+        version_search, "_audit_release", lambda name, *_: fault if name < "mujoco==3.14" else sound
     )
     asked: list[str] = []
-    found = audit_versions_module.audit_versions(
+    found = version_search.audit_versions(
         "mujoco", "3.11.0", None, path, every=False, timeout_s=60.0, announce=asked.append
     )
     assert len(asked) < len(versions)

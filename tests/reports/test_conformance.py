@@ -21,7 +21,7 @@ from bodycheck.adapters.registry import distribution_of, registered
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.probes.conformance import CHECKS, Bench, Check
 from bodycheck.reports.probes.finding import Finding
-from bodycheck.runs.check_adapter import check_adapter
+from bodycheck.runs.engine_checks import check_adapter
 from tests.helpers.faulty_adapters import FAULTS, FaultyExample
 from tests.helpers.in_process_cli import run_bodycheck
 

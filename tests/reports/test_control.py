@@ -11,7 +11,7 @@ import pytest
 import bodycheck
 from bodycheck._util.formatting import number
 from bodycheck.reports.measurement.convergence import Criteria, Point, tolerance_convergence
-from bodycheck.reports.render.page.scenario_facts import scenario_facts
+from bodycheck.reports.render.page.scenario_section import scenario_facts
 from tests.helpers.expected_messages import ExpectedMessage
 
 CHAOTIC = """

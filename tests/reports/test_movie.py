@@ -26,7 +26,7 @@ TITLE_SHARE = 0.2
 @pytest.fixture(scope="module")
 def run(stored_run: Path) -> Run:
     """Return a run with its motions."""
-    return read_run(stored_run, cache=Cache.default())
+    return read_run(stored_run, allow_code=False, cache=Cache.default())
 
 
 def case(engine: str, method: str, dt_s: float, error: float) -> CaseResult:

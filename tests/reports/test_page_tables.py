@@ -16,8 +16,7 @@ from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.render.html import render_report
 from bodycheck.reports.render.page.cheapest_settings import TOLERANCES, CheapestSettings
 from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, TARGETS
-from bodycheck.reports.render.page.scenario_facts import limit_of
-from bodycheck.reports.render.page.scenario_section import anchor_of
+from bodycheck.reports.render.page.scenario_section import anchor_of, limit_of
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.tables import RESULT_COLUMNS, as_table
 from bodycheck.reports.summary.cells import summary_cells

@@ -42,7 +42,7 @@ pytest.importorskip("matplotlib")
 @pytest.fixture(scope="module")
 def run(stored_run: Path) -> Run:
     """Return a run with its motions."""
-    return read_run(stored_run, cache=Cache.default())
+    return read_run(stored_run, allow_code=False, cache=Cache.default())
 
 
 @pytest.mark.parametrize("figure", FIGURES)

@@ -8,10 +8,9 @@ from base64 import b64decode
 import numpy as np
 import pytest
 
-from bodycheck.reports.render.headings import heading
 from bodycheck.reports.render.page.downsampling import LINE_POINTS, packed_line, thinned_maxima, thinned_times
 from bodycheck.reports.render.page.plots import growth_text
-from bodycheck.reports.render.styles import COLOURS, DASHES, MARKERS, engine_colour, merged, styles
+from bodycheck.reports.render.styles import COLOURS, DASHES, MARKERS, engine_colour, heading, merged, styles
 from bodycheck.reports.templating import asset
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pandas as pd
@@ -22,6 +23,7 @@ from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.rotations import exp_matrix, normalised
 from bodycheck.reference_impl.scene import RigidBody, Scene, Torque
 from bodycheck.reference_impl.wrench import Wrench
+from bodycheck.reports.probes import probe
 from bodycheck.reports.probes.finding import limit, noise
 from bodycheck.reports.probes.probe import built_in_probes, probe_rows
 from bodycheck.reports.run_files.run_reader import read_tables
@@ -59,9 +61,10 @@ def probed(
     """Return the rows of one method by their checks; changed: what is made of the scenes."""
     engine, probes = engine_of(adapter), built_in_probes()
     if changed is not None:
-        loaded, free = (replace(probe, scene=changed(probe.scene)) for probe in probes)
+        loaded, free = (replace(one, scene=changed(one.scene)) for one in probes)
         probes = loaded, free
-    rows = probe_rows(engine, adapter.methods[method], lambda _, case: record(adapter, case), probes)
+    with mock.patch.object(probe, "built_in_probes", return_value=probes):
+        rows = probe_rows(engine, adapter.methods[method], lambda _, case: record(adapter, case))
     assert len({row["check"] for row in rows}) == len(rows)
     return {row["check"]: row for row in rows}
 

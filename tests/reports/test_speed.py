@@ -11,9 +11,9 @@ import pytest
 from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reports.cache.answers import Answers
-from bodycheck.reports.measurement import speed
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem
+from bodycheck.runs import speed
 from bodycheck.scenarios.library import load_scenario
 
 ENGINE, YARDSTICK = "quick", "reference"

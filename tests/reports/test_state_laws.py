@@ -13,7 +13,7 @@ import pytest
 from bodycheck.adapters.stable_step import Search, StableStep
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 from bodycheck.reports.measurement.case import CaseResult
-from bodycheck.reports.measurement.stability import stability_row
+from bodycheck.reports.measurement.study import stability_row
 from bodycheck.reports.measurement.verdicts import (
     STATES,
     QuantityVerdict,

@@ -25,7 +25,7 @@ from tests.helpers.expected_messages import ExpectedMessage
 @pytest.fixture(scope="module")
 def again(stored_run: Path) -> Run:
     """Return the run, read back."""
-    return read_run(stored_run, cache=Cache.default())
+    return read_run(stored_run, allow_code=False, cache=Cache.default())
 
 
 @pytest.mark.slow
@@ -167,7 +167,7 @@ def test_damaged_or_foreign_folder_is_refused_in_one_line(
     damage, message = DAMAGES[what]
     damage(folder)
     with pytest.raises(InputError) as refused:
-        _ = [case.trajectory for case in read_run(folder, cache=Cache.default()).cases]
+        _ = [case.trajectory for case in read_run(folder, allow_code=False, cache=Cache.default()).cases]
     assert message in str(refused.value)
     assert "run" in str(refused.value)
 
@@ -190,10 +190,10 @@ def test_stored_callback_load_needs_permission_again(
     run = bodycheck.run([called], engines=["reference:exact"], speed=False, allow_code=True)
     bodycheck.write_run(run, tmp_path / "run")
     with expected_message.raises(InputError):
-        read_run(tmp_path / "run")
-    assert len(read_run(tmp_path / "run", allow_code=True).cases) == 1
+        read_run(tmp_path / "run", allow_code=False, cache=None)
+    assert len(read_run(tmp_path / "run", allow_code=True, cache=None).cases) == 1
     import loads_of_a_stored_run  # type: ignore[import-not-found]
 
     monkeypatch.setattr(loads_of_a_stored_run, "f", lambda *state: (-0.5 * state[3], -0.1 * state[4]))
     with expected_message.raises(InputError):
-        read_run(tmp_path / "run", allow_code=True)
+        read_run(tmp_path / "run", allow_code=True, cache=None)

@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 
 from bodycheck.reports.run_files.run_reader import read_tables
-from bodycheck.reports.run_files.table_formats import as_csv, as_json, as_markdown, as_parquet
+from bodycheck.reports.run_files.tables import as_csv, as_json, as_markdown, as_parquet
 
 
 @pytest.fixture(scope="module")

@@ -95,7 +95,7 @@ def test_a_log_has_each_phase_in_a_line(capsys: pytest.CaptureFixture[str]) -> N
 @pytest.fixture(scope="module")
 def run(stored_run: Path) -> Run:
     """Return a run in which one case failed."""
-    return read_run(stored_run, cache=Cache.default())
+    return read_run(stored_run, allow_code=False, cache=Cache.default())
 
 
 def summary(run: Run, monkeypatch: pytest.MonkeyPatch, output: io.StringIO, columns: str = "200") -> str:

@@ -16,7 +16,6 @@ _TINTS = {"error": "bad", "warning": "open", "note": "none"}
 _LEVELS = ("note", "warning", "error")
 _NOTICEABLE = 3.0  # times the error of the engine itself
 _FLOOR_RAD = 1e-9
-_DIGITS = 17
 
 
 def audit_document(audit: Audit, machines: Sequence[str] = ()) -> Document:

@@ -22,8 +22,7 @@ from bodycheck.adapters.workers import case_messages, protocol
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reference_impl.scene import Scene
-from bodycheck.reports.cache.disk_cache import Cache
-from bodycheck.reports.cache.entries import Entry, key_of
+from bodycheck.reports.cache.disk_cache import Cache, Entry, key_of
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.reports.cache.reuse import Reuse
 

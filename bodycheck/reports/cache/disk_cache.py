@@ -2,15 +2,45 @@
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from contextlib import suppress
+from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 from bodycheck._util.cache_dir import cache_dir
-from bodycheck._util.files import atomic_write
+from bodycheck._util.files import atomic_write, opened, sealed
 from bodycheck.adapters.workers.protocol import Message
-from bodycheck.reports.cache.entries import Entry
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """A message with its key, and the checksummed line of both, which the cache and the journal share."""
+
+    key: str
+    value: Message
+    line: bytes
+
+    @classmethod
+    def of(cls, key: str, value: Message) -> Entry:
+        """Return the entry of a message, with its checksum."""
+        return cls(key, value, sealed({"key": key, "value": value}))
+
+    @classmethod
+    def read(cls, line: bytes) -> Entry | None:
+        """Return the entry of a line; None where the line is truncated or changed."""
+        message = opened(line)
+        return None if message is None else cls(message["key"], message["value"], line)
+
+
+def key_of(**parts: Any) -> str:
+    """Return the hash of plain data: equal if and only if all the data are equal."""
+    text = json.dumps(parts, sort_keys=True)
+    return sha256(text.encode()).hexdigest()
+
 
 _MAX_BYTES = 2_000_000_000
 _UNUSED_S = 30 * 86400.0

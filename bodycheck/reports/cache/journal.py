@@ -12,7 +12,7 @@ from types import TracebackType
 
 from bodycheck._util.errors import InputError
 from bodycheck.adapters.workers.protocol import Message
-from bodycheck.reports.cache.entries import Entry
+from bodycheck.reports.cache.disk_cache import Entry
 
 
 class Journal:

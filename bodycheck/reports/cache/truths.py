@@ -22,8 +22,7 @@ from bodycheck.reference_impl.precompile import (
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth.truth import Truth
-from bodycheck.reports.cache.disk_cache import Cache
-from bodycheck.reports.cache.entries import key_of
+from bodycheck.reports.cache.disk_cache import Cache, key_of
 
 
 def known_truth(scene: Scene, t_s: Array, cache: Cache | None) -> Truth:

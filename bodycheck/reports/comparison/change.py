@@ -18,6 +18,7 @@ from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS, TRUTH_BOUNDS, bound_of
 from bodycheck.reports.measurement.measures import MEASURES
 from bodycheck.reports.measurement.verdicts import UNDECIDED, severity
+from bodycheck.reports.run_files.run_tables import study_key
 
 Kind: TypeAlias = Literal[
     "case", "outcome", "verdict", "order", "stability", "accuracy", "speed", "fingerprint"
@@ -140,8 +141,7 @@ def changed_judgements(
 
 
 def _row_change(kind: Any, row: _Row, old: float | str, new: float | str, status: Status) -> Change:
-    key = row["scenario"], row["engine"], row["method"]
-    return Change(kind, *key, f"{kind} of {row['quantity']}", old, new, status)
+    return Change(kind, *study_key(row), f"{kind} of {row['quantity']}", old, new, status)
 
 
 _EPS = float(np.finfo(np.float64).eps)
@@ -201,8 +201,9 @@ def accuracy_changes(
     def changed(
         measure: str, old: float | None, new: float | None, status: Status, decades: float | None = None
     ) -> Change:
-        key = after["scenario"], after["engine"], after["method"]
-        return Change("accuracy", *key, measure, old, new, status, after["control"], fineness, decades)
+        return Change(
+            "accuracy", *study_key(after), measure, old, new, status, after["control"], fineness, decades
+        )
 
     for measure in _present(before, after):
         old, new = before.get(measure), after.get(measure)
@@ -275,7 +276,7 @@ def ratio(before: Mapping[str, Any], after: Mapping[str, Any], *, same_machine: 
     )
     smallest, largest = low_b - high_a, high_b - low_a
     sure = smallest if smallest > 0.0 else largest if largest < 0.0 else 0.0
-    return Ratio(after["scenario"], after["engine"], after["method"], mid_b - mid_a, sure)
+    return Ratio(*study_key(after), mid_b - mid_a, sure)
 
 
 def speed_changes(ratios: Iterable[Ratio], noises: tuple[float, float], threshold: float) -> Iterator[Change]:
@@ -342,8 +343,7 @@ def _stability_change(
     status: Status,
     decades: float | None = None,
 ) -> Change:
-    key = row["scenario"], row["engine"], row["method"]
-    return Change("stability", *key, quantity, before, after, status, decades=decades)
+    return Change("stability", *study_key(row), quantity, before, after, status, decades=decades)
 
 
 def _span(row: Mapping[str, Any]) -> tuple[float, float]:

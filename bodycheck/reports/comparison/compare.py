@@ -30,9 +30,13 @@ from bodycheck.reports.comparison.environment_diff import (
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.run_files.run_reader import Tables
+from bodycheck.reports.run_files.run_tables import CaseKey, Run, case_key, study_key
 
 if TYPE_CHECKING:
     import pandas as pd
+
+_TABLES = ("results", "methods", "stability", "probes", "diagnoses", "fingerprints", "laws")
+"""The tables of a run with a column `engine`."""
 
 
 def paired_versions(before: Tables, after: Tables) -> tuple[Tables, Tables]:
@@ -46,7 +50,7 @@ def paired_versions(before: Tables, after: Tables) -> tuple[Tables, Tables]:
         for base in old.keys() & new.keys()
         if len(old[base]) == len(new[base]) == 1 and old[base] != new[base]
     ]
-    return _renamed(before, {name: base for base in alone for name in old[base]}), _renamed(
+    return renamed(before, {name: base for base in alone for name in old[base]}), renamed(
         after, {name: base for base in alone for name in new[base]}
     )
 
@@ -69,26 +73,23 @@ def _engines(tables: Tables) -> Iterable[str]:
     return dict.fromkeys((*tables.manifest["engines"], *(case.columns["engine"] for case in tables.cases)))
 
 
-def _renamed(tables: Tables, names: Mapping[str, str]) -> Tables:
-    if not any(name != base for name, base in names.items()):
-        return tables
+def renamed(run: Run | Tables, names: Mapping[str, str]) -> Tables:
+    """Return the tables of a run with engines renamed in each table, in the cases and in the manifest."""
+    if isinstance(run, Tables) and all(name == base for name, base in names.items()):
+        return run
 
     def case(one: CaseResult) -> CaseResult:
         engine = one.columns["engine"]
         return replace(one, columns={**one.columns, "engine": names.get(engine, engine)})
 
     engines: dict[str, Any] = {
-        names.get(name, name): entry for name, entry in tables.manifest["engines"].items()
+        names.get(name, name): entry for name, entry in run.manifest["engines"].items()
     }
-    return replace(
-        tables,
-        results=tables.results.replace({"engine": names}),
-        methods=tables.methods.replace({"engine": names}),
-        stability=tables.stability.replace({"engine": names}),
-        fingerprints=tables.fingerprints.replace({"engine": names}),
-        laws=tables.laws.replace({"engine": names}),
-        manifest={**tables.manifest, "engines": engines},
-        cases=tuple(map(case, tables.cases)),
+    return Tables(
+        run_id=run.run_id,
+        manifest={**run.manifest, "engines": engines},
+        cases=tuple(map(case, run.cases)),
+        **{table: getattr(run, table).replace({"engine": names}) for table in _TABLES},
     )
 
 
@@ -180,34 +181,25 @@ def _fingerprints(before: Tables, after: Tables) -> Iterator[Change]:
 
 def newly_ended_well(before: Tables, after: Tables) -> Tables:
     """Return `after` with only the cases that ended well there, but did not end well or exist in `before`."""
-    well = {_case_key(case.columns) for case in before.cases if case.ok}
-    newly = (case for case in after.cases if case.ok and _case_key(case.columns) not in well)
+    well = {case_key(case.columns) for case in before.cases if case.ok}
+    newly = (case for case in after.cases if case.ok and case_key(case.columns) not in well)
     return replace(after, cases=tuple(newly))
 
 
-def _cases(tables: Tables, redefined_names: tuple[str, ...]) -> dict[_Key, _Row]:
+def _cases(tables: Tables, redefined_names: tuple[str, ...]) -> dict[CaseKey, _Row]:
     rows = (case.columns for case in tables.cases if case.columns["scenario"] not in redefined_names)
-    return {_case_key(row): row for row in rows}
-
-
-def _case_key(row: _Row) -> _Key:
-    return (
-        *(row[name] for name in ("scenario", "engine", "method", "control")),
-        row.get("dt_s"),
-        row.get("tolerance"),
-    )
+    return {case_key(row): row for row in rows}
 
 
 def _one_run_only(
-    first: Mapping[_Key, _Row], second: Mapping[_Key, _Row], manifest: Mapping[str, Any]
-) -> dict[_Key, _Row]:
+    first: Mapping[CaseKey, _Row], second: Mapping[CaseKey, _Row], manifest: Mapping[str, Any]
+) -> dict[CaseKey, _Row]:
     """Return the cases that only the first run has, except those at steps that it chose itself."""
     return {key: row for key, row in first.items() if key not in second and not is_refinement(row, manifest)}
 
 
-def _of_case(kind: Any, key: _Key, quantity: str, before: Any, after: Any, status: Status) -> Change:
-    scenario, engine, method, control, dt_s, tolerance = key
-    fineness = tolerance if dt_s is None else dt_s
+def _of_case(kind: Any, key: CaseKey, quantity: str, before: Any, after: Any, status: Status) -> Change:
+    scenario, engine, method, control, fineness = key
     return Change(kind, scenario, engine, method, quantity, before, after, status, control, fineness)
 
 
@@ -216,7 +208,7 @@ def _outcomes(both: Iterable[tuple[_Row, _Row]]) -> Iterator[Change]:
         before, after = old["outcome"], new["outcome"]
         if before != after:
             status = by_rank(before == "ok", after == "ok")
-            yield _of_case("outcome", _case_key(new), "outcome", before, after, status)
+            yield _of_case("outcome", case_key(new), "outcome", before, after, status)
 
 
 def _accuracies(
@@ -227,7 +219,7 @@ def _accuracies(
 ) -> Iterator[Change]:
     for old, new in both:
         if old["outcome"] == new["outcome"] == "ok":
-            method = _case_key(new)[:3]
+            method = study_key(new)
             floors = old_floors.get(method, {}), new_floors.get(method, {})
             yield from accuracy_changes(old, new, floors, thresholds)
 

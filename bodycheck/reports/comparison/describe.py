@@ -1,22 +1,25 @@
-"""Describe a comparison: sentences on what was compared and what changed, tables of grouped changes."""
+"""Describe a comparison: sentences on what was compared and what changed, tables of changes, searches."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import shlex
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from bodycheck._util.formatting import count, names, number, setting
+from bodycheck.adapters.registry import distribution_of
+from bodycheck.adapters.versions.pins import is_version, pin_of
 from bodycheck.reports.comparison.change import FAILING, Change, Kind, Status
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.comparison.environment_diff import BUILD_OF
-from bodycheck.reports.comparison.headlines import headlines, moved_text
+from bodycheck.reports.comparison.headlines import ORIENTATION, by_method, headlines, moved_text, value_text
 from bodycheck.reports.comparison.overlays import overlays_of
-from bodycheck.reports.comparison.release_search import release_searches
 from bodycheck.reports.document import MEDIA, Column, Command, Document, Sentence, Span, Table, page
-from bodycheck.reports.render.headings import heading
-from bodycheck.reports.render.styles import engine_colour
+from bodycheck.reports.measurement.case import scenario_spec
+from bodycheck.reports.render.styles import engine_colour, heading
 from bodycheck.reports.run_files.run_reader import Tables
+from bodycheck.reports.run_files.run_tables import study_key
 
 HEADINGS: dict[Status, str] = {
     "worse": "Worse",
@@ -136,16 +139,10 @@ def _at(change: Change) -> str:
 def _distinct(before: float | str | None, after: float | str | None) -> tuple[str, str]:
     """Return both values with as many digits as distinguish them, at least four."""
     for digits in range(4, 18):
-        texts = tuple(_value(value, digits) for value in (before, after))
+        texts = tuple(value_text(value, digits) for value in (before, after))
         if texts[0] != texts[1]:
             break
     return texts[0], texts[1]
-
-
-def _value(value: float | str | None, digits: int) -> str:
-    if value is None:
-        return "not measured"
-    return value if isinstance(value, str) else number(value, digits)
 
 
 def identity(tables: Tables) -> str:
@@ -273,3 +270,65 @@ def comparison_page(comparison: Comparison) -> str:
         engine_colour=engine_colour,
         heading=heading,
     )
+
+
+_PREFIXES = {"order": "order.", "verdict": "verdict."}
+_STATUSES = ("worse", "improved", "moved")
+
+
+def release_searches(comparison: Comparison) -> Iterator[str]:
+    """Yield a `bodycheck versions ...` command for each engine whose release and measures both changed.
+
+    The command searches for the change with the largest factor among the worse ones, else among the improved,
+    else among the moved ones.
+    """
+    for engine in dict.fromkeys(one.engine for one in by_method(comparison.changes)):
+        versions = [_version(run, engine) for run in (comparison.before, comparison.after)]
+        since, until = versions
+        if since is None or until is None or since == until or _distribution(engine) is None:
+            continue
+        if (
+            change := _best_change(change for change in comparison.changes if change.engine == engine)
+        ) is not None:
+            yield _command(comparison.after, change, *sorted((since, until), key=_numbers))
+
+
+def _version(run: Tables, engine: str) -> str | None:
+    version = run.manifest["engines"].get(engine, {}).get("version")
+    return version if isinstance(version, str) and is_version(version) else None
+
+
+def _distribution(engine: str) -> str | None:
+    pin = pin_of(engine)
+    return distribution_of(engine) if pin is None else None
+
+
+def _numbers(version: str) -> list[int]:
+    return [int(number) for number in version.split(".") if number.isdecimal()]
+
+
+def _best_change(changes: Iterable[Change]) -> Change | None:
+    """Return the change to search for: of a measure, else of an order or a verdict."""
+    kinds = ("accuracy", "order", "verdict")
+    found = [one for one in changes if one.kind in kinds and one.status in _STATUSES]
+
+    def rank(one: Change) -> tuple[int, int, bool, float]:
+        size = one.size if one.kind == "accuracy" else 0.0
+        return _STATUSES.index(one.status), kinds.index(one.kind), one.quantity != ORIENTATION, -size
+
+    return min(found, key=rank, default=None)
+
+
+def _command(run: Tables, change: Change, since: str, until: str) -> str:
+    key = change.scenario, change.engine, change.method
+    rows = (case.columns for case in run.cases)
+    own_row = next(row for row in rows if study_key(row) == key)
+    measure = _PREFIXES.get(change.kind, "") + change.quantity.rpartition(" ")[2]
+    arguments = ["bodycheck", "versions", change.engine, "--since", since, "--until", until]
+    arguments += ["--scenario", scenario_spec(own_row["reproduce"]) or str(change.scenario)]
+    arguments += ["--method", change.method, "--measure", measure]
+    if change.control == "dt" and change.fineness is not None:
+        arguments += ["--dt", repr(change.fineness)]
+    if change.status == "moved":
+        arguments += ["--threshold", "0"]
+    return shlex.join(arguments)

@@ -199,13 +199,14 @@ def _step(change: Change) -> str:
 def _pair(change: Change) -> str:
     """Return both values with as many digits as distinguish them, at least two."""
     for digits in range(2, 18):
-        texts = [_value(value, digits) for value in (change.before, change.after)]
+        texts = [value_text(value, digits) for value in (change.before, change.after)]
         if texts[0] != texts[1]:
             break
     return f"{texts[0]} -> {texts[1]}"
 
 
-def _value(value: float | str | None, digits: int) -> str:
+def value_text(value: float | str | None, digits: int) -> str:
+    """Return a value with so many digits; "not measured" for None."""
     if value is None:
         return "not measured"
     return value if isinstance(value, str) else number(value, digits)

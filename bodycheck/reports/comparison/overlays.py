@@ -11,6 +11,7 @@ from bodycheck.reports.comparison.change import Change
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION
 from bodycheck.reports.run_files.run_reader import Tables
+from bodycheck.reports.run_files.run_tables import StudyKey, study_key
 
 _MAX_OVERLAYS = 12
 _KINDS = ("accuracy", "order", "verdict", "outcome", "stability")
@@ -86,13 +87,11 @@ def _overlay(
     )
 
 
-def _points(tables: Tables, key: tuple[str, str, str], quantity: str) -> list[Point]:
+def _points(tables: Tables, key: StudyKey, quantity: str) -> list[Point]:
     """Return the step or tolerance and the error of each case that ended well, the coarsest first."""
     rows = (case.columns for case in tables.cases if case.ok)
     found = [
-        (row.get("dt_s") or row.get("tolerance"), row.get(quantity))
-        for row in rows
-        if (row["scenario"], row["engine"], row["method"]) == key
+        (row.get("dt_s") or row.get("tolerance"), row.get(quantity)) for row in rows if study_key(row) == key
     ]
     return sorted([(x, y) for x, y in found if x and y and y > 0.0], reverse=True)
 

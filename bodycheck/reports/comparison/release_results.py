@@ -1,14 +1,191 @@
-"""The result of a search through releases, and its report."""
+"""The releases of an engine between which a measure changed: the search, its findings and its report."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from glob import escape
+from typing import Any, TypeVar
 
+from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import count, names, number
-from bodycheck.reports.comparison.measure_track import Finding
+from bodycheck.reports.comparison.compare import compare
 from bodycheck.reports.document import Column, Document, Sentence, Table
+from bodycheck.reports.gates.gate import Gate, Measure, measure_of
+from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
+from bodycheck.reports.gates.verdict import rows_of
+from bodycheck.reports.measurement.measures import MEASURES
+from bodycheck.reports.run_files.run_reader import Tables
+
+_Result = TypeVar("_Result")
+
+
+def changes(
+    members: Sequence[str],
+    measured: Callable[[str], _Result | None],
+    differ: Callable[[_Result, _Result], bool],
+) -> tuple[tuple[str, str], ...]:
+    """Bisect for changes; return each as the last member before it and the first after it, in order.
+
+    Both ends are measured, then the interval is halved until two neighbours differ; then the same from there
+    to the end. This finds every difference between the ends in 2 + log2(n) measurements per change. A change
+    that was undone between two measured members is missed. No member is measured twice.
+
+    members: ordered and distinct. measured: returns None for a member that cannot be measured; such members
+    are skipped, and may lie between the two of a pair. differ: whether two findings are different.
+    """
+    known: dict[str, _Result | None] = {}
+
+    def found(index: int) -> _Result | None:
+        member = members[index]
+        if member not in known:
+            known[member] = measured(member)
+        return known[member]
+
+    def first_of(indices: Sequence[int]) -> int | None:
+        return next((index for index in indices if found(index) is not None), None)
+
+    def different(one: int, other: int) -> bool:
+        a, b = found(one), found(other)
+        assert a is not None
+        assert b is not None
+        return differ(a, b)
+
+    start, end = first_of(range(len(members))), first_of(range(len(members) - 1, -1, -1))
+    pairs = []
+    while start is not None and end is not None and different(start, end):
+        low, high = start, end
+        while (middle := first_of(_from_middle(low, high))) is not None:
+            if different(start, middle):
+                high = middle
+            else:
+                low = middle
+        pairs.append((members[low], members[high]))
+        start = high
+    return tuple(pairs)
+
+
+def _from_middle(low: int, high: int) -> list[int]:
+    """Return the indices between two others, from the middle outwards."""
+    return sorted(range(low + 1, high), key=lambda index: abs(2 * index - low - high))
+
+
+def every_change(
+    members: Sequence[str],
+    measured: Callable[[str], _Result | None],
+    differ: Callable[[_Result, _Result], bool],
+) -> tuple[tuple[str, str], ...]:
+    """Return the changes as `changes` does, but measure every member once.
+
+    Each member is compared with the first one after the last change, so that slow drifts are detected.
+    """
+    pairs = []
+    level: _Result | None = None
+    before = ""
+    for member in members:
+        found = measured(member)
+        if found is None:
+            continue
+        if level is None or differ(level, found):
+            if level is not None:
+                pairs.append((before, member))
+            level = found
+        before = member
+    return tuple(pairs)
+
+
+_ABSOLUTE = "_abs"
+
+
+def comparable(name: str) -> Measure:
+    """Return the measure of that name; names are those of gates.
+
+    Raises InputError if the measure is unknown, or if runs are not compared by it.
+    """
+    try:
+        measure = measure_of(name)
+    except ValueError as error:
+        raise InputError(f"--measure {name}: {error}") from None
+    if measure.is_speed:
+        raise InputError(f"--measure {name}: cannot search by speed: it varies from run to run")
+    in_results = measure.source == "results" and not measure.choices
+    if in_results and name.removesuffix(_ABSOLUTE) not in MEASURES:
+        raise InputError(f"--measure {name}: runs are not compared by it; see bodycheck list measures")
+    return measure
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """The value of a measure in one run: a finite number or a word; None if there is none, and then why."""
+
+    value: float | str | None
+    why: str
+    tables: Tables | None = None
+
+
+@dataclass(frozen=True)
+class OneMeasure:
+    """One measure of one method on one scenario.
+
+    fineness: the step or the tolerance; None if the measure covers all of them. thresholds: the sizes above
+    which a change counts.
+    """
+
+    scenario: str
+    engine: str
+    method: str
+    name: str
+    control: str
+    fineness: float | None
+    thresholds: Thresholds = DEFAULT_THRESHOLDS
+
+    def finding(self, tables: Tables) -> Finding:
+        """Return the value of the measure in a run."""
+        of_case = comparable(self.name).source == "results"
+        gate = Gate(
+            scenario=escape(self.scenario),
+            engine=self.engine,
+            method=self.method,
+            dt_s=self.fineness if of_case and self.control == "dt" else None,
+            tolerance=self.fineness if of_case and self.control == "tolerance" else None,
+            measure=self.name,
+            reason="requested",
+        )
+        for row in rows_of(gate, tables):
+            return Finding(row.obtained, row.why, tables)
+        # a scene that the method does not support is not run at the finer steps
+        first = next(case.columns for case in tables.cases if case.columns["method"] == self.method)
+        return Finding(None, f"{first['outcome']}: {first['message']}", tables)
+
+    def differ(self, before: Finding, after: Finding) -> bool:
+        """Whether two runs differ in this measure: words by equality, numbers as in `compare`.
+
+        A change below the threshold is not a difference. Two missing values are equal; a missing value
+        differs from any other.
+        """
+        a, b = before.value, after.value
+        if isinstance(a, str) or isinstance(b, str) or a is None or b is None:
+            return a != b
+        assert before.tables is not None
+        assert after.tables is not None
+        return any(
+            (change.scenario, change.engine, change.method) == (self.scenario, self.engine, self.method)
+            and change.quantity in self._quantities_of
+            and self._is_of(change.fineness)
+            for change in compare(before.tables, after.tables, self.thresholds).of_status("worse", "improved")
+        )
+
+    @property
+    def _quantities_of(self) -> tuple[str, ...]:
+        """The quantities under which a comparison reports changes of this measure, if it is a number."""
+        measure = comparable(self.name)
+        if measure.quantity is not None:
+            return (f"order of {measure.quantity}",)
+        return (measure.column, measure.column.removesuffix(_ABSOLUTE))
+
+    def _is_of(self, fineness: float | None) -> bool:
+        return fineness is None or fineness == self.fineness
+
 
 _FEWEST_DIGITS, _ALL_DIGITS = 3, 17
 

@@ -14,7 +14,7 @@ from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measures import IDENTITY
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.verdicts import QuantityVerdict, most_severe
-from bodycheck.reports.run_files.run_tables import MethodKey, key_of
+from bodycheck.reports.run_files.run_tables import MethodKey, cases_by_method, key_of
 
 _FINEST_STRIDE = 40
 """Steps between two samples of the finest case that is diagnosed: few enough for a quick answer."""
@@ -65,7 +65,7 @@ def explained(
     case: CaseResult,
     *,
     order: int | None,
-    wrong: Sequence[QuantityVerdict] = (),
+    wrong: Sequence[QuantityVerdict],
     known_faults: Sequence[tuple[str, ...]] = (),
 ) -> ExplainedCase:
     """Return a case with its diagnosis, as far as its truth reaches.
@@ -96,9 +96,7 @@ def explained_cases(
     orders: the theoretical orders of the methods.
     """
     wrong = wrong_verdicts(method_rows)
-    by_pair: dict[tuple[str, MethodKey], list[CaseResult]] = {}
-    for case in cases:
-        by_pair.setdefault((case.columns["scenario"], key_of(case.columns)), []).append(case)
+    by_method = cases_by_method(cases)
     known: dict[MethodKey, list[tuple[str, ...]]] = {}
     found = []
     for problem in problems:
@@ -106,7 +104,7 @@ def explained_cases(
         for (scenario, key), verdicts in wrong.items():
             if scenario != problem.scenario.name:
                 continue
-            chosen = diagnosed_case(by_pair.get((scenario, key), ()), scene.sample_interval_s)
+            chosen = diagnosed_case(by_method.get(scenario, {}).get(key, ()), scene.sample_interval_s)
             if chosen is None:
                 continue
             names = known.setdefault(key, [])

@@ -713,11 +713,11 @@ def _prolonged(model: Model, values: Array, at: FaultContext) -> None:
 _ALL_LOADS = ("force_body", "force_world", "torque_body", "torque_world", "lever", "moment")
 
 
-def _factor_texts(noun: str, verb: str = "is") -> tuple[tuple[float, str], ...]:
+def _factor_texts(noun: str) -> tuple[tuple[float, str], ...]:
     return (
-        (0.0, f"{noun} {verb} missing"),
-        (2.0, f"{noun} {verb} applied twice"),
-        (-1.0, f"{noun} {'has' if verb == 'is' else 'have'} the opposite sign"),
+        (0.0, f"{noun} is missing"),
+        (2.0, f"{noun} is applied twice"),
+        (-1.0, f"{noun} has the opposite sign"),
     )
 
 

@@ -90,7 +90,6 @@ class _Candidate:
     values: Array
     best: Fit | None = None
     share: float = 1.0
-    tried: bool = False
     settled: bool = False
 
     @property

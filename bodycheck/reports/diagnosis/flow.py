@@ -111,7 +111,7 @@ class Flow:
         self._cached: tuple[Indices, list[Array]] | None = None
         ramp = self._numbers("ramp")
         self._ramps = np.flatnonzero(ramp)
-        self._gyro = self._factor("gyro")
+        self._gyro = self._gyro_factors()
         self._is_moved = scene.pivot is None
 
     def _numbers(self, name: str) -> Array:
@@ -133,9 +133,9 @@ class Flow:
                 found[name] = (rows, values[rows, None])
         return found
 
-    def _factor(self, name: str) -> Array | None:
-        """Return the factors (c, 1) of a name; None where all are 1."""
-        values = self._numbers(name)
+    def _gyro_factors(self) -> Array | None:
+        """Return the factors (c, 1) of the gyroscopic term; None where all are 1."""
+        values = self._numbers("gyro")
         return values[:, None] if np.any(values != 1.0) else None
 
     @cached_property

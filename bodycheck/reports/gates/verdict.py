@@ -12,7 +12,7 @@ from bodycheck._util.formatting import names, number, setting, step
 from bodycheck._util.untrusted import shell_join, shell_split
 from bodycheck.reports.gates.gate import Gate
 from bodycheck.reports.measurement.verdicts import QuantityVerdict, amount_of, method_verdict
-from bodycheck.reports.run_files.run_tables import RunTables, key_of
+from bodycheck.reports.run_files.run_tables import RunTables, StudyKey, key_of, study_key
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -47,13 +47,13 @@ def rows_of(gate: Gate, run: RunTables) -> list[Row]:
         return list(_rows_of_law(gate, run))
     table: pd.DataFrame = run.methods if measure.source == "methods" else run.stability
     rows = [_present(row) for row in table.to_dict("records")]
-    found: Mapping[tuple[str, str, str], Mapping[str, Any]] = (
+    found: Mapping[StudyKey, Mapping[str, Any]] = (
         _worst_verdicts(rows)
         if measure.column == "verdict" and measure.quantity is None
-        else {_pair(row): row for row in rows if measure.quantity in (None, row.get("quantity"))}
+        else {study_key(row): row for row in rows if measure.quantity in (None, row.get("quantity"))}
     )
     # a method without a verdict on a scenario has no row in the table, but has cases, and must not pass
-    pairs = {_pair(case.columns): case.columns for case in run.cases}
+    pairs = {study_key(case.columns): case.columns for case in run.cases}
     return [
         _row_of_method(gate, columns, found.get(pair, {}), run)
         for pair, columns in pairs.items()
@@ -74,15 +74,11 @@ def _rows_of_law(gate: Gate, run: RunTables) -> Iterator[Row]:
         yield Row("(its own)", *key, at="", obtained=size, why=why, reproduce=command)
 
 
-def _pair(row: Mapping[str, Any]) -> tuple[str, str, str]:
-    return row["scenario"], row["engine"], row["method"]
-
-
-def _worst_verdicts(rows: Iterable[Mapping[str, Any]]) -> dict[tuple[str, str, str], Mapping[str, Any]]:
+def _worst_verdicts(rows: Iterable[Mapping[str, Any]]) -> dict[StudyKey, Mapping[str, Any]]:
     """Return the most severe verdict of each method on each scenario, with the quantity that decided it."""
-    quantities: dict[tuple[str, str, str], dict[str, QuantityVerdict]] = {}
+    quantities: dict[StudyKey, dict[str, QuantityVerdict]] = {}
     for row in rows:
-        quantities.setdefault(_pair(row), {})[row["quantity"]] = QuantityVerdict.of(row)
+        quantities.setdefault(study_key(row), {})[row["quantity"]] = QuantityVerdict.of(row)
     worst = {pair: method_verdict(verdicts) for pair, verdicts in quantities.items()}
     return {
         pair: {"verdict": one.state, "about": one.text if one.is_wrong else ""}
@@ -131,7 +127,9 @@ def _verdict_text(found: Mapping[str, Any]) -> str:
 
 def _errors_by_step(columns: Mapping[str, Any], quantity: str, run: RunTables) -> tuple[str, ...]:
     """Return the error at each step of a method on a scenario, with the order between neighbouring steps."""
-    own = (case for case in run.cases if _pair(case.columns) == _pair(columns) and case.dt_s is not None)
+    own = (
+        case for case in run.cases if study_key(case.columns) == study_key(columns) and case.dt_s is not None
+    )
     lines, coarser = [], None
     for case in sorted(own, key=lambda case: -(case.dt_s or 0.0)):
         error = case.columns.get(quantity) if case.ok else None

@@ -15,8 +15,8 @@ from bodycheck.reports.comparison.change import Change
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measures import MEASURES
 from bodycheck.reports.run_files.run_reader import Tables
-from bodycheck.reports.run_files.table_formats import as_csv
-from bodycheck.reports.run_files.tables import RESULT_COLUMNS, as_table, read_rows
+from bodycheck.reports.run_files.run_tables import case_key
+from bodycheck.reports.run_files.tables import RESULT_COLUMNS, as_csv, as_table, read_rows
 
 FILE = "accepted.csv"
 """A file in the folder of a nightly run: rows of results.csv, each measure at its accepted level."""
@@ -25,7 +25,6 @@ _NEEDED = ("scenario", "engine", "method", "control", "outcome")
 _REPORTED = ("worse", "improved", "new")
 
 _Row: TypeAlias = Mapping[str, Any]
-_Key: TypeAlias = tuple[Any, ...]
 
 
 def read_accepted(folder: Path, tables: Tables) -> Tables:
@@ -50,10 +49,10 @@ def write_accepted(accepted: Iterable[_Row], run_id: str, folder: Path) -> None:
 
 def at_accepted(tables: Tables, accepted: Tables) -> Tables:
     """Return the tables with the measures of all cases that ended well set to their accepted levels."""
-    levels = {_key(case.columns): case.columns for case in accepted.cases}
+    levels = {case_key(case.columns): case.columns for case in accepted.cases}
 
     def leveled(case: CaseResult) -> CaseResult:
-        level = levels.get(_key(case.columns)) if case.ok else None
+        level = levels.get(case_key(case.columns)) if case.ok else None
         return case if level is None else replace(case, columns=_with_levels(case.columns, level, ()))
 
     return replace(tables, cases=tuple(map(leveled, tables.cases)))
@@ -68,13 +67,13 @@ def next_accepted(
     case that did not end well. redefined: scenarios whose old levels are discarded.
     """
     discarded = set(redefined)
-    levels = {_key(case.columns): case.columns for case in accepted.cases}
-    reported: dict[_Key, list[str]] = {}
+    levels = {case_key(case.columns): case.columns for case in accepted.cases}
+    reported: dict[tuple[Any, ...], list[str]] = {}
     for change in changes:
         if change.kind == "accuracy" and change.status in _REPORTED:
             key = change.scenario, change.engine, change.method, change.control, change.fineness
             reported.setdefault(key, []).append(change.quantity)
-    ended_well = {_key(case.columns): case.columns for case in newest.cases if case.ok}
+    ended_well = {case_key(case.columns): case.columns for case in newest.cases if case.ok}
     for key, row in ended_well.items():
         level = levels.get(key)
         if level is None or row["scenario"] in discarded:
@@ -95,8 +94,3 @@ def _with_levels(row: _Row, level: _Row, reported: Iterable[str]) -> dict[str, A
 
 def _columns_of(measure: str) -> tuple[str, str]:
     return measure, f"{measure}_abs"
-
-
-def _key(row: _Row) -> _Key:
-    fineness = row.get("tolerance") if row.get("dt_s") is None else row["dt_s"]
-    return row["scenario"], row["engine"], row["method"], row["control"], fineness

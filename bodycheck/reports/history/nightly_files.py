@@ -1,21 +1,26 @@
-"""Write the files of a nightly run: tables as CSV and Parquet, its report and its pages."""
+"""Write the files of a nightly run: tables as CSV and Parquet, its report, its pages and the feed."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree as ET
 
+from bodycheck._util.files import write_file
+from bodycheck._util.formatting import count
 from bodycheck.reports.comparison.change import Change
 from bodycheck.reports.comparison.compare import unversioned
 from bodycheck.reports.comparison.describe import HEADINGS
 from bodycheck.reports.history.accepted_levels import write_accepted
+from bodycheck.reports.history.archive import started_at
 from bodycheck.reports.history.baseline import SUMMARY_FILE, SUMMARY_KEYS, machine_class
 from bodycheck.reports.history.regression import Judgement
 from bodycheck.reports.render.html import render_report
 from bodycheck.reports.run_files.run_tables import Run
-from bodycheck.reports.run_files.table_formats import as_csv, as_parquet
+from bodycheck.reports.run_files.tables import as_csv, as_parquet
 from bodycheck.reports.run_files.writer import write_tables
 
 if TYPE_CHECKING:
@@ -103,3 +108,43 @@ def _row(change: Change) -> dict[str, Any]:
     """Return a change as cells; before and after may be words or numbers, so both are stored as text."""
     row = {name: getattr(change, name) for name in _CHANGE_COLUMNS if hasattr(change, name)}
     return row | {name: None if row[name] is None else str(row[name]) for name in ("before", "after")}
+
+
+_FEED_FILE = "feed.xml"
+"""The name of the feed in the folder of a history."""
+
+_ATOM = "http://www.w3.org/2005/Atom"
+_ENTRIES = 50
+_NEVER = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+def write_feed(folder: Path, runs: Iterable[Mapping[str, Any]]) -> None:
+    """Write the feed of the newest regressions atomically; raises InputError if it cannot be written.
+
+    runs: the content of each night.json, the oldest first.
+    """
+    write_file(folder / _FEED_FILE, feed(runs))
+
+
+def feed(runs: Iterable[Mapping[str, Any]]) -> bytes:
+    """Return the feed of the newest regressions; its links are relative to the folder of the history."""
+    regressions = [run for run in runs if run["status"] == "regression"][::-1][:_ENTRIES]
+    updated = started_at(regressions[0]["run_id"]) if regressions else _NEVER
+    root = ET.Element("feed", xmlns=_ATOM)
+    _describe(root, "urn:bodycheck:history", "bodycheck: regressions", updated)
+    ET.SubElement(ET.SubElement(root, "author"), "name").text = "bodycheck"
+    ET.SubElement(root, "link", rel="self", href=_FEED_FILE)
+    for run in regressions:
+        entry = ET.SubElement(root, "entry")
+        changes = f"{run['worse']} worse, {run['missing']} no longer measured"
+        _describe(entry, f"urn:bodycheck:{run['run_id']}", changes, started_at(run["run_id"]))
+        ET.SubElement(entry, "link", rel="alternate", href=f"{run['run_id']}/night.html")
+        summary = f"{count(run['cases'], 'case')} of {run['engines']} on {run['machine']}"
+        ET.SubElement(entry, "summary").text = summary
+    ET.indent(root)
+    return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
+
+
+def _describe(parent: ET.Element, identity: str, title: str, updated: datetime) -> None:
+    for name, text in (("id", identity), ("title", title), ("updated", updated.isoformat())):
+        ET.SubElement(parent, name).text = text

@@ -13,6 +13,7 @@ from bodycheck.reference_impl.dynamics import angular_momentum, principal_axes, 
 from bodycheck.reference_impl.pivot import rotational_inertia
 from bodycheck.reference_impl.scene import GravityGradient, Scene
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.measurement.scales import largest_norm
 
 _EQUAL = 1e-12  # relative tolerance: equal moments, and arms along or across an axis
 _ORBIT_NORMAL = np.array([0.0, 1.0, 0.0])
@@ -94,7 +95,7 @@ def _spin(scene: Scene) -> Iterator[Invariant]:
             "spin about the symmetry axis",
             frozenset({"omega"}),
             lambda motion: motion.omega_body @ axis,
-            lambda truth: _largest(truth.omega_body),
+            lambda truth: largest_norm(truth.omega_body),
         )
 
 
@@ -106,7 +107,7 @@ def _vertical_momentum(scene: Scene) -> Iterator[Invariant]:
             "vertical angular momentum about the pivot",
             frozenset({"attitude", "omega"}),
             lambda motion: _momentum(scene, motion) @ vertical,
-            lambda truth: _largest(_momentum(scene, truth)),
+            lambda truth: largest_norm(_momentum(scene, truth)),
         )
 
 
@@ -177,7 +178,3 @@ def _momentum(scene: Scene, motion: Trajectory) -> Array:
 
 def _is_zero(vector: Array, reference: Array) -> bool:
     return bool(np.linalg.norm(vector) <= _EQUAL * np.linalg.norm(reference))
-
-
-def _largest(vectors: Array) -> float:
-    return float(np.max(np.linalg.norm(vectors, axis=-1)))

@@ -33,21 +33,22 @@ def scene_scales(scene: Scene, truth: Trajectory) -> Scales:
     """
     body, inertia = scene.body, rotational_inertia(scene)
     radius = gyration_radius(body.mass, inertia)
-    omega = _largest(truth.omega_body)
-    speed = max(_largest(truth.velocity_m_s), omega * radius)
+    omega = largest_norm(truth.omega_body)
+    speed = max(largest_norm(truth.velocity_m_s), omega * radius)
     kinetic, rotational = kinetic_energies(scene, truth)
     return Scales(
-        length_scale_m=max(_largest(truth.position_m - scene.initial.position), radius),
+        length_scale_m=max(largest_norm(truth.position_m - scene.initial.position), radius),
         speed_scale_m_s=speed,
         omega_scale_rad_s=omega,
         energy_scale_j=float(kinetic.max()),
         rotational_energy_scale_j=float(rotational.max()),
-        angular_momentum_scale_kg_m2_s=_largest(
+        angular_momentum_scale_kg_m2_s=largest_norm(
             angular_momentum(truth.rotation_matrices, inertia, truth.omega_body)
         ),
         linear_momentum_scale_kg_m_s=body.mass * speed,
     )
 
 
-def _largest(vectors: Array) -> float:
+def largest_norm(vectors: Array) -> float:
+    """max |v| of vectors (n, 3)."""
     return float(np.max(np.linalg.norm(vectors, axis=-1)))

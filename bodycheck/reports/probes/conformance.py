@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -23,13 +23,12 @@ from bodycheck.reference_impl.loads.load import ContinuousLoad, Instants, KeyFor
 from bodycheck.reference_impl.rotations import geodesic_angle, rotate
 from bodycheck.reference_impl.scene import CallbackLoad, Link, Load, PointForce, Scene, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.measurement.case import RunCase
 from bodycheck.reports.probes.finding import Finding, Limit, Sampled, limit, noise
 from bodycheck.reports.probes.mistakes import Mistake, part_of, read_back_mistake, reading_mistake
 from bodycheck.reports.probes.probe import Probe, built_in_probes, motions_of
 from bodycheck.reports.probes.readings import reading_findings
 from bodycheck.reports.probes.responses import response_findings
-
-RunCase: TypeAlias = Callable[[Engine, Case], Answer]
 
 
 @dataclass(frozen=True, eq=False)

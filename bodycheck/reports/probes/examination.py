@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from bodycheck.adapters.contract import Engine, Method, Setting
-from bodycheck.adapters.execution import Answer, Case
+from bodycheck.adapters.execution import Case
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.cache.answers import EngineClient
+from bodycheck.reports.measurement.case import RunCase
 from bodycheck.reports.probes.fingerprint import fingerprint_of, fingerprint_row
 from bodycheck.reports.probes.laws import LAWS, REPLAY, STATES, Break, Checked, check_laws, law_rows
 from bodycheck.reports.probes.probe import probe_rows
 
-RunCase: TypeAlias = Callable[[Engine, Case], Answer]
 Reruns: TypeAlias = Iterable[tuple[str, RunCase]]
 """How a case is run again, in words and as a function; each serves all methods before the next begins."""
 

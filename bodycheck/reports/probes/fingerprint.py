@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from bodycheck._util.platform_identity import numeric_parts
 from bodycheck.adapters.contract import Engine, Method, Precision, Setting, read_back_mismatch
-from bodycheck.adapters.execution import Answer, Case
+from bodycheck.adapters.execution import Case
 from bodycheck.adapters.programs import with_method
 from bodycheck.adapters.registry import own_code
 from bodycheck.adapters.stable_step import invalid_state
@@ -41,12 +41,11 @@ from bodycheck.reference_impl.one_step_maps.one_step_map import (
 from bodycheck.reference_impl.rotations import geodesic_angle, normalised
 from bodycheck.reference_impl.scene import Load, PointForce, RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.cache.disk_cache import Cache
-from bodycheck.reports.cache.entries import key_of
+from bodycheck.reports.cache.disk_cache import Cache, key_of
+from bodycheck.reports.measurement.case import RunCase
 from bodycheck.reports.probes.leading_error import LeadingError, leading_error
 
 Rows: TypeAlias = NDArray[np.intp]
-RunCase: TypeAlias = Callable[[Engine, Case], Answer]
 
 NO_KNOWN_MAP = "no known map"
 NOT_MEASURED = "not measured"
@@ -175,11 +174,6 @@ class Fingerprint:
     def digits(self) -> float | None:
         """-log10 of the agreement."""
         return None if self.agreement is None else -math.log10(max(self.agreement, _TINY))
-
-    @property
-    def is_known(self) -> bool:
-        """Whether one map of the library agrees, and no other is near."""
-        return self.name not in (NO_KNOWN_MAP, NOT_MEASURED) and " or " not in self.name
 
 
 def fingerprint_of(

@@ -15,7 +15,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from bodycheck.adapters.contract import Engine, Method, Setting
-from bodycheck.adapters.execution import Answer, Case
+from bodycheck.adapters.execution import Case
 from bodycheck.adapters.programs import with_method
 from bodycheck.adapters.stable_step import invalid_state
 from bodycheck.reference_impl.arrays import Array
@@ -30,8 +30,8 @@ from bodycheck.reference_impl.rotations import (
 )
 from bodycheck.reference_impl.scene import Link, Load, PointForce, RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.measurement.case import RunCase
 
-RunCase: TypeAlias = Callable[[Engine, Case], Answer]
 Verdict: TypeAlias = Literal["holds", "broken", "property", "not-measured"]
 LAW_VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 
@@ -85,12 +85,11 @@ def _may_step_the_origin(method: Method, reversible: bool) -> str:  # noqa: ARG0
 class Law:
     """One law. variants: of a scene and its step; () for the laws about how a case is run.
 
-    statement: what must hold. compared: the quantities that the law is about. property_of: why it is only a
+    compared: the quantities that the law is about. property_of: why it is only a
     property of a method, given whether its known map is reversible; "" where the method must obey.
     """
 
     name: str
-    statement: str
     variants: Variants | None = None
     compared: tuple[str, ...] = ("attitude", "omega", "position", "velocity")
     property_of: Callable[[Method, bool], str] = _must
@@ -236,26 +235,21 @@ _ROTATION = ("attitude", "omega")
 
 REVERSE, SPLIT, REPEAT, REPLAY = "reverse", "split", "repeat", "replay"
 LAWS = (
-    Law("rotate", "a scene that is rotated in the world gives the rotated motion", _rotated),
-    Law("permute", "the body's axes in another order give the same motion", _permuted),
-    Law("link", "the engine's link frame does not change the rotation", _linked, _ROTATION),
+    Law("rotate", _rotated),  # a scene that is rotated in the world gives the rotated motion
+    Law("permute", _permuted),  # the body's axes in another order give the same motion
+    Law("link", _linked, _ROTATION),  # the engine's link frame does not change the rotation
+    # nor the motion of the centre of mass
+    Law("link-origin", _linked, ("position", "velocity"), _may_step_the_origin),
+    Law("boost", _boosted),  # a constant velocity is added to the motion
+    Law("shift", _shifted),  # another origin of the world shifts the motion
+    Law("scale-mass", _scaled_mass),  # mass, inertia and loads times one factor give the same motion
     Law(
-        "link-origin",
-        "the engine's link frame does not change the motion of the centre of mass",
-        _linked,
-        ("position", "velocity"),
-        _may_step_the_origin,
-    ),
-    Law("boost", "a constant velocity is added to the motion", _boosted),
-    Law("shift", "another origin of the world shifts the motion", _shifted),
-    Law("scale-mass", "mass, inertia and loads times one factor give the same motion", _scaled_mass),
-    Law(
-        "scale-time", "omega and v times s, loads and gravity times s^2: the motion in time / s", _scaled_time
-    ),
-    Law(REVERSE, "from the reversed end the motion returns to the start", property_of=_unreversible),
-    Law(SPLIT, "samples do not change the motion: one advance or many"),
-    Law(REPEAT, "after reset, the same motion again"),
-    Law(REPLAY, "the same bits again, after reset and in another process"),
+        "scale-time", _scaled_time
+    ),  # omega and v times s, loads and gravity times s^2: the motion in time / s
+    Law(REVERSE, property_of=_unreversible),  # from the reversed end the motion returns to the start
+    Law(SPLIT),  # samples do not change the motion: one advance or many
+    Law(REPEAT),  # after reset, the same motion again
+    Law(REPLAY),  # the same bits again, after reset and in another process
 )
 """Every law. The last four are about how a case is run, and have no variant."""
 

@@ -7,20 +7,20 @@ What is left is the round-off of single steps, also where only one stage of a st
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
 from bodycheck.adapters.contract import Engine, Method, Precision, Setting, read_back_mismatch
-from bodycheck.adapters.execution import Answer, Case
+from bodycheck.adapters.execution import Case
 from bodycheck.adapters.stable_step import invalid_state
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.measurement.case import reproducing_command
+from bodycheck.reports.measurement.case import RunCase, reproducing_command
 from bodycheck.reports.probes.finding import Finding, Sampled
 from bodycheck.reports.probes.readings import reading_findings
 from bodycheck.reports.probes.responses import gravity_finding, response_findings
@@ -78,12 +78,6 @@ def _round_off(values: Array) -> float:
     return float(np.max(differences)) / (_DIFFERENCE_NORM * size)
 
 
-RunCase: TypeAlias = Callable[[Engine, Case], Answer]
-"""A function that answers a case, from the engine or from a stored answer."""
-
-_EPS, _SINGLE_EPS = float(np.finfo(np.float64).eps), float(np.finfo(np.float32).eps)
-
-
 @dataclass(frozen=True, eq=False)
 class Probe:
     """A short scene and its steps, coarsest first; name: of its built-in scenario."""
@@ -134,14 +128,9 @@ class _Probed:
         return (len(path.t_s) - 1) * max(eps, tolerance or 0.0)
 
 
-def probe_rows(
-    engine: Engine, method: Method, ask: RunCase, probes: tuple[Probe, Probe] | None = None
-) -> list[dict[str, Any]]:
-    """Return the rows of probes.csv of one method without run_id; failures are rows too.
-
-    probes: the probe under loads, from rest, and the free probe [default: the built-in ones].
-    """
-    first, second = probes or built_in_probes()
+def probe_rows(engine: Engine, method: Method, ask: RunCase) -> list[dict[str, Any]]:
+    """Return the rows of probes.csv of one method without run_id; failures are rows too."""
+    first, second = built_in_probes()
     tolerance = min(method.tolerances, default=None) if method.control == "tolerance" else None
     rows: list[dict[str, Any]] = []
     loaded = motions_of(first, engine, method, tolerance, ask)

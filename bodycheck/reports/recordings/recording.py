@@ -74,7 +74,7 @@ class Recording:
         raise InputError(f"{self.path}: {self.row_name(row)}: {name} is {printable(found, 40)}, not a number")
 
 
-def read_recording(path: Path, topic: str = "") -> Recording:
+def read_recording(path: Path, topic: str) -> Recording:
     """Return the columns of a file, by its suffix; any other than the known ones is CSV.
 
     topic: of an MCAP file. Raises InputError with one line that names the file and the fault.
@@ -344,6 +344,3 @@ _READERS: dict[str, Callable[[Path], Recording]] = {
     ".ndjson": _read_json_lines,
     ".json": _read_json_lines,
 }
-
-SUFFIXES = (".csv", *_READERS, ".mcap")
-"""The formats that are read."""

@@ -19,8 +19,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measure_bounds import floor_of
 from bodycheck.reports.measurement.measures import MEASURES, scale_of
-from bodycheck.reports.render.headings import heading
-from bodycheck.reports.render.styles import COLOURS, Style, merged, styles
+from bodycheck.reports.render.styles import COLOURS, Style, heading, merged, styles
 from bodycheck.reports.run_files.run_tables import (
     MethodKey,
     Run,

@@ -9,12 +9,11 @@ from functools import partial
 from markupsafe import Markup
 
 from bodycheck.reports.measurement.verdicts import STATES
-from bodycheck.reports.render.headings import heading
 from bodycheck.reports.render.page.cheapest_settings import START, TOLERANCES, CheapestSettings
 from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, cost_sentences, costs, fronts
 from bodycheck.reports.render.page.plots import overall_data
 from bodycheck.reports.render.page.scenario_section import anchor_of, method_anchor, sections_of
-from bodycheck.reports.render.styles import REFERENCE, Style, engine_colour, styles
+from bodycheck.reports.render.styles import REFERENCE, Style, engine_colour, heading, styles
 from bodycheck.reports.run_files.run_tables import MethodKey, Run, key_of
 from bodycheck.reports.summary.cells import faults_of
 from bodycheck.reports.summary.method_identity import known_map_text, laws_text, rows_by_method

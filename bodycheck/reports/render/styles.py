@@ -1,4 +1,4 @@
-"""How methods are drawn everywhere: one colour per engine, one marker and dash per method.
+"""How methods and columns are shown everywhere: colour per engine, marker and dash per method, headings.
 
 Lines that cannot be told apart are drawn as one, with the names of all.
 """
@@ -121,3 +121,23 @@ def _are_equal(first: tuple[Array, Array], second: tuple[Array, Array], floor: f
 def _differ(one: float, other: float, floor: float) -> bool:
     larger = max(one, other)
     return larger > floor and abs(one - other) > ALIKE * larger
+
+
+_HEADINGS = {
+    "cpu_s": "CPU time, s",
+    "ns_per_step": "time per step, ns",
+    "order_low": "order, lower end",
+    "order_high": "order, upper end",
+    "growth_exponent": "growth exponent",
+}
+
+_UNITS = ("rad", "s")
+
+
+def heading(column: str) -> str:
+    """Return a column name as words, with its unit after a comma."""
+    if column in _HEADINGS:
+        return _HEADINGS[column]
+    name, _, last = column.rpartition("_")
+    text, unit = (name, f", {last}") if name and last in _UNITS else (column, "")
+    return text.replace("_", " ") + unit

@@ -8,12 +8,23 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import numpy as np
+from pydantic import (
+    AwareDatetime,
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    StrictBool,
+    Tag,
+    ValidationError,
+)
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.untrusted import read_json, shell_split
+from bodycheck.adapters.workers.message_check import MethodMessage
 from bodycheck.adapters.workers.protocol import read_back_of
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.trajectory import Trajectory
@@ -23,7 +34,6 @@ from bodycheck.reports.measurement.measures import MEASURES, Motion
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.probes.laws import LAW_VERDICTS
-from bodycheck.reports.run_files.manifest_schema import check_manifest
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.tables import (
     DIAGNOSIS_COLUMNS,
@@ -43,6 +53,7 @@ from bodycheck.reports.run_files.tables import (
 from bodycheck.reports.run_files.trajectory_files import read_arrays
 from bodycheck.reports.run_files.writer import file_name, trajectory_file
 from bodycheck.scenarios.library import scenario_names
+from bodycheck.scenarios.reader import fault_lines
 from bodycheck.scenarios.serialization import deserialized
 
 if TYPE_CHECKING:
@@ -189,7 +200,7 @@ def _case(row: dict[str, Any]) -> CaseResult:
     return CaseResult({name: value for name, value in {**always, **row}.items() if name != "run_id"})
 
 
-def read_run(folder: Path, *, allow_code: bool = False, cache: Cache | None = None) -> Run:
+def read_run(folder: Path, *, allow_code: bool, cache: Cache | None) -> Run:
     """Read a whole run: solve its truths again, and measure a motion again when it is first needed.
 
     allow_code: the run's scenarios may name functions, whose code is executed. Raises InputError as
@@ -274,3 +285,106 @@ def _motion(path: Path, problem: Problem, case: CaseResult) -> MeasuredMotion:
     if not math.isclose(angle, stored_error, rel_tol=_SAME, abs_tol=slack):
         raise InputError(f"{path}: its error is {angle:.4g} rad, but results.csv has {stored_error:.4g} rad")
     return motion
+
+
+_Text: TypeAlias = Annotated[str, Field(strict=True, max_length=100_000)]
+_Number: TypeAlias = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+_MAX_FAULTS = 3
+_Count: TypeAlias = Annotated[int, Field(strict=True, ge=0, le=10**12)]
+
+
+class _Method(MethodMessage):
+    """The facts of a method as the engine announced them; keys of other versions are ignored."""
+
+    model_config = ConfigDict(extra="ignore")
+
+
+class _Engine(BaseModel):
+    """An engine that ran."""
+
+    version: _Text
+    methods: dict[_Text, _Method]
+
+
+class _Unavailable(BaseModel):
+    """An engine that did not run, with the reason."""
+
+    unavailable: _Text
+
+
+class _Load(BaseModel):
+    """A load of a scenario."""
+
+    model_config = ConfigDict(extra="allow")
+
+    from_s: _Number | None = None
+    until_s: _Number | None = None
+
+
+class _Body(BaseModel):
+    """The body of a scenario."""
+
+    model_config = ConfigDict(extra="allow")
+
+    notes: list[_Text] = []
+
+
+class _Scenario(BaseModel):
+    """A scenario; reading a whole run checks all of it."""
+
+    model_config = ConfigDict(extra="allow")
+
+    duration_s: Annotated[_Number, Field(gt=0.0)]
+    samples: Annotated[int, Field(strict=True, ge=2, le=10**9)]
+    body: _Body
+    forcing: list[_Load] = []
+
+
+def _kind(entry: Any) -> str:
+    return "unavailable" if isinstance(entry, dict) and "unavailable" in entry else "ran"
+
+
+_Entry: TypeAlias = Annotated[
+    Annotated[_Engine, Tag("ran")] | Annotated[_Unavailable, Tag("unavailable")], Discriminator(_kind)
+]
+
+
+class _Manifest(BaseModel):
+    """The keys of a manifest that comparison, gates and summaries read; other keys are allowed."""
+
+    model_config = ConfigDict(extra="allow")
+
+    run_id: _Text
+    created: AwareDatetime
+    bodycheck: _Text
+    cpu: _Text
+    cores: _Count | None
+    system: _Text
+    python: _Text
+    platform: _Text
+    libraries: dict[_Text, _Text]
+    engines: dict[_Text, _Entry]
+    outcomes: dict[_Text, _Count]
+    scenarios: dict[_Text, _Scenario]
+    dt_s: list[_Number] | None
+    tolerances: list[_Number] | None
+    speed: StrictBool
+    jobs: _Count | None = None
+    timeout_s: _Number | None = None
+    speed_core: _Count | None
+    speed_noise: _Number | None
+    compile_s: _Number | None
+    truths_s: _Number | None = None
+    motions_s: _Number | None = None
+    speeds_s: _Number | None = None
+    run_s: _Number | None
+
+
+def check_manifest(path: Path, manifest: Any) -> dict[str, Any]:
+    """Return a valid manifest unchanged; raise InputError with one line that lists the faults otherwise."""
+    try:
+        _Manifest.model_validate(manifest)
+    except ValidationError as error:
+        faults = "; ".join(line.lstrip(": ") for line in fault_lines(error)[:_MAX_FAULTS])
+        raise InputError(f"{path}: not a manifest of a run: {faults}") from None
+    return dict(manifest)

@@ -46,6 +46,12 @@ class Run:
 MethodKey: TypeAlias = tuple[str, str]
 """(engine, method)"""
 
+StudyKey: TypeAlias = tuple[str, str, str]
+"""(scenario, engine, method)"""
+
+CaseKey: TypeAlias = tuple[str, str, str, str, float | None]
+"""(scenario, engine, method, control, step or tolerance)"""
+
 
 class RunTables(Protocol):
     """A run, or the tables of a run."""
@@ -86,6 +92,17 @@ class RunTables(Protocol):
 def key_of(row: Mapping[str, Any]) -> MethodKey:
     """Return the engine and method of a row of any table."""
     return row["engine"], row["method"]
+
+
+def study_key(row: Mapping[Any, Any]) -> StudyKey:
+    """Return the scenario, engine and method of a row of any table of studies."""
+    return row["scenario"], row["engine"], row["method"]
+
+
+def case_key(row: Mapping[str, Any]) -> CaseKey:
+    """Return the scenario, engine, method, control, and step or tolerance of a row of results.csv."""
+    fineness = row.get("tolerance") if row.get("dt_s") is None else row["dt_s"]
+    return *study_key(row), row["control"], fineness
 
 
 def cases_by_method(cases: Iterable[CaseResult]) -> dict[str, dict[MethodKey, list[CaseResult]]]:

@@ -15,8 +15,14 @@ from bodycheck.adapters.programs import with_method
 from bodycheck.reports.measurement.case import ALLOW_CODE, CaseResult, scenario_spec
 from bodycheck.reports.measurement.measures import MEASURES, QUANTITIES
 from bodycheck.reports.run_files.run_tables import MethodKey
-from bodycheck.reports.summary.cases_within import cases_within, largest_error
-from bodycheck.reports.summary.error_curve import MAX_STEPS, Basis, ErrorCurve, Estimate
+from bodycheck.reports.summary.error_curve import (
+    MAX_STEPS,
+    Basis,
+    ErrorCurve,
+    Estimate,
+    cases_within,
+    largest_error,
+)
 from bodycheck.scenarios.library import as_suite
 
 _ADVISED = tuple(name for name in QUANTITIES if MEASURES[name].judged == "limit")
@@ -133,7 +139,7 @@ def errors_at(curves: Curves, dt_s: float, scenarios: Sequence[str]) -> tuple[An
     return tuple(answers)
 
 
-def cheapest_within(curve: ErrorCurve, error: float, *, predicted: bool = True) -> Option | None:
+def cheapest_within(curve: ErrorCurve, error: float, *, predicted: bool) -> Option | None:
     """Return the cheapest setting of a method that meets an error: measured, or coarser and predicted."""
     found = curve.coarsest_within(error) if predicted else None
     if found is not None:

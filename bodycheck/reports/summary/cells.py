@@ -20,10 +20,12 @@ from bodycheck.reports.measurement.verdicts import (
 from bodycheck.reports.run_files.run_tables import (
     MethodKey,
     RunTables,
+    StudyKey,
     cases_by_method,
     common_step,
     key_of,
     shown_case,
+    study_key,
 )
 
 _SEVERITY = ("none", "floor", "good", "open", "bad", "fault")
@@ -114,12 +116,12 @@ def summary_cells(run: RunTables) -> dict[str, dict[MethodKey, Cell]]:
     """Return the cells by scenario, then by engine and method, in the order of the run."""
     by_scenario: dict[str, dict[MethodKey, list[CaseResult]]] = {n: {} for n in run.manifest["scenarios"]}
     by_scenario |= cases_by_method(run.cases)
-    found: dict[tuple[str, str, str], dict[str, Any]] = {}
+    found: dict[StudyKey, dict[str, Any]] = {}
     rows: list[Any] = run.methods.to_dict("records")
     for row in rows:
-        found.setdefault((row["scenario"], *key_of(row)), {})[row["quantity"]] = row
+        found.setdefault(study_key(row), {})[row["quantity"]] = row
     diagnoses: list[Any] = run.diagnoses.to_dict("records")
-    causes = {(row["scenario"], *key_of(row)): row["diagnosis"] for row in diagnoses}
+    causes = {study_key(row): row["diagnosis"] for row in diagnoses}
     cells = {}
     for scenario, methods in by_scenario.items():
         at_s = common_step(case for cases in methods.values() for case in cases)

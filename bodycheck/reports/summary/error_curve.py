@@ -1,5 +1,8 @@
 """The error of one method against its step: measured, or predicted between and beyond the measured steps.
 
+A case or a step meets an error tolerance if its error, including the truth's bound, does. Coarse steps that
+meet the tolerance by accident are excluded.
+
 A prediction follows from the order and the constant of the steps that settle the order
 (`order.predicted_error`). It is unsure where these do not determine it: without a settled order, above the
 largest stable step, near the floor, and where its interval is wide.
@@ -9,7 +12,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
@@ -18,19 +21,60 @@ import numpy as np
 
 from bodycheck._util.formatting import step
 from bodycheck.reports.measurement.case import SWITCH_NOTE, CaseResult
-from bodycheck.reports.measurement.convergence import ABOVE_FLOOR, LARGEST_ERROR
+from bodycheck.reports.measurement.convergence import ABOVE_FLOOR, LARGEST_ERROR, LARGEST_ROUND_OFF
 from bodycheck.reports.measurement.measure_bounds import bound_of
 from bodycheck.reports.measurement.order import Order, predicted_error, settled_order
-from bodycheck.reports.run_files.run_tables import MethodKey, RunTables, key_of
-from bodycheck.reports.summary.cases_within import (
-    RefinementSequence,
-    cases_within,
-    largest_error,
-    sequences_of,
-)
+from bodycheck.reports.run_files.run_tables import MethodKey, RunTables, cases_by_method, key_of
 
 if TYPE_CHECKING:
     import pandas as pd
+
+RefinementSequence: TypeAlias = Sequence[CaseResult]
+"""The cases of one method on one scenario, finest first."""
+
+
+def sequences_of(cases: Iterable[CaseResult]) -> Mapping[tuple[str, MethodKey], RefinementSequence]:
+    """Return the cases of each method on each scenario, finest first."""
+    return {
+        (scenario, key): finest_first(own)
+        for scenario, methods in cases_by_method(cases).items()
+        for key, own in methods.items()
+    }
+
+
+def finest_first(cases: Iterable[CaseResult]) -> RefinementSequence:
+    """Return the cases of one method on one scenario, finest first."""
+    return sorted(cases, key=lambda case: case.setting.fineness or 0.0)
+
+
+def largest_error(case: CaseResult, quantity: str) -> float:
+    """measured + bound: an upper bound of the true error; infinite where the case did not end well."""
+    return case.largest_errors.get(quantity, math.inf)
+
+
+def cases_within(sequence: RefinementSequence, error: float, quantity: str) -> Iterator[CaseResult]:
+    """Yield the cases that meet the error tolerance, finest first, up to the first one that does not.
+
+    A coarser step that meets the tolerance after that does so by accident. A failure with an error below 1e-9
+    does not count, because round-off can make finer steps worse there; in single precision it can make all
+    steps worse that are finer than the best one, which are left out.
+    """
+    for case in without_round_off(sequence, quantity):
+        largest = largest_error(case, quantity)
+        if largest <= error:
+            yield case
+        elif largest > LARGEST_ROUND_OFF:
+            return
+
+
+def without_round_off(sequence: RefinementSequence, quantity: str) -> RefinementSequence:
+    """Return the cases of a method, finest first, without those that single precision makes worse."""
+    if not sequence or sequence[0].columns.get("precision", "float64") == "float64":
+        return sequence
+    errors = [largest_error(case, quantity) for case in sequence]
+    best = min(range(len(sequence)), key=lambda i: (errors[i], -i))
+    return sequence[best:]
+
 
 Basis: TypeAlias = Literal["measured", "predicted", "unsure"]
 

@@ -37,14 +37,6 @@ class Quantile:
     low: float
     high: float
 
-    def agrees(self, other: Quantile) -> bool:
-        """Whether two estimates differ by no more than the root of the sum of their squared error bars.
-
-        Independent samples of one population agree in 95 of 100 cases.
-        """
-        lower, upper = sorted((self, other), key=lambda one: one.value)
-        return upper.value - lower.value <= math.hypot(lower.high - lower.value, upper.value - upper.low)
-
 
 @dataclass
 class QuantileSketch:

@@ -11,8 +11,8 @@ from typing import Any
 
 from bodycheck._util.formatting import count, number, step
 from bodycheck.reports.run_files.run_tables import MethodKey, RunTables, key_of
-from bodycheck.reports.summary.cases_within import sequences_of
 from bodycheck.reports.summary.cells import Cell, faults_of
+from bodycheck.reports.summary.error_curve import sequences_of
 
 _WORST_FIRST = (
     "invalid",

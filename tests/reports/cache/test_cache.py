@@ -17,8 +17,7 @@ from bodycheck.reference_impl.scene import CallbackLoad, RigidBody, Scene, State
 from bodycheck.reference_impl.truth import certification as truth
 from bodycheck.reference_impl.truth.truth import Truth
 from bodycheck.reports.cache import disk_cache, truths
-from bodycheck.reports.cache.disk_cache import Cache
-from bodycheck.reports.cache.entries import key_of
+from bodycheck.reports.cache.disk_cache import Cache, key_of
 from bodycheck.reports.cache.truths import is_known, known_truth
 from tests.helpers.file_size_limit import file_size_limit
 

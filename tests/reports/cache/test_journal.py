@@ -12,7 +12,7 @@ import pytest
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.files import opened, sealed
-from bodycheck.reports.cache.entries import key_of
+from bodycheck.reports.cache.disk_cache import key_of
 from bodycheck.reports.cache.journal import Journal
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.file_size_limit import file_size_limit

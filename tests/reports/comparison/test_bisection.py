@@ -8,7 +8,7 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bodycheck.reports.comparison.release_search import changes, every_change
+from bodycheck.reports.comparison.release_results import changes, every_change
 
 # how long each value stays, and which members cannot be measured
 stretches = st.lists(st.integers(1, 12), min_size=1, max_size=5)

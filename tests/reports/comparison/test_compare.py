@@ -18,7 +18,7 @@ from bodycheck.reports.comparison.describe import (
     groups,
     sentences,
 )
-from bodycheck.reports.comparison.measure_track import OneMeasure
+from bodycheck.reports.comparison.release_results import OneMeasure
 from bodycheck.reports.document import print_document
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.run_files.run_reader import Tables, read_tables

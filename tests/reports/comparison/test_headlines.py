@@ -13,10 +13,14 @@ from markupsafe import escape
 
 from bodycheck.reports.comparison.change import Change, Status
 from bodycheck.reports.comparison.compare import compare, paired_versions
-from bodycheck.reports.comparison.describe import comparison_document, comparison_page, sentences
+from bodycheck.reports.comparison.describe import (
+    comparison_document,
+    comparison_page,
+    release_searches,
+    sentences,
+)
 from bodycheck.reports.comparison.environment_diff import is_refinement
 from bodycheck.reports.comparison.headlines import by_method, headlines
-from bodycheck.reports.comparison.release_search import release_searches
 from bodycheck.reports.document import escaped_markdown, markdown, print_document
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.run_files.run_reader import Tables

@@ -14,7 +14,7 @@ from rich.console import Console
 from bodycheck._util.errors import InputError
 from bodycheck.reports import document
 from bodycheck.reports.comparison.change import FAILING, Change, Status
-from bodycheck.reports.comparison.compare import compare
+from bodycheck.reports.comparison.compare import compare, renamed
 from bodycheck.reports.comparison.describe import (
     HEADINGS,
     change_tables,
@@ -22,7 +22,7 @@ from bodycheck.reports.comparison.describe import (
     comparison_page,
     sentences,
 )
-from bodycheck.reports.comparison.measure_track import Finding, OneMeasure, comparable, under_one_name
+from bodycheck.reports.comparison.release_results import Finding, OneMeasure, comparable
 from bodycheck.reports.document import Document, print_document
 from bodycheck.reports.run_files.run_reader import Tables
 from bodycheck.reports.run_files.run_tables import Run
@@ -171,11 +171,11 @@ def test_words_and_what_is_missing_differ_where_they_are_not_the_same() -> None:
 
 
 def test_two_versions_of_an_engine_are_compared_under_one_name() -> None:
-    """In the cases, and in all three tables; nothing else is another."""
+    """In the cases and in every table; nothing else differs."""
     stable = {"scenario": "brick", "engine": "mujoco==3", "method": "rk4", "outcome": "ok"}
     tables = run({"engine": "mujoco==3"}, methods=[{"engine": "mujoco==3"}], stability=[stable])
     made = Run(**vars(tables), problems=())
-    found = under_one_name(made, "mujoco")
+    found = renamed(made, {"mujoco==3": "mujoco"})
     assert {table["engine"].item() for table in (found.results, found.methods, found.stability)} == {"mujoco"}
     assert [case.columns["engine"] for case in found.cases] == ["mujoco"]
     assert [case.columns["engine"] for case in made.cases] == ["mujoco==3"]

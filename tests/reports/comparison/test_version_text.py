@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bodycheck.reports.comparison.measure_track import Finding
-from bodycheck.reports.comparison.release_results import Found, Track, found_document
+from bodycheck.reports.comparison.release_results import Finding, Found, Track, found_document
 from bodycheck.reports.document import print_document
 
 VERSIONS = ("1.0", "1.1", "1.2", "2.0", "2.1")

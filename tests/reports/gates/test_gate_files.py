@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from bodycheck._util.errors import InputError
-from bodycheck.reports.gates.gate import parse_gates, read_gates, read_thresholds
-from bodycheck.reports.gates.gate_measure import measure_of
+from bodycheck.reports.gates.gate import measure_of, parse_gates, read_gates, read_thresholds
 from bodycheck.reports.gates.thresholds import THRESHOLD, Thresholds
 from bodycheck.reports.measurement.study import QUANTITIES
 from bodycheck.reports.run_files.tables import METHOD_COLUMNS, RESULT_COLUMNS

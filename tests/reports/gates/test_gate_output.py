@@ -14,8 +14,7 @@ from rich.console import Console
 from bodycheck._util.errors import InputError
 from bodycheck.reports import document
 from bodycheck.reports.document import json_text, print_document
-from bodycheck.reports.gates.gate import Gate, gate_of
-from bodycheck.reports.gates.gate_measure import Measure, measure_of
+from bodycheck.reports.gates.gate import Gate, Measure, gate_of, measure_of
 from bodycheck.reports.gates.gate_output import (
     as_junit,
     changes_document,

@@ -22,7 +22,7 @@ from bodycheck.reports.history.baseline import (
     read_summary_file,
     seal_run,
 )
-from bodycheck.reports.run_files.table_formats import as_parquet
+from bodycheck.reports.run_files.tables import as_parquet
 from tests.helpers.expected_messages import ExpectedMessage
 
 MANIFEST: dict[str, Any] = {

@@ -14,7 +14,7 @@ from bodycheck._util.errors import InputError
 from bodycheck.cli import commands
 from bodycheck.reports.history.baseline import SUMMARY_KEYS
 from bodycheck.reports.history.queries import TABLES
-from bodycheck.reports.run_files.table_formats import as_parquet
+from bodycheck.reports.run_files.tables import as_parquet
 
 NAMES = [f"2026010{day}T000000Z-00000{day}" for day in (1, 2, 3)]
 

@@ -10,8 +10,8 @@ from xml.etree import ElementTree as ET
 import pandas as pd
 import pytest
 
-from bodycheck.reports.history.feed import feed
-from bodycheck.reports.history.trends import release_changes
+from bodycheck.reports.history.history_output import release_changes
+from bodycheck.reports.history.nightly_files import feed
 from bodycheck.reports.run_files.run_tables import Run
 from tests.helpers.nightly_runs import store_nightly_runs, unchanged
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 import bodycheck
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.run_files.table_formats import as_parquet
+from bodycheck.reports.run_files.tables import as_parquet
 from bodycheck.reports.run_files.trajectory_files import COLUMNS, npz
 from tests.helpers.expected_messages import ExpectedMessage
 

@@ -26,7 +26,7 @@ from bodycheck.reports.recordings.column_map import (
     source_names,
 )
 from bodycheck.reports.recordings.conversion import recorded_arrays
-from bodycheck.reports.run_files.table_formats import as_parquet
+from bodycheck.reports.run_files.tables import as_parquet
 from bodycheck.scenarios.library import scenario_names
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.file_mutations import any_bytes, csv_cell, json_value, toml_line

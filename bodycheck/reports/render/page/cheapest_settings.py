@@ -15,13 +15,13 @@ from bodycheck.reports.render.page.downsampling import rounded
 from bodycheck.reports.render.styles import REFERENCE
 from bodycheck.reports.run_files.run_tables import MethodKey, Run
 from bodycheck.reports.summary.advice import Answer, Option, settings_within
-from bodycheck.reports.summary.cases_within import (
+from bodycheck.reports.summary.error_curve import (
     RefinementSequence,
     cases_within,
+    curves_of,
     largest_error,
     sequences_of,
 )
-from bodycheck.reports.summary.error_curve import curves_of
 
 TOLERANCES: tuple[float, ...] = tuple(float(f"1e-{k}") for k in range(1, 13))
 """The positions of the slider: tolerances of the orientation error in rad."""

@@ -14,7 +14,7 @@ from bodycheck.reports.measurement.measure_bounds import floor_of
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.render.styles import REFERENCE
 from bodycheck.reports.run_files.run_tables import MethodKey
-from bodycheck.reports.summary.cases_within import RefinementSequence, cases_within, sequences_of
+from bodycheck.reports.summary.error_curve import RefinementSequence, cases_within, sequences_of
 
 ERRORS = ("orientation_error_rad", "energy_drift", "angular_momentum_drift", "omega_error")
 """The errors for which costs are compared."""

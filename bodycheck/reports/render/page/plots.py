@@ -14,10 +14,9 @@ from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measure_bounds import floor_of
 from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, scale_of
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.render.headings import heading
 from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, Cost
 from bodycheck.reports.render.page.downsampling import packed_line, rounded, thinned_maxima, thinned_times
-from bodycheck.reports.render.styles import Style, merged
+from bodycheck.reports.render.styles import Style, heading, merged
 from bodycheck.reports.run_files.run_tables import MethodKey, cases_by_method, key_of, shown_case
 
 
