@@ -75,7 +75,7 @@ def _first_not_finite(trajectory: Trajectory) -> tuple[int, str] | None:
 
 _RATIO = 1.1  # of successive steps of the scan
 _WIDTH = 1.01  # ratio of the bracket's ends at which bisection stops
-_MAX_READINGS = 50  # readings of the state per trial, which cost more than the engine's steps
+_MAX_READINGS = 20  # readings of the state per trial, which cost more than the engine's steps
 
 Breakdown = Callable[[float], str | None]
 """step in s -> why the method breaks down at this step; None if it does not."""
