@@ -31,7 +31,14 @@ def _tables(methods: list[Method]) -> str:
     changed: dict[tuple[str, ...], list[str]] = {}
     for method in methods:
         order = "" if method.order is None else str(method.order)
-        facts = (f"`{method.formula}`", order, method.precision, method.keeps, method.lasting, method.source)
+        facts = (
+            f"`{method.formula}`",
+            order,
+            method.precision,
+            method.conserves,
+            method.continuous_loads,
+            method.source,
+        )
         alike.setdefault(facts, []).append(method.name)
         changed.setdefault(method.changed_defaults, []).append(method.name)
     head = ("method", "map", "order", "precision", "conserves", "loads evaluated", "source")

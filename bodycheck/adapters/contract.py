@@ -42,8 +42,8 @@ class Method:
 
     order: theoretical order on a smooth, torque-free motion, None if none is expected. evaluations:
     right-hand sides per step. torque: when a torque is evaluated: at every stage, once per step and held
-    constant over it (zero-order hold), or in a closed form only. lasting: the same for loads that vary with
-    time or motion, including user's functions; a zero-order hold of these reduces any method to order 1.
+    constant over it (zero-order hold), or in a closed form only. continuous_loads: the same for loads that
+    vary with time or motion, including user's functions; a zero-order hold reduces any method to order 1.
     control: what the caller sets: the step size, a tolerance, or nothing. tolerances: the defaults of a run.
     snippet: the statements with which a user's own program selects this method, such as
     "world.setTimeStep({dt_s})"; {dt_s} stands for the step in s.
@@ -57,13 +57,13 @@ class Method:
     formula: str
     order: int | None
     evaluations: int | None
-    torque: Literal["every stage", "held over the step", "in closed form"]
-    keeps: str
+    torque: Literal["every stage", "zero-order hold", "in closed form"]
+    conserves: str
     source: str
     control: Control = "dt"
     changed_defaults: tuple[str, ...] = ()
     tolerances: tuple[float, ...] = ()
-    lasting: Literal["every stage", "held over the step", "in closed form"] = "held over the step"
+    continuous_loads: Literal["every stage", "zero-order hold", "in closed form"] = "zero-order hold"
     snippet: str = ""
     precision: Precision = "float64"
     rounding_bias: float = 0.0

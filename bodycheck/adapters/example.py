@@ -17,7 +17,7 @@ class Example:
     name, version = "example", "0.1.0"
     # The package that NAME==VERSION installs: that of the engine, if it is another than this one.
     distribution = "bodycheck-example"
-    facts = Method("euler", "semi-implicit Euler", 1, 1, "held over the step", "|q| = 1", "its manual")
+    facts = Method("euler", "semi-implicit Euler", 1, 1, "zero-order hold", "|q| = 1", "its manual")
     methods = {facts.name: facts}  # noqa: RUF012 - never changed
 
     def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract

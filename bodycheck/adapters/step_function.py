@@ -99,8 +99,8 @@ def _method(name: str) -> Method:
         formula="state = step(state, dt)",
         order=None,
         evaluations=None,
-        torque="held over the step",
-        keeps="what the function keeps",
+        torque="zero-order hold",
+        conserves="what the function conserves",
         source="the caller",
     )
 

@@ -158,7 +158,7 @@ int main(void) {
     size_t room = 0;
     printf("{\"bodycheck\":1,\"engine\":\"euler-c\",\"version\":\"1\",\"methods\":[{\"name\":\"euler\","
            "\"formula\":\"omega += h I^-1 (-omega x I omega); q += h/2 q omega\",\"order\":1,\"evaluations\":1,"
-           "\"torque\":\"held over the step\",\"keeps\":\"nothing\",\"source\":\"Euler (1768)\",\"control\":\"dt\","
+           "\"torque\":\"zero-order hold\",\"conserves\":\"nothing\",\"source\":\"Euler (1768)\",\"control\":\"dt\","
            "\"changed_defaults\":[],\"tolerances\":[]}],\"limits\":{\"message_bytes\":536870912},\"build\":\"\"}\n");
     fflush(stdout);
     while (getline(&line, &room, stdin) > 0) {

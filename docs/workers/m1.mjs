@@ -7,8 +7,8 @@ const METHOD = {
   formula: "omega += h I^-1 (-omega x I omega); q = q exp(h omega / 2)",
   order: 1,
   evaluations: 1,
-  torque: "held over the step",
-  keeps: "|q| to round-off",
+  torque: "zero-order hold",
+  conserves: "|q| to round-off",
   source: "semi-implicit Euler",
 };
 

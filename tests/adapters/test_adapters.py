@@ -121,7 +121,7 @@ def test_method_states_its_facts(adapter: Adapter, method: str) -> None:
     facts = adapter.methods[method]
     assert facts.name == method == method.lower()
     assert facts.formula
-    assert facts.keeps
+    assert facts.conserves
     assert facts.source
     assert facts.changed_defaults
     assert adapter.version

@@ -347,7 +347,7 @@ def test_order_is_one_under_zero_order_hold(adapter: Adapter, method: str, name:
     scene, facts = scene_of(LOADS[name], PIVOT if pivoted else None), adapter.methods[method]
     if not supports(adapter, scene, method):
         return
-    order = facts.order if facts.lasting == "every stage" else 1
+    order = facts.order if facts.continuous_loads == "every stage" else 1
     assert order is not None
     truth = solved_under(name, pivoted=pivoted)
     errors: dict[int, float] = {}

@@ -296,7 +296,7 @@ class Needy:
     name = "needy"
     distribution = "toy-engine"
     requires = ("toy-engine>=2",)
-    methods = {"m1": Method("m1", "map M1", 1, 1, "held over the step", "nothing", "made up")}
+    methods = {"m1": Method("m1", "map M1", 1, 1, "zero-order hold", "nothing", "made up")}
 
     def __init__(self):
         import toy_engine

@@ -164,7 +164,7 @@ def test_program_that_does_not_announce_itself_costs_its_own_cases(fault: str, f
 
 DYING = """
 import json, sys, time
-method = dict(name="m", formula="", order=1, evaluations=1, torque="", keeps="", source="", control="dt",
+method = dict(name="m", formula="", order=1, evaluations=1, torque="", conserves="", source="", control="dt",
               changed_defaults=[], tolerances=[])
 limits = dict(message_bytes=10**6)
 print(json.dumps(dict(bodycheck=1, engine="x", version="1", methods=[method], limits=limits, build="b",

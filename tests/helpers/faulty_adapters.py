@@ -288,7 +288,7 @@ class FaultyExample(Example):
 
     def __init__(self, fault: AdapterFault) -> None:
         self._fault = fault
-        torque = "every stage" if fault.order > 1 else "held over the step"
+        torque = "every stage" if fault.order > 1 else "zero-order hold"
         facts: Method = replace(Example.facts, order=fault.order, torque=torque)
         self.methods = {facts.name: facts}
 

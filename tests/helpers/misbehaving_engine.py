@@ -178,8 +178,8 @@ _STEPPED = Method(
     formula="Runge-Kutta 4",
     order=4,
     evaluations=4,
-    torque="held over the step",
-    keeps="nothing",
+    torque="zero-order hold",
+    conserves="nothing",
     source="my_integrator.py",
 )
 _SOLVED = replace(_STEPPED, control="none")

@@ -477,7 +477,7 @@ class Faulty:
     def __init__(self, base: str) -> None:
         self.name = f"faulty-{base}"
         self._order = BASES[base]
-        known = replace(Reference().methods[base], lasting="held over the step", changed_defaults=())
+        known = replace(Reference().methods[base], continuous_loads="zero-order hold", changed_defaults=())
         names = (NO_FAULT, *(fault.name for fault in FAULTS))
         self.methods: Mapping[str, Method] = {name: replace(known, name=name) for name in names}
 

@@ -23,7 +23,7 @@ class FaultyMap:
 
     def __init__(self, base: str, faults: Sequence[Fault]) -> None:
         self.name, self._base, self._faults = f"planted-{base}", base, faults
-        known = replace(Reference().methods[base], lasting="held over the step", changed_defaults=())
+        known = replace(Reference().methods[base], continuous_loads="zero-order hold", changed_defaults=())
         self.methods: dict[str, Method] = {"planted": replace(known, name="planted")}
 
     def unsupported(self, scene: Scene, method: str) -> str | None:

@@ -210,7 +210,7 @@ def test_method_states_its_facts(method: Integrator) -> None:
     assert INTEGRATORS[method.name] is method
     assert method.name == method.name.lower()
     assert method.formula
-    assert method.keeps
+    assert method.conserves
     assert method.source
     assert method.order >= 1
     assert method.evaluations >= 1

@@ -35,7 +35,7 @@ def no_loads(*motion: Array) -> tuple[Array, Array]:
     return np.zeros_like(omega), np.zeros_like(omega)
 
 
-METHOD = Method("under-test", "", 1, 1, "held over the step", "", "")
+METHOD = Method("under-test", "", 1, 1, "zero-order hold", "", "")
 ENGINE = Engine("numpy", "1", {METHOD.name: METHOD})
 
 

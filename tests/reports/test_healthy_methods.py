@@ -15,7 +15,7 @@ from tests.helpers.reported_results import reported_results
 METHODS = ("reference:rk4", "reference:m1", "mujoco:implicit", "pybullet:multibody", "dart:semi-implicit")
 MODULES = {"dart": "dartpy"}
 KINDS_OF_CONSTANT_LOADS = 4
-"""The first so many seeds; the kernels of lasting loads take a compiler a minute."""
+"""The first so many seeds; the kernels of continuous loads take a compiler a minute."""
 
 
 def check_healthy(seeds: Iterable[int], folder: Path) -> None:

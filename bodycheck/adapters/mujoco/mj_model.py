@@ -21,7 +21,7 @@ from bodycheck.reference_impl.rotations import matrix_to_quaternion
 from bodycheck.reference_impl.scene import PointForce, Scene
 
 _MANUAL = "MuJoCo documentation, Computation, Numerical integration"
-_KEEPS = "|q| = 1; linear momentum"
+_CONSERVES = "|q| = 1; linear momentum"
 _OFF = ("autoreset off", "constraints, contacts, springs, dampers and sensors off")
 _CHANGED = (*_OFF, "the free joint of a body with a link frame aligned")
 _BY_THE_ORIGIN = (
@@ -49,8 +49,8 @@ def methods_of(version: str) -> dict[str, Method]:
             order=4 if numbers >= (4,) else 2,
             evaluations=4,
             torque="every stage",
-            lasting="every stage",
-            keeps=_KEEPS,
+            continuous_loads="every stage",
+            conserves=_CONSERVES,
             source=_MANUAL,
             changed_defaults=_CHANGED,
             snippet=_snippet("rk4"),
@@ -77,7 +77,7 @@ def _variant(method: Method, variant: str, changed: tuple[str, ...]) -> Method:
         method,
         name=f"{method.name}{variant}",
         formula=method.formula + _BY_THE_ORIGIN,
-        keeps="|q| = 1; linear momentum where the link is at the centre of mass",
+        conserves="|q| = 1; linear momentum where the link is at the centre of mass",
         changed_defaults=changed,
     )
 
@@ -89,8 +89,8 @@ def _one_evaluation(name: str, formula: str) -> Method:
         formula,
         order,
         1,
-        "held over the step",
-        _KEEPS,
+        "zero-order hold",
+        _CONSERVES,
         _MANUAL,
         changed_defaults=_CHANGED,
         snippet=_snippet(name),

@@ -46,14 +46,14 @@ _SCHEMES = {
     "bogacki-shampine3": _Scheme(3, 4, "explicit Runge-Kutta 3(2) of Bogacki and Shampine"),
     "runge-kutta5": _Scheme(5, 7, "explicit Runge-Kutta 5(4) of Dormand and Prince"),
 }
-_KEEPS = "nothing: the quaternion is not normalised"
+_CONSERVES = "nothing: the quaternion is not normalised"
 _DISCRETE = Method(
     name="discrete",
     formula="omega += h I^-1 (tau - omega x I omega); q += h omega q / 2, not normalised",
     order=1,
     evaluations=1,
-    torque="held over the step",
-    keeps=_KEEPS,
+    torque="zero-order hold",
+    conserves=_CONSERVES,
     source="Drake, MultibodyPlant with a time step",
     snippet="plant = MultibodyPlant(time_step={dt_s})",
 )
@@ -67,8 +67,8 @@ def _method_of(name: str, scheme: _Scheme) -> Method:
         order=scheme.order,
         evaluations=scheme.evaluations,
         torque="every stage",
-        lasting="every stage",
-        keeps=_KEEPS,
+        continuous_loads="every stage",
+        conserves=_CONSERVES,
         source=f"Drake, ResetIntegratorFromFlags('{drake_name}')",
         changed_defaults=("fixed steps in place of error control",),
         snippet=f"ResetIntegratorFromFlags(simulator, '{drake_name}', {{dt_s}}).set_fixed_step_mode(True)",

@@ -55,8 +55,8 @@ def _method_of(name: str, solver: _Solver) -> Method:
         order=solver.order,
         evaluations=solver.evaluations,
         torque="every stage",
-        lasting="every stage",
-        keeps="R^T R = 1",
+        continuous_loads="every stage",
+        conserves="R^T R = 1",
         source=f"Exudyn, DynamicSolverType.{solver.called}; Gerstmayr (2023), Multibody Syst. Dyn.",
         changed_defaults=("fixed steps, also of DOPRI5", "full Newton iterations, to round-off"),
         snippet=f"settings.timeIntegration.numberOfSteps = round(endTime / {{dt_s}}); "

@@ -108,7 +108,7 @@ def start_of(scene: Scene) -> tuple[Array, Array]:
 
 
 class PortSimulation:
-    """A scene in a port: constant torques and forces at every stage, continuous loads held over the step.
+    """A scene in a port: constant loads at every stage, continuous ones held constant over the step.
 
     As in MuJoCo's adapter, a force in body axes or off the centre of mass is the gear of an actuator.
     """

@@ -70,8 +70,8 @@ def _methods() -> dict[str, Method]:
             formula=solver.formula,
             order=solver.order,
             evaluations=4 if name.endswith("rk4") else 1,
-            torque="held over the step",
-            keeps="|q| = 1; linear momentum",
+            torque="zero-order hold",
+            conserves="|q| = 1; linear momentum",
             source=f"Newton, newton.solvers.{solver.name}",
             changed_defaults=solver.changed,
             snippet=f"newton.solvers.{solver.name}(model{_words(solver.options)})"
@@ -82,7 +82,7 @@ def _methods() -> dict[str, Method]:
         found[name] = method
         if solver.changed:
             found[f"{name}{DEFAULTS}"] = replace(
-                method, name=f"{name}{DEFAULTS}", keeps="|q| = 1", changed_defaults=(),
+                method, name=f"{name}{DEFAULTS}", conserves="|q| = 1", changed_defaults=(),
                 formula=f"{method.formula}; omega damped by 1 - 0.05 h",
                 snippet=f"newton.solvers.{solver.name}(model).step(s0, s1, None, None, {{dt_s}})",
             )  # fmt: skip

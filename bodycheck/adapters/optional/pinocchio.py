@@ -25,8 +25,8 @@ _SEMI_IMPLICIT = Method(
     formula="v += h aba(q, v, tau); q = integrate(q, h v), v in body axes",
     order=1,
     evaluations=1,
-    torque="held over the step",
-    keeps="|q| to first order of its error",
+    torque="zero-order hold",
+    conserves="|q| to first order of its error",
     source="Pinocchio, aba and integrate",
     snippet="v += {dt_s} * pinocchio.aba(model, data, q, v, tau); "
     "q = pinocchio.integrate(model, q, {dt_s} * v)",
@@ -37,8 +37,8 @@ _RK4 = Method(
     order=2,  # it averages tangent vectors as if rotations commuted
     evaluations=4,
     torque="every stage",
-    lasting="every stage",
-    keeps="|q| to first order of its error",
+    continuous_loads="every stage",
+    conserves="|q| to first order of its error",
     source="Pinocchio, aba and integrate; Runge-Kutta without a correction for the group",
     snippet="stages q_i = pinocchio.integrate(model, q, {dt_s} * a_ij * v_j), then their weighted mean",
 )

@@ -26,8 +26,8 @@ _PHYSX = Method(
     formula="omega += h I^-1 tau with a gyroscopic term at the middle of the step; q = exp(h omega) q",
     order=None,  # at usual steps its error is that of float32
     evaluations=1,
-    torque="held over the step",
-    keeps="|q| = 1; linear momentum",
+    torque="zero-order hold",
+    conserves="|q| = 1; linear momentum",
     source="PhysX 5, rigid body dynamics on the CPU",
     changed_defaults=("no damping", "no sleeping", "no limits of velocities"),
     snippet="system.timestep = {dt_s}; body.linear_damping = body.angular_damping = 0",
@@ -37,7 +37,7 @@ _PHYSX = Method(
 _DEFAULTS = replace(
     _PHYSX,
     name=f"{_PHYSX.name}{DEFAULTS}",
-    keeps="|q| = 1",
+    conserves="|q| = 1",
     changed_defaults=(),
     snippet="system.timestep = {dt_s}",
 )

@@ -59,12 +59,12 @@ class MethodMessage(BaseModel):
     order: Annotated[int, Field(strict=True, ge=0, le=1000)] | None
     evaluations: Annotated[int, Field(strict=True, ge=0, le=10**6)] | None
     torque: Text
-    keeps: Text
+    conserves: Text
     source: Text
     control: Control = "dt"
     changed_defaults: Annotated[list[Text], Field(max_length=1000)] = []
     tolerances: Annotated[list[Tolerance], Field(max_length=1000)] = []
-    lasting: Text = "held over the step"
+    continuous_loads: Text = "zero-order hold"
     snippet: Text = ""
     precision: Precision = "float64"
     rounding_bias: Annotated[float, Field(strict=True, ge=0.0, le=1000.0)] = 0.0

@@ -80,7 +80,7 @@ METHOD = runge_kutta(
     formula="y+ = y + dt sum b_i k_i over 12 stages, y = (x, v, omega, q)",
     order=8,
     tableau=TABLEAU,
-    keeps="nothing exactly; |q| to order 9",
+    conserves="nothing exactly; |q| to order 9",
     source="Dormand and Prince (1989); Hairer, Norsett and Wanner (1993), Solving ODEs I, II.5 and dop853.f",
     advance=advance,
 )

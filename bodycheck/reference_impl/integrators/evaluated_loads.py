@@ -107,7 +107,7 @@ _FORCE_WORLD, _TORQUE_WORLD = slice(3, 6), slice(9, 12)
 
 def supports_callbacks(method: Integrator) -> bool:
     """Whether Python can call the load: the method needs it at the start of a step, or has a tableau."""
-    return method.continuous == "held over the step" or method.tableau is not None
+    return method.continuous == "zero-order hold" or method.tableau is not None
 
 
 def advance_with_callback(

@@ -57,7 +57,7 @@ class Integrator:
     """One fixed-step method.
 
     order: of the orientation error; evaluations: of the right-hand side, per step.
-    keeps: the conserved quantities in words; preserves: those that tests measure.
+    conserves: the conserved quantities in words; preserves: those that tests measure.
     step_angle: the rotation angle in rad of one step at constant omega, a function of x = dt |omega|; exact
     is x.
     position_weight: w in x+ = x + dt v + w dt^2 F / m under a constant force; 0 if the pose is explicit, 1 if
@@ -74,8 +74,8 @@ class Integrator:
     formula: str
     order: int
     evaluations: int
-    torque: Literal["every stage", "held over the step"]
-    keeps: str
+    torque: Literal["every stage", "zero-order hold"]
+    conserves: str
     preserves: frozenset[Structure]
     source: str
     step_angle: Callable[[float], float]
@@ -84,7 +84,7 @@ class Integrator:
     spin: Spin
     advance: Advance
     advance_forced: AdvanceForced
-    continuous: Literal["every stage", "held over the step"] = "held over the step"
+    continuous: Literal["every stage", "zero-order hold"] = "zero-order hold"
     refused: tuple[type[Any], ...] = ()
     tableau: Tableau | None = None
     real: type[np.floating[Any]] = np.float64

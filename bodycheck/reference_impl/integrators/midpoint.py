@@ -12,6 +12,6 @@ METHOD = runge_kutta(
     formula="y+ = y + dt f(y + dt/2 f(y)), y = (x, v, omega, q)",
     order=2,
     tableau=Tableau(a=np.array([[0.0, 0.0], [0.5, 0.0]]), b=np.array([0.0, 1.0]), c=np.array([0.0, 0.5])),
-    keeps="nothing exactly; |q| to order 3",
+    conserves="nothing exactly; |q| to order 3",
     source="Runge (1895); Hairer, Norsett and Wanner (1993), Solving ODEs I, section II.1",
 )

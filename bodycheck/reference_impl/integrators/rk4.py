@@ -78,7 +78,7 @@ METHOD = runge_kutta(
     formula="y+ = y + dt/6 (k1 + 2 k2 + 2 k3 + k4), y = (x, v, omega, q)",
     order=4,
     tableau=_TABLEAU,
-    keeps="nothing exactly; |q| to order 5",
+    conserves="nothing exactly; |q| to order 5",
     source="Kutta (1901); Hairer, Norsett and Wanner (1993), Solving ODEs I, table II.1.2",
     advance=advance,
 )

@@ -29,7 +29,7 @@ def runge_kutta(
     formula: str,
     order: int,
     tableau: Tableau,
-    keeps: str,
+    conserves: str,
     source: str,
     advance: Advance | None = None,
 ) -> Integrator:
@@ -57,7 +57,7 @@ def runge_kutta(
         order=order,
         evaluations=len(tableau.b),
         torque="every stage",
-        keeps=keeps,
+        conserves=conserves,
         preserves=frozenset(),
         source=source,
         step_angle=step_angle,

@@ -301,8 +301,8 @@ class Flow:
             gyroscopic = self._gyro * gyroscopic
         acceleration = np.broadcast_to(force_world, w.shape)
         torque = np.broadcast_to(torque_body, w.shape)
-        lasting = self._scene.continuous_loads
-        rotates = self._needs[0] or any(self._needs[3:]) or lasting or "inertia_in_world" in features
+        continuous = self._scene.continuous_loads
+        rotates = self._needs[0] or any(self._needs[3:]) or continuous or "inertia_in_world" in features
         if rotates or "body_velocity" in features:
             rotation = matrix_of(y.q)
         if self._needs[0]:
@@ -312,8 +312,8 @@ class Flow:
         if self._needs[4]:
             m = np.einsum("ab...,bc...->ac...", moment, rotation)
             torque = torque + np.stack([m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0]])
-        if lasting:
-            force, turning = self._lasting(y, rotation, t)
+        if continuous:
+            force, turning = self._continuous_loads(y, rotation, t)
             acceleration, torque = acceleration + force, torque + transposed_times(rotation, turning)
         if "inertia_in_world" in features:
             rows = features["inertia_in_world"][0]
@@ -373,7 +373,7 @@ class Flow:
             extra[:, rows] += rate * np.where(energy > 0.0, share, 0.0) * across
         return extra
 
-    def _lasting(self, y: States, rotation: Array, t: Array) -> tuple[Array, Array]:
+    def _continuous_loads(self, y: States, rotation: Array, t: Array) -> tuple[Array, Array]:
         """Return acceleration and torque of the continuous loads, in world axes."""
         shape = y.w.shape[1:]
         at = Instants(

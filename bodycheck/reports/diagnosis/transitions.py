@@ -141,10 +141,10 @@ class Transitions:
     def flow(self, models: Sequence[Model], base: Base) -> Flow:
         """Return candidates about to advance these transitions."""
         scene = about_pivot(self.scene) if self.scene.pivot is not None else self.scene
-        lasting = replace(scene, pivot=self.scene.pivot)
+        pivoted = replace(scene, pivot=self.scene.pivot)
         first_step = self.indices * self.grid.stride
         return Flow(
-            models, base, lasting, self.grid.dt_s[self.indices], first_step, self.trajectory.t_s[self.indices]
+            models, base, pivoted, self.grid.dt_s[self.indices], first_step, self.trajectory.t_s[self.indices]
         )
 
     def predicted(self, models: Sequence[Model], base: Base) -> Reading:

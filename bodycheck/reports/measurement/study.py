@@ -300,7 +300,9 @@ def _expected_order(cases: Sequence[CaseResult], problem: Problem, method: Metho
     """
     if method.order is None or method.control != "dt":
         return None
-    zero_order_hold = bool(problem.scenario.scene.continuous_loads) and method.lasting == "held over the step"
+    zero_order_hold = (
+        bool(problem.scenario.scene.continuous_loads) and method.continuous_loads == "zero-order hold"
+    )
     switched = any(SWITCH_NOTE in case.columns["message"] for case in cases)
     return min(method.order, 1) if zero_order_hold or switched else method.order
 

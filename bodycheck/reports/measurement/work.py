@@ -20,12 +20,12 @@ _DEGREES = (7, 5)  # of the splines through the power; their difference estimate
 
 def working_loads(scene: Scene, start_s: float, end_s: float) -> list[Load]:
     """Return the loads that act within [begin_s, end_s) and have no potential energy."""
-    lasting = [
+    continuous = [
         load
         for load in scene.continuous_loads
         if not checked_continuous(load, "the balance of energy").potential_needs
     ]
-    return [*constant_loads_between(scene, start_s, end_s), *lasting]
+    return [*constant_loads_between(scene, start_s, end_s), *continuous]
 
 
 def work_done(scene: Scene, motion: Trajectory) -> tuple[Array, float] | None:

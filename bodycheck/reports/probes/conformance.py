@@ -408,7 +408,7 @@ def _stages(bench: Bench) -> Iterator[Finding]:
         yield Finding("order", message="the method states no order")
         return
     yield _order_finding(bench, "order", (), method.order, "")
-    at_stages = {"torque and force": method.torque, "continuous loads": method.lasting}
+    at_stages = {"torque and force": method.torque, "continuous loads": method.continuous_loads}
     for name, loads, kind in _STAGED:
         stated = at_stages[kind]
         if stated == "every stage":

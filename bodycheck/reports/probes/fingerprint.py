@@ -425,8 +425,8 @@ def _unknown(free: Steps, nearest: list[Match]) -> Fingerprint:
 
 _RULES: Mapping[str, bool | None] = {
     "": None,
-    "loads held over the step in world axes": False,
-    "loads held over the step in body axes": True,
+    "zero-order hold of loads in world axes": False,
+    "zero-order hold of loads in body axes": True,
 }
 """The treatment of loads by a map that evaluates them at its stages; True: held in body axes."""
 

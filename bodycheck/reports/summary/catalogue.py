@@ -89,11 +89,11 @@ def _method_rows() -> list[tuple[str, str]]:
 
 def _method_row(engine: str, method: Method, *, on_request: bool) -> tuple[str, str]:
     order = "" if method.order is None else f"; order {method.order}, torque {method.torque}"
-    if method.lasting != method.torque:
-        order += f", varying loads {method.lasting}"
+    if method.continuous_loads != method.torque:
+        order += f", varying loads {method.continuous_loads}"
     if method.precision != "float64":
         order += f"; precision {method.precision}"
     only = "; run only when requested by name" if on_request else ""
     if method.is_for_off_centre_links:
         only += ", or where a link is off the centre of mass"
-    return f"{engine}:{method.name}", f"{method.formula}{order}; conserves {method.keeps}{only}"
+    return f"{engine}:{method.name}", f"{method.formula}{order}; conserves {method.conserves}{only}"
