@@ -62,7 +62,10 @@ NOT_RUN = {
 }
 """Commands that are shown and not run here, and why."""
 
-LONG = ("docs/clusters.md", "docs/nightly.md", "docs/report.md", "docs/start.md", "docs/workers.md")
+LONG = tuple(
+    f"docs/{name}.md"
+    for name in ("clusters", "ensembles", "gates", "nightly", "questions", "report", "start", "workers")
+)
 """Pages whose commands take long; tests of the same commands, in less, run at each push."""
 
 FILES = {
@@ -234,7 +237,14 @@ def write_tests(page: str, folder: Path) -> int:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", [page for page in pages() if any(map(has_tests, blocks(page)))])
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=pytest.mark.nightly if page in LONG else ())
+        for page in pages()
+        if any(map(has_tests, blocks(page)))
+    ],
+)
 def test_tests_of_a_page_pass(page: str, folder: Path) -> None:
     """Each Python block with tests is a file whose tests pass, with the page's command if it has one."""
     wanted = write_tests(page, folder)

@@ -258,6 +258,7 @@ def test_killed_run_keeps_its_laps(command: Command, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_answers_of_other_packages_are_reused_on_request(command: Command, tmp_path: Path) -> None:
     """Answers are stored until the package's code changes, and used with --reuse."""
     kinds = "misbehaving:abort,misbehaving:raw-flood,misbehaving:nan"

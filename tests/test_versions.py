@@ -139,7 +139,7 @@ def test_two_versions_are_compared_under_one_name() -> None:
     assert {case.columns["engine"] for case in tables.cases} == {"toy"}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("toy")
 def test_speeds_are_measured_in_the_versions_environment() -> None:
     """A case of a pinned version is timed like any other."""
@@ -421,7 +421,10 @@ def test_every_release_is_run_on_request(command: Callable[..., tuple[int, str, 
 @pytest.mark.usefixtures("toy")
 @pytest.mark.parametrize(
     ("measure", "told"),
-    [("verdict", "converges in 1.1, as in 1.0"), ("energy_drift", " in 1.1, as in 1.0")],
+    [
+        ("verdict", "converges in 1.1, as in 1.0"),
+        pytest.param("energy_drift", " in 1.1, as in 1.0", marks=pytest.mark.nightly),
+    ],
 )
 def test_equal_ends_are_reported(
     measure: str, told: str, command: Callable[..., tuple[int, str, str]]
@@ -472,7 +475,7 @@ def test_mujocos_rk4_is_of_order_4_from_4_0_0(command: Callable[..., tuple[int, 
     assert out.splitlines()[-1] == "mujoco:rk4: 2.00 up to 3.17.0, 4.01 from 4.0.0"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_mujocos_4_0_0_improved_and_3_17_0_is_worse(
     command: Callable[..., tuple[int, str, str]], tmp_path: Path
 ) -> None:

@@ -57,10 +57,8 @@ class ExampleSimulation:
     def advance(self, steps: int) -> None:
         """Step the engine. Loads come from `loads.at`, here once per step, else at every stage."""
         for _ in range(steps):
-            rotation = quaternion_to_matrix(self.q)
-            force, torque = self.loads.at(
-                self.steps * self.dt_s, self.x, rotation, self.v, rotation @ self.omega
-            )
+            R = quaternion_to_matrix(self.q)
+            force, torque = self.loads.at(self.steps * self.dt_s, self.x, R, self.v, R @ self.omega)
             momentum = self.inertia @ self.omega
             self.omega += self.dt_s * np.linalg.solve(self.inertia, torque - np.cross(self.omega, momentum))
             self.v += self.dt_s * force / self.mass

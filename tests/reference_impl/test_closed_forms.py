@@ -330,7 +330,9 @@ SHORT = {"stretched, strongly": 0.03}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.nightly if name == "stretched" else ()) for name in SCENES]
+)
 def test_closed_forms_match_forty_digits(name: str) -> None:
     """Attitude and omega are right to 4e-15, position and velocity to rounding, with every kind of load."""
     scene, t_s = SCENES[name], TIMES * SHORT.get(name, 1.0)

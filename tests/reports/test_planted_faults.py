@@ -94,7 +94,13 @@ def pages_of(run: Run, capsys: pytest.CaptureFixture[str]) -> dict[str, str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("base", "first"), [(base, place) for place, base in enumerate(BASES)])
+@pytest.mark.parametrize(
+    ("base", "first"),
+    [
+        pytest.param(base, place, marks=pytest.mark.nightly if place else ())
+        for place, base in enumerate(BASES)
+    ],
+)
 def test_smoke_reports_a_sample_of_the_planted_faults(
     base: str, first: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
