@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import gc
 import math
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +12,7 @@ import numpy as np
 from benchmarks.contenders.contender import Task
 from benchmarks.effort import Effort
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.precompile import without_garbage_collection
 
 _MAX_RUNS = 2000  # of one task in one round
 
@@ -45,7 +44,7 @@ def interleaved(tasks: Sequence[Task], effort: Effort) -> Array:
     """
     repeats = [_repeats(task, effort.seconds) for task in tasks]
     seconds = np.empty((len(tasks), effort.rounds))
-    with _no_collector():
+    with without_garbage_collection():
         for k in range(effort.rounds):
             for place in range(len(tasks)):
                 i = (k + place) % len(tasks)
@@ -69,14 +68,3 @@ def _once(task: Task) -> float:
 def _repeats(task: Task, seconds: float) -> int:
     _once(task)
     return min(max(math.ceil(seconds / max(_once(task), 1e-9)), 1), _MAX_RUNS)
-
-
-@contextmanager
-def _no_collector() -> Iterator[None]:
-    was_on = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_on:
-            gc.enable()

@@ -32,7 +32,7 @@ _interpreted_s = 0.0
 
 
 @contextmanager
-def _without_garbage_collection() -> Iterator[None]:
+def without_garbage_collection() -> Iterator[None]:
     """Suspend the collector of cycles, which takes a tenth of the time of a compilation and frees little."""
     was_enabled = gc.isenabled()
     gc.disable()
@@ -43,7 +43,7 @@ def _without_garbage_collection() -> Iterator[None]:
             gc.enable()
 
 
-@_without_garbage_collection()
+@without_garbage_collection()
 def compile_kernels(
     scenes: Iterable[Scene],
     integrators: Sequence[str] = (),
@@ -132,7 +132,7 @@ def _next(waiting: deque[str]) -> str:
     return ""
 
 
-_KERNELS = {_FRAMES: 60, _TUMBLING: 40}
+_KERNELS = {_FRAMES: 63, _TUMBLING: 23}
 _INTEGRATOR_KERNELS, _TAYLOR_KERNELS = 4, 45
 """About as many files as an empty cache gets from each; progress alone depends on them."""
 
@@ -201,7 +201,7 @@ def _mark(name: str) -> Path:
     return cache_directory() / f"{name}.compiled"
 
 
-@_without_garbage_collection()
+@without_garbage_collection()
 def _compile_on_request() -> None:
     """Compile the name on each line of the input, after asking for it by a line of output."""
     print(flush=True)
