@@ -20,7 +20,8 @@ from bodycheck.reference_impl.pivot import kinetic_energies
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import Leg, StepPlan, plan_steps
 
-_MAX_ENERGY = 100.0  # times the largest true kinetic energy
+MAX_ENERGY = 100.0
+"""Times the largest true kinetic energy: above it a motion is unstable."""
 
 
 def invalid_state(trajectory: Trajectory) -> str | None:
@@ -41,7 +42,7 @@ def kinetic_limit(true_kinetic: Array) -> float:
     true_kinetic (n,): kinetic energy of the truth, in J.
     """
     largest = float(true_kinetic.max())
-    return _MAX_ENERGY * largest if largest > 0.0 else np.inf
+    return MAX_ENERGY * largest if largest > 0.0 else np.inf
 
 
 def energy_blowup(kinetic: Array, limit: float, t_s: Array) -> str | None:

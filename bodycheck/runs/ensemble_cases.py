@@ -14,6 +14,7 @@ from bodycheck.adapters.contract import Engine, Method, Setting
 from bodycheck.adapters.execution import Answer, Case
 from bodycheck.adapters.programs import is_program
 from bodycheck.adapters.reference import Reference
+from bodycheck.adapters.stable_step import MAX_ENERGY
 from bodycheck.adapters.workers import protocol
 from bodycheck.adapters.workers.case_messages import batch_message, case_message
 from bodycheck.adapters.workers.engine_pool import EnginePool
@@ -33,8 +34,6 @@ ROTATION_MEASURES = (
     "angular_momentum_drift",
 )
 """The measures of ensembles: those of a rotation that need no load."""
-
-_MAX_ENERGY = 100.0  # times the largest true kinetic energy: unstable above, as in stable_step.py
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +63,7 @@ def rotation_measures(
         energy_scale = np.max(energy_true, axis=1)
         finite = np.isfinite(q).all(axis=(1, 2)) & np.isfinite(omega).all(axis=(1, 2))
         finite &= np.all(np.max(np.abs(q), axis=-1) > 0.0, axis=1)
-        limit = np.where(energy_scale > 0.0, _MAX_ENERGY * energy_scale, np.inf)
+        limit = np.where(energy_scale > 0.0, MAX_ENERGY * energy_scale, np.inf)
         unstable = ~(finite & (np.max(energy, axis=1) <= limit))
         q = np.where(unstable[:, None, None], q_true, q)
         departures = {
