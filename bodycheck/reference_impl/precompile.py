@@ -20,10 +20,11 @@ from typing import Any
 import numpy as np
 
 from bodycheck._util.compiled_cache import cache_directory
+from bodycheck.reference_impl.loads.load import Load
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 
 _WITH_CONTINUOUS_LOADS = "+continuous"
-_FRAMES, _TUMBLING = "frames", "tumbling"
+_FRAMES, _TUMBLING, _SERIES = "frames", "tumbling", "taylor"
 _CLOSED_FORMS = (_FRAMES, _TUMBLING)
 _INTERPRETED_S, _INTERPRETED_SAMPLE_S = 0.05, 2e-3  # of a truth of a free body, and of each of its samples
 _POLL_S = 0.05
@@ -46,13 +47,13 @@ def without_garbage_collection() -> Iterator[None]:
 @without_garbage_collection()
 def compile_kernels(
     scenes: Iterable[Scene],
-    integrators: Sequence[str] = (),
+    methods: Sequence[str] = (),
     unsolved: Sequence[Scene] | None = None,
     *,
     never_cached: Mapping[str, Scene] = MappingProxyType({}),
     compiled: Callable[[int, int], None] = lambda done, total: None,  # noqa: ARG005 - called with both
 ) -> None:
-    """Call the kernels of these scenes' truths and of the named integrators once.
+    """Call the kernels of these scenes' truths and of the named methods of the reference once.
 
     unsolved: the scenes whose truths are still to be solved [default: all]. never_cached: further scenes by
     name. compiled: called with the number of kernels done and of those expected, only while something is
@@ -63,9 +64,9 @@ def compile_kernels(
     missing and all truths were solved before.
     """
     scenes = list(scenes)
-    names = [*(_CLOSED_FORMS if any(scene.is_free_rotation for scene in scenes) else ()), *integrators]
+    names = [*(_CLOSED_FORMS if any(scene.is_free_rotation for scene in scenes) else ()), *methods]
     if any(scene.continuous_loads for scene in scenes):
-        names += [name + _WITH_CONTINUOUS_LOADS for name in integrators]
+        names += [name + _WITH_CONTINUOUS_LOADS for name in methods if name != _SERIES]
     probes = {name: scene for name, scene in never_cached.items() if not _mark(name).exists()}
     waiting = deque(name for name in names if not _mark(name).exists())
     before, expected = _stored_kernels(), _expected_kernels(waiting, scenes)
@@ -132,7 +133,7 @@ def _next(waiting: deque[str]) -> str:
     return ""
 
 
-_KERNELS = {_FRAMES: 63, _TUMBLING: 23}
+_KERNELS = {_FRAMES: 63, _TUMBLING: 23, _SERIES: 32}
 _INTEGRATOR_KERNELS, _TAYLOR_KERNELS = 4, 45
 """About as many files as an empty cache gets from each; progress alone depends on them."""
 
@@ -221,6 +222,8 @@ def _compile_here(name: str) -> None:
         from bodycheck.reference_impl.free_rotation.free_rotations import compile_tumbling
 
         compile_tumbling()
+    elif name == _SERIES:
+        _compile_series()
     else:
         _compile_integrator(name)
     _set_mark(name)
@@ -233,12 +236,25 @@ def _set_mark(name: str) -> None:
         mark.touch()
 
 
+def _scene(*loads: Load) -> Scene:
+    start = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3))
+    return Scene(RigidBody(1.0, np.eye(3)), start, loads, np.zeros(3), 1.0, 2)
+
+
+def _compile_series() -> None:
+    """Solve a motion with no torque, whose kernels differ from those of any other, and one with a torque."""
+    from bodycheck.reference_impl.loads.kinds.sine_torque import SineTorque
+    from bodycheck.reference_impl.taylor.prepared_motion import TaylorMotion
+
+    for scene in (_scene(), _scene(SineTorque("body", np.ones(3), 1.0, 0.0))):
+        TaylorMotion.of(scene, 1e-15).solve(scene.sample_times)
+
+
 def _compile_flight() -> None:
     from bodycheck.reference_impl.closed_forms.flight import Flight
     from bodycheck.reference_impl.closed_forms.piecewise_constant_loads import loads_of
 
-    start = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3))
-    scene = Scene(RigidBody(1.0, np.eye(3)), start, (), np.zeros(3), 1.0, 2)
+    scene = _scene()
     loads = loads_of(scene)
     flight = None if loads is None else Flight.of(scene, loads)
     assert flight is not None

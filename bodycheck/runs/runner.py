@@ -198,14 +198,14 @@ def _compile(selection: Selection, cache: Cache, progress: Progress) -> bool:
     if not solves_truths and interprets_closed_forms(free):
         scenes, unsolved = ([one for one in some if not one.is_free_rotation] for some in (scenes, unsolved))
     probes = {f"probe-{name}": load_scenario(name).scene for name in PROBES if solves_truths}
-    integrators = [
+    methods = [
         method.name
         for engine, method in selection.methods
-        if engine.name == "reference" and method.control == "dt"
+        if engine.name == "reference" and method.control != "none"
     ]
     compile_kernels(
         scenes,
-        integrators,
+        methods,
         unsolved,
         never_cached=probes,
         compiled=compiled,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -69,6 +71,29 @@ def test_two_processes_share_the_names(tmp_path: Path, monkeypatch: pytest.Monke
     names = {path.stem for path in tmp_path.rglob("*.compiled")}
     assert names == {"m1", "m3", "quaternion-euler", "lie-euler"} - {here}
     assert not waiting
+
+
+SOLVES = """
+import numpy as np
+from bodycheck.adapters.reference import Reference
+from bodycheck.scenarios.library import load_scenario
+
+for name in ("intermediate-axis", "world-torque", "satellite-libration", "sine-torque"):
+    scene = load_scenario(name).scene
+    Reference().solver(scene, "taylor", 1e-15).solve()
+"""
+
+
+@pytest.mark.slow
+def test_taylor_solver_compiles_nothing_in_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All that it calls along principal axes was compiled ahead, with and without torques."""
+    monkeypatch.setenv("BODYCHECK_CACHE_DIR", str(tmp_path))
+    with precompile._second_process(deque(["taylor"])) as other:
+        assert other.wait(timeout=120.0) == 0
+    compiled = set(tmp_path.rglob("*.nbc"))
+    subprocess.run([sys.executable, "-c", SOLVES], check=True)
+    assert compiled
+    assert set(tmp_path.rglob("*.nbc")) == compiled
 
 
 def test_unwritable_cache_does_not_stop_precompilation(

@@ -96,7 +96,7 @@ def compile_for(case: Message) -> None:
         if kind in _compiled:
             return
         if not stepped:
-            compile_kernels([scene])
+            compile_kernels([scene], [] if case["tolerance"] is None else [case["method"]])
         elif continuous:
             compile_kernels([scene], [case["method"]], unsolved=[])
         else:
