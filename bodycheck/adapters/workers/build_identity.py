@@ -19,7 +19,7 @@ import os
 import sys
 import sysconfig
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import Distribution, PackageNotFoundError, distribution
@@ -234,17 +234,25 @@ class _Object(ctypes.Structure):
     )
 
 
-_Callback = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(_Object), ctypes.c_size_t, ctypes.c_void_p)
+_Visit = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(_Object), ctypes.c_size_t, ctypes.c_void_p)
+
+
+def _ever_loaded(info: Any, size: int, data: int | None) -> int:  # noqa: ARG001 - the system's signature
+    return int(info.contents.adds)  # not 0, so it ends the iteration, which returns it
+
+
+_EVER_LOADED = _Visit(_ever_loaded)
+
+
+@cache
+def _iterate_libraries() -> Callable[[Any, None], int] | None:
+    with suppress(OSError, AttributeError):
+        found: Callable[[Any, None], int] = ctypes.CDLL(None).dl_iterate_phdr
+        return found
+    return None
 
 
 def _libraries_ever_loaded() -> int:
     """Return how many libraries were loaded so far; 0 if the system does not count them."""
-    found: list[int] = []
-
-    def visit(info: Any, size: int, data: int | None) -> int:  # noqa: ARG001 - the system's signature
-        found.append(info.contents.adds)
-        return len(found)  # not 0, so stop: every object has the total count
-
-    with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).dl_iterate_phdr(_Callback(visit), None)
-    return sum(found)
+    iterate = _iterate_libraries()
+    return 0 if iterate is None else iterate(_EVER_LOADED, None)

@@ -75,6 +75,10 @@ class WorkerProcess:
         self._pipes: list[Any] = [process.stdin, process.stdout, process.stderr]
         for pipe in self._pipes:
             os.set_blocking(pipe.fileno(), False)
+        self._selector = selectors.DefaultSelector()
+        for source in (*self._pipes[1:], self._ending):
+            if source is not None:
+                self._selector.register(source, selectors.EVENT_READ)
         self._unread, self._last_output, self._request_id = bytearray(), b"", 0
         self._first_line, self._open = first_line, True
 
@@ -122,6 +126,7 @@ class WorkerProcess:
             self.kill()
             self._open = False
             self._process.wait()
+            self._selector.close()
             for pipe in self._pipes:
                 pipe.close()
             if self._ending is not None:
@@ -141,29 +146,25 @@ class WorkerProcess:
         """
         to_worker, answers, output = (pipe.fileno() for pipe in self._pipes)
         end = time.monotonic() + timeout_s
-        with selectors.DefaultSelector() as selector:
-            for source in (answers, output, self._ending):
-                if source is not None:
-                    selector.register(source, selectors.EVENT_READ)
-            unsent = memoryview(sent)
-            if unsent:
-                selector.register(to_worker, selectors.EVENT_WRITE)
-            while not self._unread.endswith(b"\n"):
-                left = end - time.monotonic()
-                if left <= 0.0:
-                    late = self._with_output(f"no answer within {timeout_s:g} s")
-                    raise WorkerLostError(late, timed_out=True)
-                ready = {key.fd for key, _ in selector.select(min(left, _LONGEST_WAIT_S))}
-                if to_worker in ready:
-                    unsent = self._left_of(unsent, to_worker)
-                    if not unsent:
-                        selector.unregister(to_worker)
-                if output in ready and not self._read_output():
-                    selector.unregister(output)
-                if answers in ready:
-                    self._read_answer(answers, max_bytes)
-                elif self._ending in ready:
-                    raise self._end_error()
+        unsent = self._left_of(memoryview(sent), to_worker)
+        if unsent:
+            self._selector.register(to_worker, selectors.EVENT_WRITE)
+        while not self._unread.endswith(b"\n"):
+            left = end - time.monotonic()
+            if left <= 0.0:
+                late = self._with_output(f"no answer within {timeout_s:g} s")
+                raise WorkerLostError(late, timed_out=True)
+            ready = {key.fd for key, _ in self._selector.select(min(left, _LONGEST_WAIT_S))}
+            if to_worker in ready:
+                unsent = self._left_of(unsent, to_worker)
+                if not unsent:
+                    self._selector.unregister(to_worker)
+            if output in ready and not self._read_output():
+                self._selector.unregister(output)
+            if answers in ready:
+                self._read_answer(answers, max_bytes)
+            elif self._ending in ready:
+                raise self._end_error()
         line, self._unread = bytes(self._unread), bytearray()
         self._read_output()  # output printed before the answer
         try:
