@@ -26,7 +26,7 @@ from bodycheck.adapters.mujoco import MuJoCo
 from bodycheck.adapters.mujoco import rollouts as mujoco_rollouts
 from bodycheck.adapters.optional.mujoco_ports import record_worlds
 from bodycheck.adapters.reference import Reference
-from bodycheck.adapters.workers import protocol
+from bodycheck.adapters.workers import protocol, received_messages
 from bodycheck.adapters.workers.case_messages import batch_message, batch_of
 from bodycheck.reference_impl.random_bodies import Bodies
 from bodycheck.reports.measurement.case import run_case
@@ -209,10 +209,10 @@ def test_batch_survives_the_protocol() -> None:
     assert np.array_equal(again.bodies.omega_body, asked.bodies.omega_body)
     answer = record_batch(Reference(), asked)
     message = protocol.message_of(protocol.line_of(protocol.batch_answer_message(answer)))
-    back = protocol.batch_answer_of(message, 3, 5)
+    back = received_messages.batch_answer_of(message, 3, 5)
     assert np.array_equal(back.quaternion, answer.quaternion)
     with pytest.raises(protocol.ProtocolError):
-        protocol.batch_answer_of(message, 4, 5)
+        received_messages.batch_answer_of(message, 4, 5)
 
 
 def test_measures_equal_those_of_a_run() -> None:

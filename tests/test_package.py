@@ -65,6 +65,17 @@ def test_run_starts_without_what_few_runs_need() -> None:
     assert done.stdout.strip() == "[]"
 
 
+def test_worker_starts_without_what_only_a_run_needs() -> None:
+    """An engine's process does not import the library that checks its answers."""
+    needless = tuple(name for name in HEAVY if name != "numpy")
+    code = (
+        "import sys, bodycheck.adapters.workers.worker\n"
+        f"print([name for name in {needless!r} if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
 def test_public_names_exist_and_are_documented(expected_message: ExpectedMessage) -> None:
     """Every name of the lazy public interface exists; a wrong one is an AttributeError."""
     import bodycheck

@@ -35,7 +35,7 @@ from bodycheck._util.untrusted import LONGEST_LINE, printable_lines
 from bodycheck.adapters.contract import Build, Setting
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
-from bodycheck.adapters.workers import protocol
+from bodycheck.adapters.workers import protocol, received_messages
 from bodycheck.reference_impl.kernels.cache_files import _content, _DamagedError
 from bodycheck.reports.cache.disk_cache import Cache, Entry
 from bodycheck.reports.cache.journal import Journal
@@ -295,15 +295,15 @@ def _messages(sound: Path) -> list[Reader]:
         return through
 
     def answered(message: Any) -> None:
-        answer = protocol.answer_of(message, scene.sample_times)
-        Entry.of("key", protocol.stored_part(message, answer))
+        answer = received_messages.answer_of(message, scene.sample_times)
+        Entry.of("key", received_messages.stored_part(message, answer))
 
     readers: dict[str, Callable[[Any], Any]] = {
-        "announcement": protocol.engine_of,
+        "announcement": received_messages.engine_of,
         "answer": answered,
-        "lap": protocol.lap_of,
-        "search": protocol.stable_step_of,
-        "read_back": protocol.read_back_of,
+        "lap": received_messages.lap_of,
+        "search": received_messages.stable_step_of,
+        "read_back": received_messages.read_back_of,
     }
     return [
         Reader(f"message: {name}", sound / f"{name}.message", of(read), "json", json_value, 2.0)

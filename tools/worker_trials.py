@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from bodycheck._util.errors import BodycheckError
 from bodycheck.adapters.execution import Case
 from bodycheck.adapters.stable_step import Search
-from bodycheck.adapters.workers import protocol
+from bodycheck.adapters.workers import protocol, received_messages
 from bodycheck.adapters.workers.case_messages import case_message, search_message
 from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reports.cache.answers import Answers
@@ -44,7 +44,7 @@ class Program:
             )
         if "unavailable" in message:
             raise protocol.ProtocolError(f"the engine is not available: {message['unavailable']}")
-        self.engine, _ = protocol.engine_of(message)
+        self.engine, _ = received_messages.engine_of(message)
 
     def ask(self, engine: str, request: Message, timeout_s: float) -> Message:
         """Return the answer; what is none is one that failed, and says why."""
@@ -120,14 +120,14 @@ def _refused(answer: Message) -> str:
 
 def _timed(answer: Message) -> str:
     try:
-        return "" if protocol.lap_of(answer) > 0.0 else "it took no time"
+        return "" if received_messages.lap_of(answer) > 0.0 else "it took no time"
     except protocol.ProtocolError as error:
         return str(error)
 
 
 def _searched(answer: Message) -> str:
     try:
-        found = protocol.stable_step_of(answer)
+        found = received_messages.stable_step_of(answer)
         return "" if found.outcome in ("ok", "unsupported") else f"{found.outcome}: {found.message}"
     except protocol.ProtocolError as error:
         return str(error)

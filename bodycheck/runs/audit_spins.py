@@ -14,7 +14,7 @@ from bodycheck.adapters.contract import Setting
 from bodycheck.adapters.execution import Case
 from bodycheck.adapters.importers import ImportRequest, SpinRequest
 from bodycheck.adapters.versions.pins import pin_of
-from bodycheck.adapters.workers import protocol
+from bodycheck.adapters.workers import protocol, received_messages
 from bodycheck.adapters.workers.case_messages import case_message
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reference_impl.arrays import Array
@@ -81,7 +81,7 @@ def error_of_numbers(
     method = METHODS[engine if pin is None else pin.engine]
     request = {"do": "record", "case": case_message(Case(scene, method, Setting(DT_S, None)))}
     try:
-        answer = protocol.answer_of(pool.ask(engine, request, timeout_s), scene.sample_times)
+        answer = received_messages.answer_of(pool.ask(engine, request, timeout_s), scene.sample_times)
     except (protocol.ProtocolError, ValueError):
         return None
     return (

@@ -15,7 +15,7 @@ from bodycheck.adapters.execution import Answer, Case
 from bodycheck.adapters.programs import is_program
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.stable_step import MAX_ENERGY
-from bodycheck.adapters.workers import protocol
+from bodycheck.adapters.workers import protocol, received_messages
 from bodycheck.adapters.workers.case_messages import batch_message, case_message
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reference_impl.arrays import Array
@@ -209,7 +209,7 @@ class EnginePools:
         message = self._pool.ask(engine.name, batch_message(batch), self._timeout_s)
         try:
             if message.get("outcome") == "ok":
-                return protocol.batch_answer_of(message, len(batch), batch.template.samples)
+                return received_messages.batch_answer_of(message, len(batch), batch.template.samples)
             why = protocol.text_of(message, "message")
         except ValueError as error:
             why = str(error)
@@ -227,7 +227,7 @@ class EnginePools:
             request = {"do": "record", "case": case_message(case)}
             message = self._pool.ask(engine.name, request, self._timeout_s)
             try:
-                answer = protocol.answer_of(message, scene.sample_times)
+                answer = received_messages.answer_of(message, scene.sample_times)
             except ValueError as error:
                 answer = Answer("failed", protocol.one_line(str(error)))
             rows.append((scene, answer))

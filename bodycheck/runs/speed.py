@@ -15,7 +15,7 @@ import numpy as np
 
 from bodycheck.adapters.contract import Engine, Setting
 from bodycheck.adapters.execution import Case
-from bodycheck.adapters.workers import case_messages, protocol
+from bodycheck.adapters.workers import case_messages, protocol, received_messages
 from bodycheck.adapters.workers.engine_pool import EnginePool, is_only_here
 from bodycheck.adapters.workers.executors import announced_as, compile_for
 from bodycheck.adapters.workers.protocol import Message
@@ -214,7 +214,7 @@ class _Clock:
             answer = self._engine_pool.ask(request.engine, _LAP, request.timeout_s)
             if answer.get("outcome") == "ok":
                 try:
-                    own.append(protocol.lap_of(answer))
+                    own.append(received_messages.lap_of(answer))
                 except protocol.ProtocolError as error:
                     answer = {"outcome": "failed", "message": str(error)}
         if answer.get("outcome") != "ok":
@@ -249,7 +249,7 @@ class _Reference:
         if self._prepared is None:
             return None
         try:
-            return protocol.lap_of(self._engine_pool.ask(_REFERENCE[0], _LAP, self._timeout_s))
+            return received_messages.lap_of(self._engine_pool.ask(_REFERENCE[0], _LAP, self._timeout_s))
         except protocol.ProtocolError:
             self._prepared = None
             return None

@@ -8,8 +8,8 @@ import pytest
 
 from bodycheck.adapters.contract import Build, Method, ReadBack
 from bodycheck.adapters.registry import get_adapter
-from bodycheck.adapters.workers import protocol
-from bodycheck.adapters.workers.message_check import MethodMessage, ReadBackMessage
+from bodycheck.adapters.workers import protocol, received_messages
+from bodycheck.adapters.workers.received_messages import MethodMessage, ReadBackMessage
 
 
 def test_check_knows_every_field_of_the_contract() -> None:
@@ -22,10 +22,10 @@ def test_check_knows_every_field_of_the_contract() -> None:
 def test_announcement_of_a_built_in_engine_passes_the_check_unchanged(name: str) -> None:
     """The facts of a built-in engine's methods pass the check unchanged."""
     adapter = get_adapter(name)
-    protocol.check_engine(adapter)
+    received_messages.check_engine(adapter)
     build = Build("c0de", "installed", {"python": "3"})
     message = protocol.announcement(adapter, build)
-    engine, accepted = protocol.engine_of(protocol.message_of(protocol.line_of(message)))
+    engine, accepted = received_messages.engine_of(protocol.message_of(protocol.line_of(message)))
     assert accepted == protocol.LARGEST_MESSAGE
     assert engine.build == build
     assert {name: asdict(method) for name, method in engine.methods.items()} == {

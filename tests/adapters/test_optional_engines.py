@@ -22,7 +22,7 @@ from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.registry import default_engines, engine_names, optional_engines, stated_by
 from bodycheck.adapters.versions import environments
 from bodycheck.adapters.versions.pins import Pin
-from bodycheck.adapters.workers import protocol
+from bodycheck.adapters.workers import received_messages
 from bodycheck.adapters.workers.case_messages import case_message
 from bodycheck.adapters.workers.engine_pool import announced
 from bodycheck.reference_impl.arrays import Array
@@ -182,7 +182,7 @@ def answer_to(process: subprocess.Popen[str], **request: object) -> dict[str, ob
 def test_javascript_protocol_announces_what_its_facts_state(node_worker: subprocess.Popen[str]) -> None:
     """The announcement is valid, and has the version of the installed package; loads are those of the map."""
     assert node_worker.stdout is not None
-    engine, _ = protocol.engine_of(json.loads(node_worker.stdout.readline()))
+    engine, _ = received_messages.engine_of(json.loads(node_worker.stdout.readline()))
     assert (engine.name, engine.version) == ("stand-in", "1.2.3")
     assert engine.methods == {method.name: method for method in stated_by("cannon-es").methods.values()}
     for loads in LOADS:
@@ -190,7 +190,9 @@ def test_javascript_protocol_announces_what_its_facts_state(node_worker: subproc
         message = case_message(Case(scene, "leapfrog", Setting(dt_s=0.02)))
         expected = by_the_reference(scene)
         for do in ("record", "replay"):
-            answer = protocol.answer_of(answer_to(node_worker, do=do, case=message), scene.sample_times)
+            answer = received_messages.answer_of(
+                answer_to(node_worker, do=do, case=message), scene.sample_times
+            )
             assert answer.outcome == "ok", answer.message
             assert_same(answer, expected)
     pivoted = case_message(Case(scene_under(()), "leapfrog", Setting(dt_s=0.02)))

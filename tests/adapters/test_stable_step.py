@@ -15,7 +15,7 @@ from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.registry import get_adapter
 from bodycheck.adapters.stable_step import Search, StableStep, largest_stable, stable_step
-from bodycheck.adapters.workers import case_messages, protocol
+from bodycheck.adapters.workers import case_messages, protocol, received_messages
 from bodycheck.adapters.workers.worker import RequestHandler
 from bodycheck.reference_impl.scene import Drag, Load, RigidBody, Scene, Spring, State, Torque
 from bodycheck.scenarios.library import load_scenario
@@ -152,7 +152,7 @@ def test_worker_answers_a_search() -> None:
     answer = RequestHandler(Reference()).answer(
         {"id": 1, "do": "stable-step", **case_messages.search_message(SEARCH)}
     )
-    assert protocol.stable_step_of(answer) == stable_step(Reference(), SEARCH)
+    assert received_messages.stable_step_of(answer) == stable_step(Reference(), SEARCH)
 
 
 def test_unsupported_scene_is_reported() -> None:
@@ -178,7 +178,7 @@ def test_unsupported_scene_is_reported() -> None:
 def test_answer_without_a_valid_step_is_refused(wrong: dict[str, object]) -> None:
     """An answer without a step, or with one that is not a positive number, is refused."""
     with pytest.raises(protocol.ProtocolError):
-        protocol.stable_step_of({"outcome": "ok", "message": "", "reason": "", **wrong})
+        received_messages.stable_step_of({"outcome": "ok", "message": "", "reason": "", **wrong})
 
 
 # -------------------------------------------------------------------------------------- trials of the search

@@ -19,7 +19,7 @@ from bodycheck._util.errors import WorkerLostError
 from bodycheck.adapters.contract import Reading, read_back_mismatch
 from bodycheck.adapters.execution import Answer, record
 from bodycheck.adapters.reference import Reference
-from bodycheck.adapters.workers import case_messages, protocol
+from bodycheck.adapters.workers import case_messages, protocol, received_messages
 from bodycheck.adapters.workers.engine_pool import EnginePool, announced
 from bodycheck.adapters.workers.worker_process import WorkerProcess
 from bodycheck.reference_impl.scene import (
@@ -86,7 +86,7 @@ def test_search_of_the_docs_survives_its_message() -> None:
     search = case_messages.search_of(asked)
     assert {"id": asked["id"], "do": "stable-step", **case_messages.search_message(search)} == asked
     (answer,) = (found for found in map(json.loads, ANSWERS) if found.get("id") == asked["id"])
-    assert protocol.stable_step_of(answer).outcome == "unsupported"
+    assert received_messages.stable_step_of(answer).outcome == "unsupported"
 
 
 @pytest.mark.slow
@@ -107,13 +107,13 @@ def test_worker_conforms(worker: str) -> None:
     lines = [json.dumps(request) for request in requests]
     found = [json.loads(line) for line in answers_of(command, [*lines[:2], "no request", "[1]", *lines[2:]])]
     announcement, recorded, refused, *nonsense, prepared, lap, again = found
-    engine, accepted = protocol.engine_of(announcement)
+    engine, accepted = received_messages.engine_of(announcement)
     assert announcement["bodycheck"] == protocol.VERSION
     assert accepted > 10_000
     assert method in engine.methods
     assert [answer["id"] for answer in found[1:]] == [7, 8, None, None, 9, 10, 11]
     asked = case_messages.case_of(case)
-    answer = protocol.answer_of(recorded, asked.scene.sample_times)
+    answer = received_messages.answer_of(recorded, asked.scene.sample_times)
     assert answer.outcome == "ok"
     assert answer.trajectory is not None
     assert answer.read_back is not None
@@ -123,8 +123,8 @@ def test_worker_conforms(worker: str) -> None:
     assert refused["outcome"] == "failed"
     assert all(answer["outcome"] == "failed" for answer in nonsense)
     assert prepared["outcome"] == "ok"
-    assert protocol.lap_of(lap) > 0.0
-    assert protocol.lap_of(again) > 0.0
+    assert received_messages.lap_of(lap) > 0.0
+    assert received_messages.lap_of(again) > 0.0
 
 
 def test_worker_reports_an_unavailable_engine() -> None:
@@ -307,7 +307,7 @@ def test_nan_mass_is_read_back_as_nan() -> None:
     assert answer.read_back is not None
     held = answer.read_back.__class__(**{**vars(answer.read_back), "mass": np.nan, "dt_s": np.inf})
     message = protocol.answer_message(Answer("ok", "", answer.trajectory, held, "native"))
-    back = protocol.answer_of(json.loads(protocol.line_of(message)), case.scene.sample_times)
+    back = received_messages.answer_of(json.loads(protocol.line_of(message)), case.scene.sample_times)
     assert back.read_back is not None
     fault = read_back_mismatch(case.scene, case.setting.dt_s, back.read_back)
     assert fault == "mass is nan in the engine, not 2.; step is nan in the engine, not 0.25"

@@ -16,7 +16,7 @@ from bodycheck.adapters.programs import is_program, program_of
 from bodycheck.adapters.registry import registered_adapter
 from bodycheck.adapters.versions.environments import needed_environment, program_in, python_of
 from bodycheck.adapters.versions.pins import pin_of
-from bodycheck.adapters.workers import protocol
+from bodycheck.adapters.workers import protocol, received_messages
 from bodycheck.adapters.workers.protocol import Message
 from bodycheck.adapters.workers.worker import HANDED_OVER, RequestHandler, handed_over
 from bodycheck.adapters.workers.worker_process import WorkerProcess
@@ -258,7 +258,7 @@ class InProcess:
 
     def __init__(self, adapter: Adapter) -> None:
         try:
-            protocol.check_engine(adapter)
+            received_messages.check_engine(adapter)
         except protocol.ProtocolError as error:
             raise UnavailableError(str(error)) from None
         self.engine = Engine(adapter.name, adapter.version, adapter.methods, Build(kind="handed over"))

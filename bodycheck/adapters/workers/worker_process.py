@@ -16,7 +16,7 @@ from typing import Any
 from bodycheck._util.errors import UnavailableError, WorkerLostError
 from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.programs import Program
-from bodycheck.adapters.workers import launcher, protocol, worker_bootstrap
+from bodycheck.adapters.workers import launcher, protocol, received_messages, worker_bootstrap
 from bodycheck.adapters.workers.launcher import RUN_PID
 from bodycheck.adapters.workers.protocol import Message
 
@@ -95,7 +95,7 @@ class WorkerProcess:
         if "unavailable" in message:
             raise UnavailableError(protocol.one_line(protocol.text_of(message, "unavailable")))
         try:
-            engine, self._max_request = protocol.engine_of(message)
+            engine, self._max_request = received_messages.engine_of(message)
         except protocol.ProtocolError as error:
             raise WorkerLostError(str(error)) from None
         return engine

@@ -18,7 +18,7 @@ from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.execution import Answer, Case
 from bodycheck.adapters.registry import own_code
 from bodycheck.adapters.stable_step import Search, StableStep
-from bodycheck.adapters.workers import case_messages, protocol
+from bodycheck.adapters.workers import case_messages, protocol, received_messages
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reference_impl.scene import Scene
@@ -149,7 +149,7 @@ class Answers:
         if entry is None:
             message = {**engine_pool.ask(engine.name, request(), self._timeout_s), "run": self._run_id}
             result = read(message)
-            entry = Entry.of(key, protocol.stored_part(message, result))
+            entry = Entry.of(key, received_messages.stored_part(message, result))
             if cache and _is_repeatable(result) and message.get("build", engine.build.id) == engine.build.id:
                 cache.keep(entry)
         else:
@@ -217,7 +217,7 @@ class EngineClient:
 
 def _read(message: Message, case: Case) -> Answer:
     try:
-        return replace(protocol.answer_of(message, case.scene.sample_times), build=_build(message))
+        return replace(received_messages.answer_of(message, case.scene.sample_times), build=_build(message))
     except ValueError as error:
         message_text = protocol.one_line(f"{type(error).__name__}: {error}")
         return Answer("failed", message_text, build=_build(message))
@@ -225,7 +225,7 @@ def _read(message: Message, case: Case) -> Answer:
 
 def _read_search(message: Message) -> StableStep:
     try:
-        return replace(protocol.stable_step_of(message), build=_build(message))
+        return replace(received_messages.stable_step_of(message), build=_build(message))
     except ValueError as error:
         message_text = protocol.one_line(f"{type(error).__name__}: {error}")
         return StableStep("failed", message_text, build=_build(message))

@@ -24,8 +24,7 @@ from pydantic import (
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.untrusted import read_json, shell_split
-from bodycheck.adapters.workers.message_check import MethodMessage
-from bodycheck.adapters.workers.protocol import read_back_of
+from bodycheck.adapters.workers.received_messages import MethodMessage, read_back_of
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.cache.disk_cache import Cache

@@ -16,7 +16,7 @@ from bodycheck.adapters.contract import Build, BuildKind, Engine, Setting
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.stable_step import Search
-from bodycheck.adapters.workers import protocol
+from bodycheck.adapters.workers import protocol, received_messages
 from bodycheck.adapters.workers.case_messages import case_message, search_message
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reference_impl.scene import CallbackLoad, RigidBody, Scene, State
@@ -119,7 +119,7 @@ def test_invalid_search_is_a_failure_with_a_reason(what: str) -> None:
 def test_invalid_lap_is_refused(seconds: Any, expected_message: ExpectedMessage) -> None:
     """Only a finite time of a plausible length is a lap."""
     with expected_message.raises(protocol.ProtocolError):
-        protocol.lap_of({"outcome": "ok", "cpu_s": seconds})
+        received_messages.lap_of({"outcome": "ok", "cpu_s": seconds})
 
 
 def test_only_what_was_checked_is_stored(tmp_path: Path) -> None:
