@@ -11,7 +11,9 @@ import bodycheck
 from bodycheck.adapters.contract import Method, Simulation
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.registry import registered
+from bodycheck.reference_impl.precompile import compile_kernels
 from bodycheck.reference_impl.scene import Scene
+from bodycheck.scenarios.library import load_scenarios
 from tests.helpers.collection_order import pytest_collection_modifyitems as pytest_collection_modifyitems
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.shared_folder import shared_folder
@@ -95,6 +97,16 @@ class Failing:
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the option that writes expected_messages.toml."""
     parser.addoption("--update-messages", action="store_true", help="write the messages that tests expect")
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Compile the kernels once if all tests run: two workers would compile the same ones at the same time."""
+    config = session.config
+    runs_all = config.args_source is pytest.Config.ArgsSource.TESTPATHS and not config.option.collectonly
+    if runs_all and "PYTEST_XDIST_WORKER" not in os.environ:
+        scenes = [scenario.scene for _, scenario in load_scenarios(["standard"])]
+        methods = [method.name for method in Reference().methods.values() if method.control != "none"]
+        compile_kernels(scenes, methods, unsolved=[])
 
 
 @pytest.fixture

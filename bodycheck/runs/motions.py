@@ -33,6 +33,21 @@ class Task:
     do: Callable[[EnginePool], None]
 
 
+class _ThreadEngines(EnginePool):
+    """The engines of one thread, which holds the lock and releases it while an engine works."""
+
+    def __init__(self, lock: threading.Lock, remote: RemoteEngines | None) -> None:
+        super().__init__(remote=remote)
+        self._measuring = lock
+
+    def ask(self, engine: str, request: Message, timeout_s: float) -> Message:
+        self._measuring.release()
+        try:
+            return super().ask(engine, request, timeout_s)
+        finally:
+            self._measuring.acquire()
+
+
 class _TaskQueue:
     """The remaining tasks, most expensive first; tasks of an engine that the thread already runs go first."""
 
@@ -67,14 +82,14 @@ def run_tasks(tasks: Sequence[Task], jobs: int, remote: RemoteEngines | None) ->
     """
     queue, raised = _TaskQueue(tasks), []
     # with the GIL, two threads that measure would only take turns within each sample
-    gil_lock = threading.Lock()
-    engine_pools = [EnginePool(turn=gil_lock, remote=remote) for _ in range(max(1, min(jobs, len(tasks))))]
+    measuring = threading.Lock()
+    engine_pools = [_ThreadEngines(measuring, remote) for _ in range(max(1, min(jobs, len(tasks))))]
     ended = threading.Semaphore(0)
 
     def work(engine_pool: EnginePool) -> None:
         try:
             while task := queue.next(engine_pool):
-                with gil_lock:
+                with measuring:
                     task.do(engine_pool)
         except BaseException as error:  # noqa: BLE001 - raised again by the waiting thread
             raised.append(error)

@@ -113,18 +113,12 @@ def is_only_here(engine: str) -> bool:
 class EnginePool:
     """The engines of one thread of a run: each starts when first needed, and again after a failure.
 
-    core: the only processor core that they may use; None for any. turn: held by the thread that uses the
-    pool, and released while an engine works, so that another thread can measure. remote: answers for all
-    engines but those that were passed to register_adapter, which only this process has.
+    core: the only processor core that they may use; None for any. remote: answers for all engines but those
+    that were passed to register_adapter, which only this process has.
     """
 
-    def __init__(
-        self,
-        core: int | None = None,
-        turn: threading.Lock | None = None,
-        remote: RemoteEngines | None = None,
-    ) -> None:
-        self._core, self._turn, self._remote = core, turn, remote
+    def __init__(self, core: int | None = None, remote: RemoteEngines | None = None) -> None:
+        self._core, self._remote = core, remote
         self._open: dict[str, Host] = {}
         self._lock, self._closed = threading.Lock(), False
 
@@ -171,10 +165,9 @@ class EnginePool:
         Run a failed case once more in a new worker if the worker had run other cases, which may have caused
         the failure, or was killed from outside. Raises WorkerLostError only if the pool was stopped.
         """
-        with released(self._turn):
-            if self._remote is not None and not is_only_here(engine):
-                return self._remote.ask(engine, request, timeout_s)
-            return self._request_with_retry(engine, request, timeout_s)
+        if self._remote is not None and not is_only_here(engine):
+            return self._remote.ask(engine, request, timeout_s)
+        return self._request_with_retry(engine, request, timeout_s)
 
     def _request_with_retry(self, engine: str, request: Message, timeout_s: float) -> Message:
         used = engine in self._open
@@ -236,19 +229,6 @@ class EnginePool:
         self.stop()
         for host in self._open.values():
             host.close()
-
-
-@contextmanager
-def released(lock: threading.Lock | None) -> Iterator[None]:
-    """Release a lock that this thread holds, and take it again at the end."""
-    if lock is None:
-        yield
-        return
-    lock.release()
-    try:
-        yield
-    finally:
-        lock.acquire()
 
 
 class InProcess:
