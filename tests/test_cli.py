@@ -89,8 +89,8 @@ def test_a_run_leaves_the_files_of_the_contract(tmp_path: Path) -> None:
 def test_the_reproducing_command_reproduces_the_case(tmp_path: Path) -> None:
     """The command of a row gives that row again, digit for digit, but for the time it took."""
     (tmp_path / "mine.toml").write_text(SCENARIO)
-    asked = ("run", "mine.toml", "--engine", "reference:m2,reference:exact", "--no-speed")
-    assert run_bodycheck(tmp_path, *asked, "--out", "a").returncode == 0
+    requested = ("run", "mine.toml", "--engine", "reference:m2,reference:exact", "--no-speed")
+    assert run_bodycheck(tmp_path, *requested, "--out", "a").returncode == 0
     with (tmp_path / "a/results.csv").open() as file:
         rows = list(csv.DictReader(file))
     row = next(row for row in rows if row["dt_s"] == "0.005")

@@ -38,5 +38,5 @@ def test_push_leaves_out_nightly_tests(
     pytester.makeini("[pytest]\nmarkers =\n  slow\n  nightly\n")
     plugins = ("no:cacheprovider", "no:xdist", "no:hypothesispytest")
     done = pytester.runpytest_inprocess("-v", *(f"-p{plugin}" for plugin in plugins), *words)
-    told = [line.split("::")[1].split()[0] for line in done.outlines if line.endswith("%]")]
-    assert told == run
+    reported = [line.split("::")[1].split()[0] for line in done.outlines if line.endswith("%]")]
+    assert reported == run

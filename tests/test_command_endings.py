@@ -109,18 +109,18 @@ def test_bash_splits_a_joined_command_line() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("shell", "status", "said"),
+    ("shell", "status", "printed"),
     [
         ("{0} list suites > /dev/full", 2, "standard output: cannot be written: No space left on device\n"),
         ("{0} list suites | true; exit ${{PIPESTATUS[0]}}", None, ""),
         ("{0} list suites >&-", 0, ""),
     ],
 )
-def test_closed_or_full_output_ends_a_command_cleanly(shell: str, status: int | None, said: str) -> None:
+def test_closed_or_full_output_ends_a_command_cleanly(shell: str, status: int | None, printed: str) -> None:
     """A full device is an error of the user's; a closed or absent reader is not an error."""
     command = shell.format(f"{sys.executable} -m bodycheck")
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
-    assert done.stderr == said
+    assert done.stderr == printed
     assert done.returncode == status or (status is None and done.returncode in (0, 128 + signal.SIGPIPE))
 
 
@@ -178,5 +178,5 @@ def test_signal_ends_a_command_like_an_interrupt(number: signal.Signals, status:
         assert process.stdout is not None
         assert process.stdout.readline() == "waiting\n"
         process.send_signal(number)
-        _, said = process.communicate(timeout=60)
-    assert (process.returncode, said) == (status, "stopped\n")
+        _, printed = process.communicate(timeout=60)
+    assert (process.returncode, printed) == (status, "stopped\n")

@@ -228,8 +228,8 @@ ANSWERS = {
 @pytest.mark.parametrize("name", ANSWERS)
 def test_an_answer_as_json_is_json_alone(name: str, folder: Path) -> None:
     """Standard output parses, and has what the command answers."""
-    asked, keys = ANSWERS[name]
-    done = run_bodycheck(folder, *asked, "--json")
+    requested, keys = ANSWERS[name]
+    done = run_bodycheck(folder, *requested, "--json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert isinstance(found, list) if keys is None else keys <= found.keys()
@@ -238,8 +238,18 @@ def test_an_answer_as_json_is_json_alone(name: str, folder: Path) -> None:
 @pytest.mark.slow
 def test_a_quiet_run_has_nothing_on_standard_error(folder: Path) -> None:
     """And with --json, standard output has verdicts, errors and the path of the report."""
-    asked = ("run", "free-flight", "--engine", "reference:m1", "--dt", "0.01", "--no-speed", "--out", "new")
-    done = run_bodycheck(folder, *asked, "--quiet", "--json")
+    requested = (
+        "run",
+        "free-flight",
+        "--engine",
+        "reference:m1",
+        "--dt",
+        "0.01",
+        "--no-speed",
+        "--out",
+        "new",
+    )
+    done = run_bodycheck(folder, *requested, "--quiet", "--json")
     assert (done.returncode, done.stderr) == (0, "")
     found = json.loads(done.stdout)
     assert found["report"] == "new/report.html"

@@ -167,9 +167,9 @@ def folder(tmp_path: Path) -> Path:
         shutil.copy(ROOT / "tools" / name, tmp_path / "tools")
     programs = tmp_path / "bin"
     programs.mkdir()
-    for name, told in PROGRAMS.items():
+    for name, reported in PROGRAMS.items():
         program = programs / name
-        program.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} {told} "$@"\n')
+        program.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} {reported} "$@"\n')
         program.chmod(program.stat().st_mode | stat.S_IXUSR)
     return tmp_path
 
@@ -200,8 +200,10 @@ def check_commands(page: str, folder: Path) -> None:
         done = run_in(folder, command.line)
         assert done.returncode == 0, f"{command.line}\n{done.stdout}"
         if command.prints is not None:
-            said = OutputChecker().check_output(command.prints, done.stdout, ELLIPSIS | NORMALIZE_WHITESPACE)
-            assert said, f"{command.line}\n{done.stdout}is not\n{command.prints}"
+            printed = OutputChecker().check_output(
+                command.prints, done.stdout, ELLIPSIS | NORMALIZE_WHITESPACE
+            )
+            assert printed, f"{command.line}\n{done.stdout}is not\n{command.prints}"
 
 
 @pytest.mark.slow

@@ -56,10 +56,10 @@ def batch(method: str, m: int = 12) -> Batch:
     return Batch(ensemble().template, ensemble().bodies(0, m), method, Setting(dt_s=0.05))
 
 
-def one_by_one(adapter: Adapter, asked: Batch) -> BatchAnswer:
+def one_by_one(adapter: Adapter, requested: Batch) -> BatchAnswer:
     """Record the bodies of a batch as single cases."""
-    cases = ((scene, Case(scene, asked.method, asked.setting)) for scene in asked.scenes())
-    return stacked(asked, [(scene, record(adapter, case)) for scene, case in cases], "float64")
+    cases = ((scene, Case(scene, requested.method, requested.setting)) for scene in requested.scenes())
+    return stacked(requested, [(scene, record(adapter, case)) for scene, case in cases], "float64")
 
 
 # ------------------------------------------------------------------------------------- the distribution
@@ -114,8 +114,8 @@ def test_mujoco_rollouts_equal_single_cases(method: str, monkeypatch: pytest.Mon
     """A rollout has the bits of single simulations, also in several calls and in parts."""
     monkeypatch.setattr(mujoco_rollouts, "MODELS", 5)
     monkeypatch.setattr(mujoco_rollouts, "STATES", 5 * 14 * 60)
-    asked = batch(method)
-    together, alone = record_batch(MuJoCo(), asked), one_by_one(MuJoCo(), asked)
+    requested = batch(method)
+    together, alone = record_batch(MuJoCo(), requested), one_by_one(MuJoCo(), requested)
     assert together.endings == alone.endings
     assert "ok" in alone.endings
     assert np.array_equal(together.quaternion, alone.quaternion, equal_nan=True)
@@ -152,9 +152,9 @@ class Worlds:
 
 def test_worlds_of_a_port_have_the_motions_of_single_cases() -> None:
     """Each body has its own model and state, and those that hold another body are invalid."""
-    asked = batch("rk4")
-    together = record_worlds(asked, "rk4", "float64", Worlds)
-    alone = one_by_one(MuJoCo(), asked)
+    requested = batch("rk4")
+    together = record_worlds(requested, "rk4", "float64", Worlds)
+    alone = one_by_one(MuJoCo(), requested)
     assert together.endings == alone.endings
     assert np.array_equal(together.quaternion, alone.quaternion)
     assert np.array_equal(together.omega_body, alone.omega_body)
@@ -163,7 +163,7 @@ def test_worlds_of_a_port_have_the_motions_of_single_cases() -> None:
         models[3].body_inertia[1] *= 1.001
         return Worlds(models)
 
-    found = record_worlds(asked, "rk4", "float64", wrong)
+    found = record_worlds(requested, "rk4", "float64", wrong)
     assert [row for row, ending in enumerate(found.endings) if ending == "invalid"] == [3]
     assert found.messages[3].startswith("inertia")
     assert np.isnan(found.quaternion[3]).all()
@@ -173,8 +173,8 @@ def test_worlds_of_a_port_have_the_motions_of_single_cases() -> None:
 @pytest.mark.parametrize("method", ["m1", "rk4", pytest.param("dop853", marks=pytest.mark.nightly)])
 def test_reference_batches_equal_single_cases(method: str) -> None:
     """The batch kernels agree with the single-body kernels to round-off."""
-    asked = batch(method)
-    together, alone = Reference().record_batch(asked), one_by_one(Reference(), asked)
+    requested = batch(method)
+    together, alone = Reference().record_batch(requested), one_by_one(Reference(), requested)
     assert together is not None
     stable = np.abs(alone.omega_body).max(axis=(1, 2)) < 100.0
     assert stable.sum() > 6
@@ -204,10 +204,10 @@ def test_replay_tells_a_batch_that_depends_on_its_other_bodies() -> None:
 
 def test_batch_survives_the_protocol() -> None:
     """A request and an answer come back from their messages with all bits; a short answer is refused."""
-    asked = batch("rk4", 3)
-    again = batch_of(batch_message(asked))
-    assert np.array_equal(again.bodies.omega_body, asked.bodies.omega_body)
-    answer = record_batch(Reference(), asked)
+    requested = batch("rk4", 3)
+    again = batch_of(batch_message(requested))
+    assert np.array_equal(again.bodies.omega_body, requested.bodies.omega_body)
+    answer = record_batch(Reference(), requested)
     message = protocol.message_of(protocol.line_of(protocol.batch_answer_message(answer)))
     back = received_messages.batch_answer_of(message, 3, 5)
     assert np.array_equal(back.quaternion, answer.quaternion)
@@ -218,15 +218,15 @@ def test_batch_survives_the_protocol() -> None:
 def test_measures_equal_those_of_a_run() -> None:
     """Each measure of a row is that of results.csv for the row's scenario."""
     template, bodies = ensemble().template, ensemble().bodies(0, 4)
-    asked = Batch(template, bodies, "rk4", Setting(dt_s=0.01))
-    answer = one_by_one(Reference(), asked)
+    requested = Batch(template, bodies, "rk4", Setting(dt_s=0.01))
+    answer = one_by_one(Reference(), requested)
     found = measured(template, bodies, truth_of(template, bodies, free=True), answer)
     reference = Reference()
     engine = Engine(reference.name, reference.version, reference.methods)
     for row in range(4):
         problem = Problem.of(ensemble().row_scenario(row), "row")
         case = run_case(
-            problem, engine, engine.methods["rk4"], asked.setting, lambda _, case: record(reference, case)
+            problem, engine, engine.methods["rk4"], requested.setting, lambda _, case: record(reference, case)
         )
         for name, values in found.measures.items():
             assert values[row] == pytest.approx(case.columns[name], rel=1e-6, abs=1e-15)
@@ -234,13 +234,13 @@ def test_measures_equal_those_of_a_run() -> None:
 
 def test_diverged_and_missing_motions_are_told_apart() -> None:
     """A motion that is not finite is unstable with infinite error; a failed one is not measured."""
-    asked = batch("rk4", 3)
-    answer = record_batch(Reference(), asked)
+    requested = batch("rk4", 3)
+    answer = record_batch(Reference(), requested)
     answer.omega_body[0, 2] = np.nan
     answer.omega_body[1] *= 20.0
     answer = replace(answer, endings=("ok", "ok", "failed"))
-    truth = truth_of(asked.template, asked.bodies, free=True)
-    found = measured(asked.template, asked.bodies, truth, answer)
+    truth = truth_of(requested.template, requested.bodies, free=True)
+    found = measured(requested.template, requested.bodies, truth, answer)
     assert list(found.endings) == ["unstable", "unstable", "failed"]
     errors = found.measures["orientation_error_rad"]
     assert np.isinf(errors[:2]).all()
@@ -337,12 +337,12 @@ SHARDS = 3
 def shards(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with a whole ensemble, `whole`, and its shards, `part-1` to `part-3`."""
     folder = tmp_path_factory.mktemp("shards")
-    asked = EnsembleRequest(
+    requested = EnsembleRequest(
         scenario="intermediate-axis", engines=["reference:rk4", "reference:m1"], n=100, first_row=7, worst=5
     )
-    run_ensemble(asked, folder / "whole", no_progress)
+    run_ensemble(requested, folder / "whole", no_progress)
     for k in range(1, SHARDS + 1):
-        run_ensemble(replace(asked, shard=f"{k}/{SHARDS}"), folder / f"part-{k}", no_progress)
+        run_ensemble(replace(requested, shard=f"{k}/{SHARDS}"), folder / f"part-{k}", no_progress)
     return folder
 
 
@@ -395,8 +395,8 @@ def test_merging_reports_machines_that_differ(shards: Path, tmp_path: Path) -> N
     assert version.endswith("3.99.0 in shard 2/3")
     assert sentinel.startswith("reference:rk4 on row 10 of intermediate-axis")
     assert "shard 3/3 agrees to 9.0 digits, the least in omega_body_rad_s" in sentinel
-    told = json.loads((tmp_path / "merged/manifest.json").read_text())
-    assert told["merged"] == {"shards": ["1/3", "2/3", "3/3"], "findings": [version, sentinel]}
+    reported = json.loads((tmp_path / "merged/manifest.json").read_text())
+    assert reported["merged"] == {"shards": ["1/3", "2/3", "3/3"], "findings": [version, sentinel]}
 
 
 def _without_a_part(parts: list[Path]) -> None:
@@ -409,16 +409,16 @@ def _twice_the_same(parts: list[Path]) -> None:
 
 def _of_another_seed(parts: list[Path]) -> None:
     path = parts[1] / "manifest.json"
-    told = json.loads(path.read_text())
-    told["request"]["seed"] = 2
-    path.write_text(json.dumps(told))
+    reported = json.loads(path.read_text())
+    reported["request"]["seed"] = 2
+    path.write_text(json.dumps(reported))
 
 
 def _without_statistics(parts: list[Path]) -> None:
     path = parts[1] / "manifest.json"
-    told = json.loads(path.read_text())
-    del told["methods"][0]["statistics"]
-    path.write_text(json.dumps(told))
+    reported = json.loads(path.read_text())
+    del reported["methods"][0]["statistics"]
+    path.write_text(json.dumps(reported))
 
 
 def _with_a_damaged_sketch(parts: list[Path]) -> None:
@@ -463,9 +463,9 @@ def test_merge_command_puts_ensembles_together(shards: Path, tmp_path: Path) -> 
     folders = [str(shards / f"part-{k}") for k in (1, 2, 3)]
     ended = run_bodycheck(tmp_path, "merge", *folders, "--out", "merged", "--json")
     assert ended.returncode == 0, ended.stderr
-    told = json.loads(ended.stdout)
-    assert [row["bodies"] for row in told["methods"]] == [100, 100]
-    assert (told["shards"], told["findings"]) == (["1/3", "2/3", "3/3"], [])
+    reported = json.loads(ended.stdout)
+    assert [row["bodies"] for row in reported["methods"]] == [100, 100]
+    assert (reported["shards"], reported["findings"]) == (["1/3", "2/3", "3/3"], [])
     refused = run_bodycheck(tmp_path, "merge", *folders, "--history", "nights")
     assert (refused.returncode, "ensembles" in refused.stderr) == (2, True)
 
@@ -497,8 +497,8 @@ def test_wrong_requests_are_refused(changed: dict[str, object], key: str, tmp_pa
 @pytest.mark.slow
 def test_hunt_finds_the_separatrix_for_m1() -> None:
     """From uniform starts the search ends where M1 is worst, far from the median and near the separatrix."""
-    asked = EnsembleRequest(scenario="intermediate-axis", engines=["reference:m1"], n=1)
-    found = hunt(HuntRequest(ensemble=asked, evaluations=1000), no_progress)
+    requested = EnsembleRequest(scenario="intermediate-axis", engines=["reference:m1"], n=1)
+    found = hunt(HuntRequest(ensemble=requested, evaluations=1000), no_progress)
     assert len(found.path.scores) <= 1000
     assert found.value > 8.0 * found.typical
     assert found.bodies.separatrix_distance[0] < 0.01

@@ -278,7 +278,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Loopback]:
         yield cluster
 
 
-def asked(scenario: Path, cluster: Loopback, **others: Any) -> RunRequest:
+def requested(scenario: Path, cluster: Loopback, **others: Any) -> RunRequest:
     """Return a run on the cluster."""
     given: dict[str, Any] = {"scenarios": [str(scenario)], "engines": ENGINES, "speed": False, "fresh": True}
     tls = {"tls_ca_file": cluster.tls["ca"], "tls_cert": cluster.tls["cert"], "tls_key": cluster.tls["key"]}
@@ -290,7 +290,7 @@ def test_cluster_gives_the_tables_of_a_run(
     cluster: Loopback, scenario: Path, here: list[pd.DataFrame], tmp_path: Path
 ) -> None:
     """With TLS; speeds are measured by the worker that declares the resource, for every case that ended."""
-    measured, _ = run_to_folder(asked(scenario, cluster, speed=True), tmp_path / "out", no_progress)
+    measured, _ = run_to_folder(requested(scenario, cluster, speed=True), tmp_path / "out", no_progress)
     assert_same(measured, here)
     assert measured.results["cpu_s"].gt(0.0).all()
 
@@ -305,13 +305,13 @@ def test_cluster_without_encryption_or_out_of_reach_is_refused(
 ) -> None:
     """One line, status 2, nothing written."""
     monkeypatch.setattr(dask_cluster, "_CONNECTION_S", 1.0)
-    without = replace(asked(scenario, cluster), tls_ca_file=None, tls_cert=None, tls_key=None)
-    elsewhere = replace(asked(scenario, cluster), cluster="tls://127.0.0.1:1")
+    without = replace(requested(scenario, cluster), tls_ca_file=None, tls_cert=None, tls_key=None)
+    elsewhere = replace(requested(scenario, cluster), cluster="tls://127.0.0.1:1")
     for wrong in (without, elsewhere):
         with expected_message.raises(InputError):
             run_to_folder(wrong, tmp_path / "out", no_progress)
     with expected_message.raises(InputError):
-        run_to_folder(replace(asked(scenario, cluster), tls_key=None), tmp_path / "out", no_progress)
+        run_to_folder(replace(requested(scenario, cluster), tls_key=None), tmp_path / "out", no_progress)
     assert list(tmp_path.iterdir()) == []
     ended = run_bodycheck(tmp_path, "run", str(scenario), "--tls-key", "key.pem")
     assert ended.returncode == 2
@@ -338,6 +338,6 @@ def test_lost_workers_lose_and_double_nothing(
             cluster.workers[2].send_signal(signal.SIGSTOP)
 
     monkeypatch.setattr(Journal, "append", appended)
-    measured, _ = run_to_folder(asked(scenario, cluster), tmp_path / "out", no_progress)
+    measured, _ = run_to_folder(requested(scenario, cluster), tmp_path / "out", no_progress)
     assert_same(measured, here)
     assert len(keys) == len(set(keys)) > 3

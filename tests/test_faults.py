@@ -157,8 +157,8 @@ def test_fault_changes_no_other_case(faulty: Run, sound: Run) -> None:
     rows, expected = rows_of(faulty), rows_of(sound)
     others = ~goes_wrong(rows)
     # what a case left behind in its worker is found out, and said, by asking once more
-    told = "ran twice; failed in a worker that had run other cases: RuntimeError: spoilt"
-    spoilt = rows["message"].str.startswith(told)
+    reported = "ran twice; failed in a worker that had run other cases: RuntimeError: spoilt"
+    spoilt = rows["message"].str.startswith(reported)
     rows.loc[spoilt, "message"] = ""
     pd.testing.assert_frame_equal(rows[others], expected[others], check_exact=True)
     chatty = rows["method"].isin(["print-flood", "raw-flood", "close-output", "spoil"])

@@ -158,11 +158,11 @@ def test_junit_and_json_equal_the_terminal(folder: Path, stored_run: Path) -> No
     suite = ElementTree.parse(folder / "g.xml").getroot()[0]
     assert (suite.get("tests"), suite.get("failures")) == ("4", "2")
     assert [case.find("failure") is not None for case in suite] == [False, False, True, True]
-    told = json.loads(done.stdout)
-    assert told["passed"] is False
-    assert told["run_id"] == json.loads((stored_run / "manifest.json").read_text())["run_id"]
-    assert [gate["status"] for gate in told["gates"]] == ["passed", "passed", "nothing", "nothing"]
-    row = told["gates"][0]["rows"][0]
+    reported = json.loads(done.stdout)
+    assert reported["passed"] is False
+    assert reported["run_id"] == json.loads((stored_run / "manifest.json").read_text())["run_id"]
+    assert [gate["status"] for gate in reported["gates"]] == ["passed", "passed", "nothing", "nothing"]
+    row = reported["gates"][0]["rows"][0]
     assert row["obtained"] == pytest.approx(4.0, abs=0.1)
     assert row["beyond"] == pytest.approx(max(row["obtained"] - 4.1, 3.9 - row["obtained"]), abs=1e-12)
 
@@ -280,7 +280,7 @@ def test_new_run_is_compared_with_the_gates(folder: Path) -> None:
 def test_only_scenarios_and_methods_of_gates_are_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Others are left out; times are measured if a gate needs them."""
     requested: list[tuple[Selection, RunOptions]] = []
-    monkeypatch.setattr(gate_run, "run_selection", lambda *told, **_: requested.append(told[:2]))
+    monkeypatch.setattr(gate_run, "run_selection", lambda *reported, **_: requested.append(reported[:2]))
     text = '[[gate]]\nengine = "reference"\nmethod = "m[12]"\nscenario = "mine"\nreason = "r"\n'
     defaults = '[[gate]]\nengine = "mujoco"\nmethod = "euler@defaults"\nreason = "r"\n'
     for measure in ("energy_drift", "relative_cpu"):

@@ -97,13 +97,13 @@ def test_nightly_run_fails_on_a_regression(folder: Path) -> None:
     assert "Nothing changed" in second.stdout
     assert "turned 1: 1 method moved" in moved.stdout
     assert "turned 1: m1 improved" in fourth.stdout
-    told = (folder / "told.md").read_text()
-    for text in (third.stdout, told):
+    reported = (folder / "told.md").read_text()
+    for text in (third.stdout, reported):
         assert "turned 1: m1 worse, error at" in text
         assert "turned:m1" in text
         assert "tumble" in text
     assert Path(third.stdout.splitlines()[-1]).read_text().startswith("<!doctype html>")
-    assert len(told.splitlines()) < 60
+    assert len(reported.splitlines()) < 60
 
 
 @pytest.mark.slow
@@ -120,7 +120,7 @@ def test_history_is_listed_queried_and_pruned(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "reported"),
     [
         (("nightly", "absent", "--history", "kept"), "absent"),
         (("nightly", "tumble.toml", "--engine", "absent", "--history", "kept"), "absent"),
@@ -138,11 +138,11 @@ def test_history_is_listed_queried_and_pruned(folder: Path) -> None:
         (("history", "query", "absent", "SELECT 1"), "no nightly runs"),
     ],
 )
-def test_wrong_input_is_refused_in_one_line(folder: Path, words: tuple[str, ...], told: str) -> None:
+def test_wrong_input_is_refused_in_one_line(folder: Path, words: tuple[str, ...], reported: str) -> None:
     """Nothing is run or stored."""
     done = bodycheck(*words)
     assert isinstance(done.exception, InputError)
-    assert told in str(done.exception)
+    assert reported in str(done.exception)
     assert "\n" not in str(done.exception)
     assert not (folder / "kept").exists()
 
@@ -287,9 +287,9 @@ def test_pruning_reports_a_run_of_the_future_apart_from_the_removed_ones(folder:
 @pytest.mark.parametrize("name", ["list", "query", "prune"])
 def test_help_of_a_history_command_names_its_folder(name: str) -> None:
     """In capitals, as an argument that must be given; the group's help lists the command."""
-    told = bodycheck("history", name, "--help").stdout
-    assert f"history {name} [OPTIONS] {{HISTORY}}" in told
-    assert "Folder of a history." in told
+    reported = bodycheck("history", name, "--help").stdout
+    assert f"history {name} [OPTIONS] {{HISTORY}}" in reported
+    assert "Folder of a history." in reported
     assert bodycheck("history").output == bodycheck("history", "--help").output
     about, _, listed = bodycheck("history", "--help").stdout.partition("\nCommands:")
     assert "nightly runs" in about

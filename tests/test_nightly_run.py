@@ -27,8 +27,8 @@ FUTURE = "29990101T000000Z-000003"
 
 def write_told(folder: Path) -> None:
     """Write a nightly run's report, named by its folder."""
-    told = {**dict.fromkeys(SUMMARY_KEYS, 0), "run_id": folder.name.removeprefix(".unfinished-")}
-    (folder / "night.json").write_text(json.dumps(told))
+    reported = {**dict.fromkeys(SUMMARY_KEYS, 0), "run_id": folder.name.removeprefix(".unfinished-")}
+    (folder / "night.json").write_text(json.dumps(reported))
 
 
 @pytest.fixture
@@ -63,9 +63,9 @@ def test_nightly_run_is_measured_without_a_journal(history: History, monkeypatch
         yield f"{cases} cases"
 
     selection = SimpleNamespace(cases_listed=lambda: 7)
-    asked = cast(RunRequest, SimpleNamespace(selection=selection, options="the options"))
+    requested = cast(RunRequest, SimpleNamespace(selection=selection, options="the options"))
     monkeypatch.setattr(nightly_run, "run_selection", run_selection)
-    (judged, run) = run_nightly(asked, history.folder, watching, Thresholds(0.25))
+    (judged, run) = run_nightly(requested, history.folder, watching, Thresholds(0.25))
     ((words, named),) = measured
     assert words[:2] == (selection, "the options")
     assert isinstance(words[2], Identity)
@@ -80,9 +80,9 @@ def test_stored_run_has_its_pages_and_is_sealed(history: History) -> None:
     assert cast(Any, judged)[2] is DEFAULT_THRESHOLDS
     assert (run / "night.html").read_bytes() == "a pagé\n".encode()
     assert "a téxt".encode() in (run / "night.md").read_bytes()
-    told = read_summary(run)
-    assert told["sha256"].keys() == {"night.html", "night.md"}
-    check_files(run, told)
+    reported = read_summary(run)
+    assert reported["sha256"].keys() == {"night.html", "night.md"}
+    check_files(run, reported)
 
 
 def test_feed_lists_the_runs_up_to_the_stored_one(history: History, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -91,7 +91,7 @@ def test_feed_lists_the_runs_up_to_the_stored_one(history: History, monkeypatch:
     monkeypatch.setattr(
         nightly_run,
         "write_feed",
-        lambda folder, told: listed.append((folder, [one["run_id"] for one in told])),
+        lambda folder, reported: listed.append((folder, [one["run_id"] for one in reported])),
     )
     store_nightly(RUN, history)
     assert listed == [(history.folder, [EARLIER, TONIGHT])]

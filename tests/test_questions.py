@@ -24,11 +24,11 @@ def command(stored_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     for name in ("run", "other"):
         shutil.copytree(stored_run, name)
 
-    def asked(*words: str) -> tuple[int, str, str]:
+    def requested(*words: str) -> tuple[int, str, str]:
         done = run_bodycheck(tmp_path, *words)
         return done.returncode, done.stdout, done.stderr
 
-    return asked
+    return requested
 
 
 def test_two_equal_runs_did_not_change(command: Command) -> None:
@@ -72,7 +72,7 @@ def test_the_status_is_1_where_what_fails_is_found(
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "reported"),
     [
         (("--threshold", "-0.1"), "--threshold -0.1: must be 0 or more, like 0.02 for 2 %"),
         (("--threshold", "nan"), "--threshold nan: must be 0 or more, like 0.02 for 2 %"),
@@ -82,12 +82,12 @@ def test_the_status_is_1_where_what_fails_is_found(
         (("--out", "made.html", "--out", "told.pdf"), "--out told.pdf: must end in .html, .md or .json"),
     ],
 )
-def test_a_wrong_comparison_is_refused(command: Command, words: tuple[str, ...], told: str) -> None:
+def test_a_wrong_comparison_is_refused(command: Command, words: tuple[str, ...], reported: str) -> None:
     """Status 2, one line, and no file is written."""
     Path("wrong.toml").write_text('[[change]]\nmeasure = "verdict"\nthreshold = 0.2\nreason = "r"\n')
     status, out, error = command("compare", "run", "other", *words)
     assert (status, out) == (2, "")
-    assert told in error
+    assert reported in error
     assert len(error.splitlines()) == 1
     assert not list(Path().glob("made*"))
 
@@ -162,15 +162,15 @@ def test_advice_predicts_and_a_search_measures(command: Command) -> None:
     Path("mine.toml").write_text(tumbling(steps_s=[0.05, 0.02, 0.01, 0.005]))
     words = ("--engine", "reference:rk4,reference:m1", "--no-speed", "--out", "rk4")
     assert command("run", "mine.toml", *words)[0] == 0
-    asked = ("advise", "--error", "3e-5", "--run", "rk4")
-    status, out, _ = command(*asked)
+    requested = ("advise", "--error", "3e-5", "--run", "rk4")
+    status, out, _ = command(*requested)
     assert status == 0
     predicted = re.search(r"^reference:rk4 +dt (\S+) s +(\S+) +predicted ", out, flags=re.MULTILINE)
     assert predicted is not None, out
     dt_s, most = predicted.groups()
     assert f"confirm with: bodycheck run mine.toml --engine reference:rk4 --dt {dt_s}\n" in out
     Path("mine.toml").unlink()  # the run stores its scenarios
-    status, out, err = command(*asked, "--search")
+    status, out, err = command(*requested, "--search")
     assert status == 0, err
     measured = re.search(r"^reference:rk4 +dt (\S+) s +(\S+) +measured", out, flags=re.MULTILINE)
     assert measured is not None, out

@@ -265,9 +265,9 @@ def test_answers_of_other_packages_are_reused_on_request(command: Command, tmp_p
     words = ["run", "mine.toml", "--engine", kinds, *STEPS, "--no-speed"]
     module = tmp_path / "package/misbehaving_engine.py"
     build = "simulation = _stepper("
-    asked = f"open({str(tmp_path / 'asked')!r}, 'a').write('.')\n        {build}"
+    requested = f"open({str(tmp_path / 'requested')!r}, 'a').write('.')\n        {build}"
     assert build in module.read_text()
-    module.write_text(module.read_text().replace(build, asked))
+    module.write_text(module.read_text().replace(build, requested))
 
     def times_asked(*options: str, out: str) -> int:
         (tmp_path / "asked").write_text("")

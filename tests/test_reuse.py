@@ -105,17 +105,17 @@ def test_run_from_python_reuses_the_same(fresh: bool | None, reuse: str) -> None
 
 
 @pytest.mark.usefixtures("folder")
-@pytest.mark.parametrize(("asked", "reuse"), [(False, "truths"), (True, "everything")])
-def test_gates_in_tests_measure_again(asked: bool, reuse: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("requested", "reuse"), [(False, "truths"), (True, "everything")])
+def test_gates_in_tests_measure_again(requested: bool, reuse: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The fixture does what the command does, and --bodycheck-reuse is its --reuse."""
-    told = {
+    reported = {
         "--bodycheck-tolerances": "gates.toml",
         "--bodycheck-suite": "mine.toml",
-        "--bodycheck-reuse": asked,
+        "--bodycheck-reuse": requested,
     }
     params: list[Any] = []
     metafunc = SimpleNamespace(
-        config=SimpleNamespace(getoption=told.get),
+        config=SimpleNamespace(getoption=reported.get),
         definition=SimpleNamespace(nodeid="t"),
         parametrize=lambda _name, values, **_: params.extend(values),
     )
@@ -165,11 +165,11 @@ def test_rebuilt_engine_is_run_again_and_named_first(
     assert errors[0] == errors[1] == errors[2]
     assert all(new != old for new, old in zip(errors[3], errors[0], strict=True))
     before, after = read_tables(folder / "a"), read_tables(folder / "d")
-    told = f"build of shaky 1.0: {builds[0][0]} -> {builds[3][0]} (adapter)"
-    assert compare(before, after).environment == (told,)
+    reported = f"build of shaky 1.0: {builds[0][0]} -> {builds[3][0]} (adapter)"
+    assert compare(before, after).environment == (reported,)
     assert compare(before, read_tables(folder / "c")).environment == ()
     print_document(comparison_document(compare(before, after)))
-    assert capsys.readouterr().out.splitlines()[2] == f"Different environment: {told}."
+    assert capsys.readouterr().out.splitlines()[2] == f"Different environment: {reported}."
     assert rebuilt.manifest["engines"]["shaky"]["builds"] == builds[3]
     assert rebuilt.manifest["engines"]["shaky"]["build"]["id"].startswith(builds[3][0])
     assert after.results["reused"].tolist() == [False, False]

@@ -263,11 +263,11 @@ def test_stopped_shard_is_resumed(
 @pytest.mark.slow
 def test_shard_without_cases_is_a_shard(folder: Path, tmp_path: Path) -> None:
     """Of more shards than studies some are empty; merged they are the run."""
-    asked = replace(request(folder), scenarios=[str(folder / "mine.toml")], engines=["reference:m1"])
-    run_to_folder(asked, tmp_path / "whole", no_progress)
+    requested = replace(request(folder), scenarios=[str(folder / "mine.toml")], engines=["reference:m1"])
+    run_to_folder(requested, tmp_path / "whole", no_progress)
     outs = [tmp_path / f"part-{k}" for k in range(1, 4)]
     for k, out in enumerate(outs, start=1):
-        run_to_folder(replace(asked, shard=f"{k}/3"), out, no_progress)
+        run_to_folder(replace(requested, shard=f"{k}/3"), out, no_progress)
     assert 0 in [len(pd.read_csv(out / "results.csv")) for out in outs]
     write_run(merge(outs), tmp_path / "merged")
     for name, table in tables(tmp_path / "merged").items():

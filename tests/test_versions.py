@@ -82,11 +82,11 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tu
     """Return a way to run a command in this process, in an empty folder."""
     monkeypatch.chdir(tmp_path)
 
-    def asked(*words: str) -> tuple[int, str, str]:
+    def requested(*words: str) -> tuple[int, str, str]:
         done = run_bodycheck(tmp_path, *words)
         return done.returncode, done.stdout, done.stderr
 
-    return asked
+    return requested
 
 
 CONFIGURATIONS = {"uv.toml": "{line}", "pyproject.toml": "[tool.uv]\n{line}"}
@@ -150,7 +150,7 @@ def test_speeds_are_measured_in_the_versions_environment() -> None:
 
 @pytest.mark.usefixtures("toy")
 @pytest.mark.parametrize(
-    ("engine", "told"),
+    ("engine", "reported"),
     [
         ("toy==0.9", "toy==0.9 cannot be installed: "),
         ("toy==3.0", "toy==3.0 announces version 2.9; request toy==2.9"),
@@ -159,13 +159,13 @@ def test_speeds_are_measured_in_the_versions_environment() -> None:
     ],
 )
 def test_unavailable_version_is_refused(
-    engine: str, told: str, command: Callable[..., tuple[int, str, str]]
+    engine: str, reported: str, command: Callable[..., tuple[int, str, str]]
 ) -> None:
     """Status 2 and one line after the announcement of the environment; nothing is written."""
     status, out, error = command("run", "intermediate-axis", "--engine", engine, "--out", "made")
     assert (status, out) == (2, "")
     *before, fault = error.splitlines()
-    assert told in fault
+    assert reported in fault
     assert before in ([], [f"creating an environment for {engine.partition(':')[0].replace('==', ' ')} ..."])
     assert not list(Path().glob("made*"))
 
@@ -196,7 +196,7 @@ ERRORS = {"1": 1e-3, "2": 1e-3, "3": 1e-3, "4": 1e-6, "5": 1e-6, "6": 1e-6, "7":
 
 
 @pytest.fixture
-def told(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+def reported(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Return a list that gets each release that is run: of ERRORS, without uv or an engine."""
     method = Method("m", "", 1, 1, "every stage", "", "")
 
@@ -214,16 +214,16 @@ SEARCHED = ("toy", "1", None, "intermediate-axis", None, "orientation_error_rad"
 
 
 @pytest.mark.parametrize("every", [None, False, True])
-def test_releases_are_bisected_unless_every_one_is_requested(every: bool | None, told: list[str]) -> None:
+def test_releases_are_bisected_unless_every_one_is_requested(every: bool | None, reported: list[str]) -> None:
     """Each is run once, the ends first; each finding is the value in its release."""
-    asked = version_search.Search(*SEARCHED, **({} if every is None else {"every": every}))
-    assert not asked.allow_code
-    found = version_search.search(asked, RunOptions(), told.append)
-    assert told[:2] == ["toy==1", "toy==7"]
-    assert len(told) == len({*told}) == (7 if every else 5)
+    requested = version_search.Search(*SEARCHED, **({} if every is None else {"every": every}))
+    assert not requested.allow_code
+    found = version_search.search(requested, RunOptions(), reported.append)
+    assert reported[:2] == ["toy==1", "toy==7"]
+    assert len(reported) == len({*reported}) == (7 if every else 5)
     (track,) = found.tracks
     assert {release: finding.value for release, finding in track.findings.items()} == {
-        name.removeprefix("toy=="): ERRORS[name.removeprefix("toy==")] for name in told
+        name.removeprefix("toy=="): ERRORS[name.removeprefix("toy==")] for name in reported
     }
     assert track.changes == (("3", "4"),)
     assert (found.versions, found.failed, found.every) == (tuple(ERRORS), {}, bool(every))
@@ -278,7 +278,7 @@ def selected(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Selection, dict[str,
 SEARCH_FIELDS = ("engine", "since", "until", "scenario", "method", "measure", "dt_s")
 
 
-def searched(**asked: Any) -> tuple[Found, list[str]]:
+def searched(**requested: Any) -> tuple[Found, list[str]]:
     """Return the result of a search in releases 1 to 3, and the names with which progress was shown."""
     shown: list[str] = []
 
@@ -287,7 +287,7 @@ def searched(**asked: Any) -> tuple[Found, list[str]]:
         shown.append(f"{name}: {cases}")
         yield name
 
-    words = dict(zip(SEARCH_FIELDS, SEARCHED, strict=True)) | {"dt_s": None, **asked}
+    words = dict(zip(SEARCH_FIELDS, SEARCHED, strict=True)) | {"dt_s": None, **requested}
     request = version_search.Search(**words)
     return search(request, RunOptions(jobs=1), lambda _: None, lambda name: partial(progress, name)), shown
 
@@ -369,16 +369,16 @@ def test_search_runs_code_of_a_scenario_only_if_allowed(
     allowed: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As a run does."""
-    asked: list[bool] = []
+    requested: list[bool] = []
     checked = version_search.checked_scenarios
 
     def noted(*words: Any, allow_code: bool = False) -> Any:
-        asked.append(allow_code)
+        requested.append(allow_code)
         return checked(*words, allow_code=allow_code)
 
     monkeypatch.setattr(version_search, "checked_scenarios", noted)
     searched(allow_code=allowed)
-    assert asked == [allowed]
+    assert requested == [allowed]
 
 
 @pytest.mark.slow
@@ -412,34 +412,34 @@ def test_every_release_is_run_on_request(command: Callable[..., tuple[int, str, 
     status, out, error = command(*words, *measure, "--every")
     assert status == 0, error
     assert out.splitlines()[0].endswith("; 5 releases from 1.0 to 1.9, 4 of them run")
-    *_, told, changed = out.splitlines()
-    assert re.fullmatch(r"toy:m: (\S+) up to 1.0, \S+ from 1.0.5 to 1.0.5, \1 from 1.1", told), told
+    *_, reported, changed = out.splitlines()
+    assert re.fullmatch(r"toy:m: (\S+) up to 1.0, \S+ from 1.0.5 to 1.0.5, \1 from 1.1", reported), reported
     assert changed == "changed in 1.0.5 (m), 1.1 (m)"
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("toy")
 @pytest.mark.parametrize(
-    ("measure", "told"),
+    ("measure", "reported"),
     [
         ("verdict", "converges in 1.1, as in 1.0"),
         pytest.param("energy_drift", " in 1.1, as in 1.0", marks=pytest.mark.nightly),
     ],
 )
 def test_equal_ends_are_reported(
-    measure: str, told: str, command: Callable[..., tuple[int, str, str]]
+    measure: str, reported: str, command: Callable[..., tuple[int, str, str]]
 ) -> None:
     """Both ends are equal; a change that was undone between them is not excluded."""
     words = ("versions", "toy", "--since", "1.0", "--until", "1.1", "--measure", measure, "--dt", DT)
     status, out, error = command(*words)
     assert status == 0, error
-    assert told in out.splitlines()[-1]
+    assert reported in out.splitlines()[-1]
     assert out.splitlines()[-1].endswith("a change that was undone between them would be missed")
 
 
 @pytest.mark.usefixtures("toy")
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "reported"),
     [
         (("--since", "1.0", "--measure", "beauty"), "--measure beauty: unknown measure 'beauty'"),
         (("--since", "1.0", "--measure", "cpu_s"), "cannot search by speed"),
@@ -453,12 +453,12 @@ def test_equal_ends_are_reported(
     ],
 )
 def test_wrong_arguments_are_refused(
-    words: tuple[str, ...], told: str, command: Callable[..., tuple[int, str, str]]
+    words: tuple[str, ...], reported: str, command: Callable[..., tuple[int, str, str]]
 ) -> None:
     """Status 2, and what would be right."""
     status, out, error = command("versions", "toy", *words)
     assert (status, out) == (2, "")
-    assert told in error
+    assert reported in error
 
 
 @pytest.mark.slow

@@ -57,20 +57,20 @@ def main() -> int:
     parser.add_argument("--most-steps", type=float, default=3e5, help="of a case that is measured")
     parser.add_argument("--questions", type=int, default=None, help="a random sample of them [default: all]")
     parser.add_argument("--seed", type=int, default=1)
-    asked = parser.parse_args()
+    requested = parser.parse_args()
 
-    run = read_tables(asked.run)
+    run = read_tables(requested.run)
     curves = {
         place: curve
-        for place, curve in curves_of(run, asked.quantity).items()
-        if curve.control == "dt" and (not asked.engines or place[1][0] in asked.engines.split(","))
+        for place, curve in curves_of(run, requested.quantity).items()
+        if curve.control == "dt" and (not requested.engines or place[1][0] in requested.engines.split(","))
     }
     kinds = Counter[str]()
-    questions = list(_questions(curves, [float(error) for error in asked.errors.split(",")], kinds))
+    questions = list(_questions(curves, [float(error) for error in requested.errors.split(",")], kinds))
     _print_counts("answers", kinds)
-    cheap = [one for one in questions if _steps(curves[one.place], one.dt_s) <= asked.most_steps]
-    if asked.questions is not None and asked.questions < len(cheap):
-        chosen = np.random.default_rng(asked.seed).choice(len(cheap), asked.questions, replace=False)
+    cheap = [one for one in questions if _steps(curves[one.place], one.dt_s) <= requested.most_steps]
+    if requested.questions is not None and requested.questions < len(cheap):
+        chosen = np.random.default_rng(requested.seed).choice(len(cheap), requested.questions, replace=False)
         cheap = [cheap[place] for place in sorted(chosen)]
     print(f"{len(questions)} predictions, {len(cheap)} of them measured")
 
@@ -80,7 +80,7 @@ def main() -> int:
         measured = measure_steps(run, steps, RunOptions(speed=False), lambda _: nullcontext(NULL_PROGRESS))
         cases = {(case.columns["scenario"], key_of(case.columns)): case for case in measured.cases}
         for one in batch:
-            ratio = largest_error(cases[one.place], asked.quantity) / one.error
+            ratio = largest_error(cases[one.place], requested.quantity) / one.error
             found[f"{one.estimate.basis}, {'holds' if ratio <= FACTOR else 'fails'}"] += 1
             if one.estimate.basis == "predicted":
                 factors.append(ratio)
@@ -133,8 +133,8 @@ def _batches(questions: Iterable[Question]) -> list[list[Question]]:
 
 
 def _print_counts(what: str, counts: Counter[str]) -> None:
-    told = ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
-    print(f"{what}: {told} ({sum(counts.values())} in all)")
+    reported = ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
+    print(f"{what}: {reported} ({sum(counts.values())} in all)")
 
 
 if __name__ == "__main__":

@@ -93,13 +93,13 @@ def overhead_ms(cluster: Loopback) -> tuple[float, float]:
     assert not isinstance(engine, str)
     case = Case(load_scenario("free-flight").scene, "rk4", Setting(dt_s=1e-3))
     request = {"do": "record", "case": case_messages.case_message(case)}
-    asked = CaseRequest("reference", engine.version, request, 120.0)
+    requested = CaseRequest("reference", engine.version, request, 120.0)
     here, there = [], []
     engine_pool = EnginePool()
     tls = cluster.tls
     with connected(cluster.address, TlsFiles(tls["ca"], tls["cert"], tls["key"]), speed=False) as connection:
         submit = connection.executor.submit
-        wait([submit(answer_case, asked) for _ in range(_CASES)])  # starts the engines
+        wait([submit(answer_case, requested) for _ in range(_CASES)])  # starts the engines
         engine_pool.ask("reference", request, 120.0)
         for _ in range(_REPEATS):
             begin = time.perf_counter()
@@ -107,7 +107,7 @@ def overhead_ms(cluster: Loopback) -> tuple[float, float]:
                 engine_pool.ask("reference", request, 120.0)
             here.append(time.perf_counter() - begin)
             begin = time.perf_counter()
-            done = [submit(answer_case, asked) for _ in range(_CASES)]
+            done = [submit(answer_case, requested) for _ in range(_CASES)]
             assert all(future.result()["outcome"] == "ok" for future in done)
             there.append(time.perf_counter() - begin)
     engine_pool.close()

@@ -161,13 +161,13 @@ def main() -> int:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     options.add_argument("--trials", type=int, default=1000)
     options.add_argument("--seed", type=int, default=1)
-    asked = options.parse_args()
+    requested = options.parse_args()
     begin, endings, failed = time.monotonic(), Counter[str](), []
     megabytes, slowest = 0.0, 0.0
     with tempfile.TemporaryDirectory(prefix="command-trials-") as place:
         sound = prepared(Path(place, "sound"))
-        for number in range(asked.trials):
-            words = drawn(random.Random(f"{asked.seed}/{number}"))
+        for number in range(requested.trials):
+            words = drawn(random.Random(f"{requested.seed}/{number}"))
             folder = Path(place, "tried")
             shutil.copytree(sound, folder)
             before = {path.name for path in folder.iterdir()}
@@ -178,11 +178,11 @@ def main() -> int:
             )
             if fault is not None:
                 failed.append(number)
-                said = "" if ended.value is None else ended.value.stderr[-400:]
-                print(f"trial {number}: {words!r:.500}: {fault[-1500:]}\n    {said}", flush=True)
+                printed = "" if ended.value is None else ended.value.stderr[-400:]
+                print(f"trial {number}: {words!r:.500}: {fault[-1500:]}\n    {printed}", flush=True)
             endings["failed" if fault else f"status {ended.value.returncode}"] += 1
             shutil.rmtree(folder)
-    print(f"{asked.trials} command lines of seed {asked.seed} in {time.monotonic() - begin:.0f} s")
+    print(f"{requested.trials} command lines of seed {requested.seed} in {time.monotonic() - begin:.0f} s")
     print(dict(endings))
     print(f"slowest {slowest:.1f} s, at most {megabytes:.0f} MB")
     print(f"{len(failed)} failed" + (f": {failed}" if failed else ""))

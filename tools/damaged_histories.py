@@ -76,32 +76,32 @@ def main() -> int:
     options.add_argument("--nights", type=int, default=30)
     options.add_argument("--trials", type=int, default=300)
     options.add_argument("--seed", type=int, default=1)
-    asked = options.parse_args()
+    requested = options.parse_args()
     begin, ways, failed = time.monotonic(), Counter[str](), []
     megabytes, slowest = 0.0, 0.0
     with tempfile.TemporaryDirectory(prefix="damaged-histories-") as place:
         (Path(place) / "mine.toml").write_text(SCENARIO)
         run = bodycheck.run([Path(place) / "mine.toml"], engines=["reference:m1", "reference:rk4"], jobs=1)
         history = Path(place, "history")
-        store_nightly_runs(run, history, [unchanged] * asked.runs)
-        for number in range(asked.trials):
-            dice = random.Random(f"{asked.seed}/{number}")
+        store_nightly_runs(run, history, [unchanged] * requested.runs)
+        for number in range(requested.trials):
+            dice = random.Random(f"{requested.seed}/{number}")
             night = dice.choice(History(history).runs())
             path = dice.choice(sorted(night.iterdir()))
             content = path.read_bytes()
             way = f"{path.suffix[1:]} {damage(path, dice)}"
             ways[way] += 1
-            ended = run_in_child(lambda path=path: trial(run, history, asked.runs, path), LIMIT_S)  # type: ignore[misc]
+            ended = run_in_child(lambda path=path: trial(run, history, requested.runs, path), LIMIT_S)  # type: ignore[misc]
             megabytes, slowest = max(megabytes, ended.megabytes), max(slowest, ended.seconds)
             if ended.error is not None:
                 failed.append(number)
                 print(f"trial {number} ({path.name}, {way}): {ended.error[-1500:]}", flush=True)
             path.write_bytes(content)
-            for extra in History(history).runs()[asked.runs :]:
+            for extra in History(history).runs()[requested.runs :]:
                 shutil.rmtree(extra)
-    print(f"{asked.trials} trials of seed {asked.seed} in {time.monotonic() - begin:.0f} s")
+    print(f"{requested.trials} trials of seed {requested.seed} in {time.monotonic() - begin:.0f} s")
     print(dict(sorted(ways.items())))
-    print(f"a history of {asked.runs} nights; slowest {slowest:.1f} s, at most {megabytes:.0f} MB")
+    print(f"a history of {requested.runs} nights; slowest {slowest:.1f} s, at most {megabytes:.0f} MB")
     print(f"{len(failed)} failed" + (f": {failed}" if failed else ""))
     return 1 if failed or megabytes > MAX_MEGABYTES else 0
 

@@ -181,10 +181,10 @@ class Trial:
     @property
     def line(self) -> str:
         """The trial in one line."""
-        told = "not examined" if self.found is None else self.found.sentence
+        reported = "not examined" if self.found is None else self.found.sentence
         alike = [sorted(names) for names in self.names[1:]]
         planted = " + ".join(fault.name for fault in self.faults)
-        return f"{self.scenario} {self.base} {planted}: {told}; same: {alike}; {self.took_s:.2f} s"
+        return f"{self.scenario} {self.base} {planted}: {reported}; same: {alike}; {self.took_s:.2f} s"
 
 
 def trial(problem: Problem, base: str, faults: Sequence[Fault]) -> Trial:
@@ -276,14 +276,18 @@ def _pair_word(one: Trial) -> str:
 
 def main() -> int:
     """Print the figures, and return the exit status."""
-    asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    asked.add_argument("--pairs", type=int, default=60, help="number of random pairs [default: 60]")
-    asked.add_argument("--scenarios", nargs="+", default=list(SCENARIOS), choices=list(SCENARIOS))
-    asked.add_argument("--maps", nargs="+", default=list(BASES), choices=list(BASES))
-    asked.add_argument("--show", action="store_true", help="print each case, not misses alone")
-    told = asked.parse_args()
-    hits, counted, accused = singles(told.scenarios, told.maps, show=told.show)
-    third = pairs(told.scenarios, told.maps, told.pairs, show=told.show) if told.pairs else 0
+    requested = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    requested.add_argument("--pairs", type=int, default=60, help="number of random pairs [default: 60]")
+    requested.add_argument("--scenarios", nargs="+", default=list(SCENARIOS), choices=list(SCENARIOS))
+    requested.add_argument("--maps", nargs="+", default=list(BASES), choices=list(BASES))
+    requested.add_argument("--show", action="store_true", help="print each case, not misses alone")
+    reported = requested.parse_args()
+    hits, counted, accused = singles(reported.scenarios, reported.maps, show=reported.show)
+    third = (
+        pairs(reported.scenarios, reported.maps, reported.pairs, show=reported.show) if reported.pairs else 0
+    )
     return int(hits < 0.95 * counted or third > 0 or accused > 0)
 
 

@@ -102,12 +102,12 @@ class Trial:
 
 def ended(process: subprocess.Popen[str], statuses: set[int]) -> str:
     """Wait for a command and return what it said on standard error; no traceback is among it."""
-    _, said = process.communicate(timeout=PATIENCE_S)
-    if process.returncode not in statuses or "Traceback" in said or "unexpected error" in said:
-        raise FaultFound(f"ended with status {process.returncode}: {said[-2000:]}")
+    _, printed = process.communicate(timeout=PATIENCE_S)
+    if process.returncode not in statuses or "Traceback" in printed or "unexpected error" in printed:
+        raise FaultFound(f"ended with status {process.returncode}: {printed[-2000:]}")
     if not all_gone(process.pid):
         raise FaultFound(f"left workers behind: {workers_of(process.pid)}")
-    return said
+    return printed
 
 
 def kill_run(trial: Trial, most_lines: int) -> None:
@@ -123,9 +123,9 @@ def kill_workers(trial: Trial, most_lines: int) -> None:
     process = trial.begin()
     trial.wait_for_a_moment(process, most_lines)
     kill_one_worker(trial, process)
-    said = ended(process, {0, 2})
-    if process.returncode == 2 and "cannot be started: the worker was killed by SIGKILL" not in said:
-        raise FaultFound(said)
+    printed = ended(process, {0, 2})
+    if process.returncode == 2 and "cannot be started: the worker was killed by SIGKILL" not in printed:
+        raise FaultFound(printed)
 
 
 def kill_both(trial: Trial, most_lines: int) -> None:
@@ -166,9 +166,9 @@ def stop_by(number: signal.Signals, trial: Trial, most_lines: int) -> None:
     process = trial.begin()
     trial.wait_for_a_moment(process, most_lines)
     process.send_signal(number)
-    said = ended(process, {0, 128 + number, -number})
-    if process.returncode == 128 + number and trial.lines() and "bodycheck run --resume out" not in said:
-        raise FaultFound(f"does not say how to go on: {said}")
+    printed = ended(process, {0, 128 + number, -number})
+    if process.returncode == 128 + number and trial.lines() and "bodycheck run --resume out" not in printed:
+        raise FaultFound(f"does not say how to go on: {printed}")
 
 
 def fill_disk(trial: Trial, most_lines: int) -> None:  # noqa: ARG001 - every harm is called alike
@@ -179,9 +179,9 @@ def fill_disk(trial: Trial, most_lines: int) -> None:  # noqa: ARG001 - every ha
         resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
 
     process = trial.begin(harm)
-    said = ended(process, {0, 2})
-    if process.returncode == 2 and "cannot be written" not in said:
-        raise FaultFound(f"does not say what is wrong: {said}")
+    printed = ended(process, {0, 2})
+    if process.returncode == 2 and "cannot be written" not in printed:
+        raise FaultFound(f"does not say what is wrong: {printed}")
 
 
 def lock_out(trial: Trial, most_lines: int) -> None:
@@ -195,13 +195,13 @@ def lock_out(trial: Trial, most_lines: int) -> None:
         place = trial.folder
         place.chmod(0o555)
     try:
-        said = ended(process, {0, 2})
+        printed = ended(process, {0, 2})
     finally:
         for path in (trial.folder, partial_of(trial.out)):
             if path.exists():
                 path.chmod(0o755)
-    if process.returncode == 2 and "cannot be written: Permission denied" not in said:
-        raise FaultFound(f"does not say what is wrong: {said}")
+    if process.returncode == 2 and "cannot be written: Permission denied" not in printed:
+        raise FaultFound(f"does not say what is wrong: {printed}")
 
 
 HARMS = (fill_disk, lock_out, kill_both, kill_run, kill_workers, interrupt, terminate, hang_up)
@@ -212,9 +212,9 @@ def go_on(trial: Trial) -> None:
     if trial.out.exists():
         trial.notes["complete all the same"] += 1
         if partial_of(trial.out).exists():
-            said = ended(trial.start("run", "--resume", "out"), {2})
-            if "that run is complete" not in said:
-                raise FaultFound(said)
+            printed = ended(trial.start("run", "--resume", "out"), {2})
+            if "that run is complete" not in printed:
+                raise FaultFound(printed)
         return
     if not (partial_of(trial.out) / "request.json").exists():
         trial.notes["begun again"] += 1
@@ -266,7 +266,7 @@ def main() -> int:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     options.add_argument("--trials", type=int, default=200)
     options.add_argument("--seed", type=int, default=1)
-    asked = options.parse_args()
+    requested = options.parse_args()
     begin = time.monotonic()
     harmed: Counter[str] = Counter()
     notes: Counter[str] = Counter()
@@ -276,8 +276,8 @@ def main() -> int:
         ended(sound.start(*WORDS, "--fresh", "--out", "out"), {0})
         expected = tables(sound.out)
         most_lines = len(expected["results"])
-        for number in range(asked.trials):
-            dice = random.Random(f"{asked.seed}/{number}")
+        for number in range(requested.trials):
+            dice = random.Random(f"{requested.seed}/{number}")
             trial = prepared(Path(place, str(number)), dice)
             harm = HARMS[number % len(HARMS)]
             harmed[harm.__name__] += 1
@@ -290,7 +290,8 @@ def main() -> int:
                 print(f"trial {number} ({harm.__name__}): {fault}", flush=True)
             notes += trial.notes
             shutil.rmtree(trial.folder, ignore_errors=True)
-    print(f"{asked.trials} trials of seed {asked.seed} in {time.monotonic() - begin:.0f} s: {dict(harmed)}")
+    seconds = time.monotonic() - begin
+    print(f"{requested.trials} trials of seed {requested.seed} in {seconds:.0f} s: {dict(harmed)}")
     print(f"{dict(notes)}; {most_lines} results a run")
     print(f"{len(failed)} failed" + (f": {failed}" if failed else ""))
     return 1 if failed else 0

@@ -115,13 +115,13 @@ def main() -> int:
     parser.add_argument("--columns", default="10,12", help="powers of two, like 10,12")
     parser.add_argument("--solid", action="append", choices=list(SOLIDS), help="only this one; repeatable")
     parser.add_argument("--jobs", type=int, default=2)
-    asked = parser.parse_args()
+    requested = parser.parse_args()
     print(f"{'solid':28} {'':5}  {'mass, %':12}  {'all ten, %':12}  half width/mass  scatter")
-    with ProcessPoolExecutor(asked.jobs) as pool:
+    with ProcessPoolExecutor(requested.jobs) as pool:
         found = [
-            coverage(name, int(columns), asked.seeds, pool.map)
-            for columns in asked.columns.split(",")
-            for name in asked.solid or SOLIDS
+            coverage(name, int(columns), requested.seeds, pool.map)
+            for columns in requested.columns.split(",")
+            for name in requested.solid or SOLIDS
         ]
     return int(not all(_RANGE[0] <= share <= _RANGE[1] for share in found))
 

@@ -107,7 +107,7 @@ def main() -> int:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     options.add_argument("--trials", type=int, default=200)
     options.add_argument("--seed", type=int, default=1)
-    asked = options.parse_args()
+    requested = options.parse_args()
     begin, endings, failed = time.monotonic(), Counter[str](), []
     megabytes, slowest = 0.0, 0.0
     with tempfile.TemporaryDirectory(prefix="lying-workers-") as place:
@@ -118,8 +118,8 @@ def main() -> int:
         expected = reference_rows(sound)
         if set(expected["outcome"]) != {"ok"}:
             raise FaultFound(f"the reference alone: {expected['message'].tolist()}")
-        for number in range(asked.trials):
-            folder, seed = Path(place, str(number)), f"{asked.seed}/{number}"
+        for number in range(requested.trials):
+            folder, seed = Path(place, str(number)), f"{requested.seed}/{number}"
             folder.mkdir()
             ended = run_in_child(
                 lambda folder=folder, seed=seed: trial(folder, seed, "liar,reference:m1"), LIMIT_S
@@ -135,11 +135,11 @@ def main() -> int:
                 print(f"trial {number}: {fault[-1500:]}", flush=True)
             endings[str(ended.value) if fault is None else "failed"] += 1
             shutil.rmtree(folder)
-    print(f"{asked.trials} lying workers of seed {asked.seed} in {time.monotonic() - begin:.0f} s")
+    print(f"{requested.trials} lying workers of seed {requested.seed} in {time.monotonic() - begin:.0f} s")
     print(dict(endings))
     print(f"slowest run {slowest:.1f} s, at most {megabytes:.0f} MB")
     print(f"{len(failed)} failed" + (f": {failed}" if failed else ""))
-    if endings["engine unavailable"] == asked.trials:
+    if endings["engine unavailable"] == requested.trials:
         print("no worker got as far as a case: the trials show nothing")
         return 1
     return 1 if failed or megabytes > MAX_MEGABYTES else 0

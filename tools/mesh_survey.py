@@ -180,19 +180,19 @@ def main() -> int:
     parser.add_argument("--most-triangles", type=int, default=20000, help="integrated in whole numbers")
     parser.add_argument("--every", type=int, default=1, help="only each so many-th file of random_urdfs")
     parser.add_argument("--json", type=Path, help="write all rows to this file")
-    asked = parser.parse_args()
+    requested = parser.parse_args()
     logging.disable(logging.WARNING)
     root = Path(pybullet_data.getDataPath())
     files = sorted(path for path in root.rglob("*") if path.suffix.lower() in MESH_SUFFIXES)
     random = [path for path in files if "random_urdfs" in path.parts]
-    files = [path for path in files if "random_urdfs" not in path.parts] + random[:: asked.every]
+    files = [path for path in files if "random_urdfs" not in path.parts] + random[:: requested.every]
     rows = []
     for path in files:
-        rows.append(survey(path, str(path.relative_to(root)), asked.most_triangles))
+        rows.append(survey(path, str(path.relative_to(root)), requested.most_triangles))
         if not rows[-1].explained or (rows[-1].error or 0.0) > _TOLERANCE:
             print(rows[-1], flush=True)
-    if asked.json is not None:
-        asked.json.write_text(json.dumps([row._asdict() for row in rows], indent=1))
+    if requested.json is not None:
+        requested.json.write_text(json.dumps([row._asdict() for row in rows], indent=1))
     return _summed_up(rows)
 
 

@@ -350,13 +350,13 @@ def main() -> int:
         choices=sorted(TESTS),
         help="the module to change; repeatable [default: all]",
     )
-    asked = parser.parse_args()
+    requested = parser.parse_args()
     every = [mutant for module in TESTS for mutant in mutants_of(module)]
     if stale := EQUIVALENT.keys() - {mutant.key for mutant in every}:
         raise SystemExit("\n".join(f"EQUIVALENT has what is no mutant: {key}" for key in sorted(stale)))
-    chosen = [mutant for mutant in every if mutant.module in (asked.module or TESTS)]
-    random.Random(asked.seed).shuffle(chosen)
-    drawn = chosen[: asked.mutants]
+    chosen = [mutant for mutant in every if mutant.module in (requested.module or TESTS)]
+    random.Random(requested.seed).shuffle(chosen)
+    drawn = chosen[: requested.mutants]
     judged = [mutant for mutant in drawn if mutant.key not in EQUIVALENT]
     print(f"{len(chosen)} mutants, {len(drawn)} drawn, {len(drawn) - len(judged)} of them equivalent")
     try:

@@ -55,17 +55,17 @@ def main() -> int:
     parser.add_argument(
         "--keep", type=Path, help="the history of the nights that are measured, made or gone on with"
     )
-    asked = parser.parse_args()
+    requested = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "tumble.toml").write_text(_SCENARIO)
-        failed = killed(folder, asked.kills, asked.seed) if asked.kills else 0
-        failed += unchanged(folder, asked.unchanged) if asked.unchanged else 0
-        if asked.measured:
-            kept = (asked.keep or folder / "measured").absolute()
-            measure(folder, kept, asked.measured)
+        failed = killed(folder, requested.kills, requested.seed) if requested.kills else 0
+        failed += unchanged(folder, requested.unchanged) if requested.unchanged else 0
+        if requested.measured:
+            kept = (requested.keep or folder / "measured").absolute()
+            measure(folder, kept, requested.measured)
             nights = measured_nights(kept)
-            failed += as_they_came(nights) + simulated(nights, asked.sequences, asked.seed)
+            failed += as_they_came(nights) + simulated(nights, requested.sequences, requested.seed)
     return 1 if failed else 0
 
 
@@ -113,32 +113,32 @@ def killed(folder: Path, kills: int, seed: int) -> int:
         stored += len(after) > len(before)
         lost = before.items() - after.items()
         readable = len(history_table(History(history).runs())) == len(History(history).runs())
-        asked = query(History(history).runs(), "SELECT count(DISTINCT run_id) AS n FROM results")["n"][0]
-        if lost or not readable or asked != len(History(history).runs()):
+        requested = query(History(history).runs(), "SELECT count(DISTINCT run_id) AS n FROM results")["n"][0]
+        if lost or not readable or requested != len(History(history).runs()):
             failed += 1
-            print(f"kill {trial}: lost {sorted(lost)}, readable {readable}, {asked} nights in the tables")
+            print(f"kill {trial}: lost {sorted(lost)}, readable {readable}, {requested} nights in the tables")
     last = begin(folder, history, _QUICK)
-    told, _ = last.communicate()
+    reported, _ = last.communicate()
     left = [path.name for path in history.glob(".unfinished-*")]
     if last.returncode != 0 or left:
         failed += 1
-        print(f"the night after: status {last.returncode}, left {left}\n{told}")
+        print(f"the night after: status {last.returncode}, left {left}\n{reported}")
     print(f"kills: {kills}, of which {stored} came too late; failed: {failed}", flush=True)
     return failed
 
 
 def unchanged(folder: Path, nights: int) -> int:
     """Run the same night again and again; return on how many nights anything was told."""
-    history, told = folder / "unchanged", 0
+    history, reported = folder / "unchanged", 0
     for night in range(nights + 1):
         process = begin(folder, history, _QUICK)
         text, _ = process.communicate()
         if process.returncode != (3 if night == 0 else 0):
-            told += 1
+            reported += 1
             print(f"night {night}: status {process.returncode}\n{text}")
     found = int(query(History(history).runs(), "SELECT count(*) AS n FROM changes")["n"][0])
     print(f"unchanged nights: {nights}, changes told: {found}", flush=True)
-    return told + found
+    return reported + found
 
 
 def measure(folder: Path, kept: Path, nights: int) -> None:
@@ -174,12 +174,12 @@ def engines_of(nights: pd.DataFrame) -> list[str]:
 def as_they_came(nights: pd.DataFrame) -> int:
     """Judge the nights in their order, then with each engine slower from each night on; count the faults."""
     count = nights.shape[1]
-    told = alarms(judged(nights))
-    print(f"{count} nights as they came, speeds told: {told or 'none'}", flush=True)
+    reported = alarms(judged(nights))
+    print(f"{count} nights as they came, speeds told: {reported or 'none'}", flush=True)
     first_nights = range(MIN_BEFORE, count - _WITHIN + 1)
     planted = [(engine, first) for engine in engines_of(nights) for first in first_nights]
     delays = [delay(slowed(nights, engine, first), engine, first) for engine, first in planted]
-    return len(told) + report(delays)
+    return len(reported) + report(delays)
 
 
 def simulated(nights: pd.DataFrame, sequences: int, seed: int) -> int:
@@ -200,11 +200,12 @@ def simulated(nights: pd.DataFrame, sequences: int, seed: int) -> int:
 
 
 def report(delays: list[int | None]) -> int:
-    """Print on which of its nights an engine that became slower was told; return how often not in time."""
+    """Print in which run an engine that became slower was reported; return how often not in time."""
     late = sum(each is None or each > _WITHIN for each in delays)
-    print(f"one engine {_SLOWER} times as slow: {len(delays)}, not told within {_WITHIN} nights: {late}")
-    if told := [each for each in delays if each is not None]:
-        print(f"told on night {np.median(told):.0f} (median), {max(told)} (latest); earliest {MIN_AFTER}")
+    print(f"one engine {_SLOWER} times as slow: {len(delays)}, not reported within {_WITHIN} runs: {late}")
+    if reported := [each for each in delays if each is not None]:
+        median, latest = np.median(reported), max(reported)
+        print(f"reported in run {median:.0f} (median), {latest} (latest); earliest {MIN_AFTER}")
     return late
 
 
@@ -231,10 +232,10 @@ def judged(nights: pd.DataFrame) -> Speeds:
 
 def delay(nights: pd.DataFrame, engine: str, first: int) -> int | None:
     """Return on which night of an engine's being slower that was told, 1 the first; None: not at all."""
-    told = [
+    reported = [
         at for (who, _), at, size in alarms(judged(nights)) if who == engine and size > 0.0 and at >= first
     ]
-    return min(told) - first + 1 if told else None
+    return min(reported) - first + 1 if reported else None
 
 
 def alarms(speeds: Speeds) -> list[tuple[tuple[str, str], int, float]]:

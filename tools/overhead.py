@@ -41,13 +41,13 @@ class Stepped:
         """Return the adapter's own attribute."""
         return getattr(self._adapter, name)
 
-    def build(self, *asked: Any) -> Any:
+    def build(self, *requested: Any) -> Any:
         """Return a simulation that is timed."""
-        return self._timed(self._adapter.build(*asked), "apply", "advance")
+        return self._timed(self._adapter.build(*requested), "apply", "advance")
 
-    def solver(self, *asked: Any) -> Any:
+    def solver(self, *requested: Any) -> Any:
         """Return a solver that is timed."""
-        return self._timed(self._adapter.solver(*asked), "solve")  # type: ignore[attr-defined]
+        return self._timed(self._adapter.solver(*requested), "solve")  # type: ignore[attr-defined]
 
     def _timed(self, held: Any, *names: str) -> Any:
         for name in names:
@@ -90,12 +90,12 @@ def overheads(scenarios: list[str], engines: list[str] | None) -> dict[str, list
     selection = select(scenarios, engines)
     engine_pool, answers = EnginePool(), Answers(None, None, 120.0)
     found: dict[str, list[tuple[float, float]]] = {}
-    asked: list[tuple[float, Case]] = []
+    requested: list[tuple[float, Case]] = []
 
     def ask(engine: Engine, case: Case) -> Answer:
         begin = spent(engine_pool, engine)
         answer = answers.ask(engine_pool, engine, case)
-        asked.append((spent(engine_pool, engine) - begin, case))
+        requested.append((spent(engine_pool, engine) - begin, case))
         return answer
 
     try:
@@ -104,15 +104,18 @@ def overheads(scenarios: list[str], engines: list[str] | None) -> dict[str, list
             for engine, method in selection.methods:
                 setting = selection.settings(scenario, engine, method)[0]
                 passes = []
-                asked.clear()
+                requested.clear()
                 for _ in range(1 + _PASSES):  # the first starts the worker and loads its kernels
                     begin = spent(engine_pool, engine)
                     result = run_case(problem, engine, method, setting, ask)
                     passes.append(spent(engine_pool, engine) - begin)
                 if not result.ok:
                     continue
-                whole, asking = _undisturbed(passes[1:]), _undisturbed([seconds for seconds, _ in asked[1:]])
-                alone = stepping(get_adapter(engine.name), asked[-1][1])
+                whole, asking = (
+                    _undisturbed(passes[1:]),
+                    _undisturbed([seconds for seconds, _ in requested[1:]]),
+                )
+                alone = stepping(get_adapter(engine.name), requested[-1][1])
                 found.setdefault(engine.name, []).append((1e3 * (whole - alone), 1e3 * (asking - alone)))
     finally:
         engine_pool.close()

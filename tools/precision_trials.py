@@ -58,10 +58,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--engine", help="methods as NAME:METHOD,...; only their floors and biases")
     parser.add_argument("--dt", help="steps in s, separated by commas [default: those of each scenario]")
-    asked = parser.parse_args()
-    steps = None if asked.dt is None else [float(step) for step in asked.dt.split(",")]
-    if asked.engine is not None:
-        return int(_floors(asked.engine.split(","), steps))
+    requested = parser.parse_args()
+    steps = None if requested.dt is None else [float(step) for step in requested.dt.split(",")]
+    if requested.engine is not None:
+        return int(_floors(requested.engine.split(","), steps))
     missed = [_floors([f"reference:{name}" for name in _METHODS], steps), _predictions(), _casts()]
     return int(any(missed))
 

@@ -275,14 +275,14 @@ def _messages(sound: Path) -> list[Reader]:
     scene = load_scenario(sound / "mine.toml").scene
     reference = Reference()
     case = Case(scene, "m1", Setting(dt_s=0.01))
-    said = {
+    messages = {
         "announcement": protocol.announcement(reference, Build()),
         "answer": protocol.answer_message(record(reference, case)),
         "lap": {"outcome": "ok", "cpu_s": 1.5},
         "search": {"outcome": "ok", "message": "", "stable_s": 0.1, "unstable_s": 0.2, "reason": "x"},
     }
-    said["read_back"] = said["answer"]["read_back"]
-    for name, message in said.items():
+    messages["read_back"] = messages["answer"]["read_back"]
+    for name, message in messages.items():
         (sound / f"{name}.message").write_bytes(protocol.line_of(message))
 
     def of(read: Callable[[Any], Any]) -> Callable[[Path], None]:
@@ -410,7 +410,7 @@ def main() -> int:
     options.add_argument("--trials", type=int, default=20_000)
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--only", help="a reader by its name")
-    asked = options.parse_args()
+    requested = options.parse_args()
     signal.signal(signal.SIGALRM, _late)
     begin = time.monotonic()
     results: list[Tried] = []
@@ -418,7 +418,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="reader-trials-") as place:
         sound, folder = Path(place, "sound"), Path(place, "damaged")
         sound.mkdir()
-        readers = [one for one in all_readers(sound) if asked.only in (None, one.name)]
+        readers = [one for one in all_readers(sound) if requested.only in (None, one.name)]
         shutil.copytree(sound, folder)
         intact = run_in_child(
             lambda: [one.read(folder / one.file.relative_to(sound)) for one in readers], 600.0
@@ -427,9 +427,9 @@ def main() -> int:
             raise RuntimeError(f"an intact file is refused: {intact.error}")
         total = sum(reader.weight for reader in readers)
         seeds = [
-            (reader, f"{asked.seed}/{reader.name}/{k}")
+            (reader, f"{requested.seed}/{reader.name}/{k}")
             for reader in readers
-            for k in range(round(asked.trials * reader.weight / total))
+            for k in range(round(requested.trials * reader.weight / total))
         ]
         while seeds:
             batch, seeds = seeds[:BATCH], seeds[BATCH:]
@@ -443,7 +443,7 @@ def main() -> int:
                 died = Tried(one[0].name, "died", True, alone.seconds, one[1], str(alone.error))
                 results += [died] if alone.error is not None else alone.value
                 megabytes = max(megabytes, alone.megabytes)
-    return report(results, megabytes, time.monotonic() - begin, asked.seed)
+    return report(results, megabytes, time.monotonic() - begin, requested.seed)
 
 
 def report(results: list[Tried], megabytes: float, seconds: float, seed: int) -> int:

@@ -52,9 +52,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--free", type=int, default=400, help="how many free motions [default: 400]")
     parser.add_argument("--forced", type=int, default=300, help="how many forced motions [default: 300]")
-    asked = parser.parse_args()
+    requested = parser.parse_args()
     begin, worst, counts, wrong = time.perf_counter(), {}, {}, []
-    for kind, seed, scene, times in _trials(asked.free, asked.forced):
+    for kind, seed, scene, times in _trials(requested.free, requested.forced):
         found, errors = ratios(
             solve_truth(truth_scene(kind, scene), np.array(times)), exact_motion(kind, scene, times)
         )

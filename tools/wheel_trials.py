@@ -32,11 +32,13 @@ class NotAsItShould(Exception):  # noqa: N818 - what the trials are there to fin
     """A command that did not do what it must."""
 
 
-def said(*words: str | Path, folder: Path, **environment: str) -> str:
+def printed(*words: str | Path, folder: Path, **environment: str) -> str:
     """Run a command and return what it printed; what ends otherwise than with 0 raises."""
-    told = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
+    reported = {
+        name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")
+    }
     done = subprocess.run(
-        words, cwd=folder, env={**told, **environment}, capture_output=True, text=True, check=False
+        words, cwd=folder, env={**reported, **environment}, capture_output=True, text=True, check=False
     )
     if done.returncode != 0:
         command = " ".join(map(str, words))
@@ -56,9 +58,9 @@ def built(folder: Path) -> Path:
     """Build and check the distribution from a copy of the tree, and return the wheel."""
     source, made = folder / "source", folder / "dist"
     shutil.copytree(ROOT, source, symlinks=True, ignore=UNWANTED)
-    said(sys.executable, "-m", "build", "--outdir", made, source, folder=folder)
+    printed(sys.executable, "-m", "build", "--outdir", made, source, folder=folder)
     (wheel,) = made.glob("*.whl")
-    said(sys.executable, "-m", "twine", "check", "--strict", *made.iterdir(), folder=folder)
+    printed(sys.executable, "-m", "twine", "check", "--strict", *made.iterdir(), folder=folder)
     print(f"{' and '.join(sorted(path.name for path in made.iterdir()))}: built, and twine has no complaint")
     return wheel
 
@@ -66,7 +68,7 @@ def built(folder: Path) -> Path:
 def tried(python: str, wheel: Path, folder: Path) -> str:
     """Install the wheel in an empty environment and let it work; return what there is to say."""
     folder.mkdir()
-    said(python, "-m", "venv", folder / "env", folder=folder)
+    printed(python, "-m", "venv", folder / "env", folder=folder)
     programs = folder / "env" / "bin"
     environment = {
         "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}",
@@ -74,16 +76,16 @@ def tried(python: str, wheel: Path, folder: Path) -> str:
     }
 
     def bodycheck(*words: str | Path) -> str:
-        return said(programs / "bodycheck", *words, folder=folder, **environment)
+        return printed(programs / "bodycheck", *words, folder=folder, **environment)
 
-    said(programs / "python", "-m", "pip", "install", "--quiet", wheel, folder=folder)
+    printed(programs / "python", "-m", "pip", "install", "--quiet", wheel, folder=folder)
     help_text = bodycheck("--help")
-    module_help = said(programs / "python", "-m", "bodycheck", "--help", folder=folder, **environment)
+    module_help = printed(programs / "python", "-m", "bodycheck", "--help", folder=folder, **environment)
     must(all("Commands:" in text for text in (help_text, module_help)), "no help")
-    script = said("bash", "-c", COMPLETION, folder=folder, **environment)
+    script = printed("bash", "-c", COMPLETION, folder=folder, **environment)
     must("_BODYCHECK_COMPLETE=complete_bash" in script, f"no completion: {script}")
-    asked = {"_BODYCHECK_COMPLETE": "complete_bash", "COMP_WORDS": "bodycheck ru", "COMP_CWORD": "1"}
-    completed = said(programs / "bodycheck", folder=folder, **environment, **asked)
+    requested = {"_BODYCHECK_COMPLETE": "complete_bash", "COMP_WORDS": "bodycheck ru", "COMP_CWORD": "1"}
+    completed = printed(programs / "bodycheck", folder=folder, **environment, **requested)
     must(completed.split() == ["run"], f"bodycheck ru is completed to {completed!r}")
     for what in ("scenarios", "suites", "engines", "methods", "measures"):
         must(bool(bodycheck("list", what)), f"bodycheck list {what} says nothing")
@@ -109,7 +111,7 @@ def main() -> int:
         for number, python in enumerate(options.parse_args().python):
             folder = Path(place, str(number))
             try:
-                version = said(python, "--version", folder=Path(place)).strip()
+                version = printed(python, "--version", folder=Path(place)).strip()
                 print(f"{version}: {tried(python, wheel, folder)}", flush=True)
             except (NotAsItShould, OSError) as fault:
                 failed += 1

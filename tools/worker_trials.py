@@ -50,9 +50,9 @@ class Program:
         """Return the answer; what is none is one that failed, and says why."""
         del engine, timeout_s
         self._asked += 1
-        return self.told(protocol.line_of({"id": self._asked, **request}), self._asked)
+        return self.reported(protocol.line_of({"id": self._asked, **request}), self._asked)
 
-    def told(self, line: bytes, number: int | None) -> Message:
+    def reported(self, line: bytes, number: int | None) -> Message:
         """Return the answer to a line, which has to be of this number."""
         assert self._process.stdin is not None
         try:
@@ -97,7 +97,7 @@ def cases(program: Program, scenarios: list[str]) -> Iterator[tuple[CaseResult, 
 def rules(program: Program, good: Case | None) -> Iterator[tuple[str, str]]:
     """Yield each rule beside what was wrong, empty where it was kept; good: a case that ended well."""
     for what, line in [("a line that is no JSON", b"hm\n"), ("a line that is no object", b"[1]\n")]:
-        yield f"{what} has failed, under the id null", _refused(program.told(line, None))
+        yield f"{what} has failed, under the id null", _refused(program.reported(line, None))
     yield "a case ends well", "" if good else "nothing was measured"
     if good is not None:
         prepared = program.ask("", {"do": "prepare", "case": case_message(good)}, 0.0)
@@ -153,8 +153,8 @@ def main() -> None:
             wrong += columns["outcome"] in ("failed", "invalid")
             fineness = "" if case.setting.fineness is None else f"{case.setting.fineness:g}"
             error = f"{columns['orientation_error_rad']:.1e} rad" if result.ok else ""
-            told = f"{columns['outcome']:11s} {error:11s}  {columns['message']}"
-            print(f"{columns['scenario']:24s} {case.method:12s} {fineness:8s} {told}".rstrip())
+            reported = f"{columns['outcome']:11s} {error:11s}  {columns['message']}"
+            print(f"{columns['scenario']:24s} {case.method:12s} {fineness:8s} {reported}".rstrip())
         for rule, fault in rules(program, good):
             wrong += bool(fault)
             print(f"NOT KEPT: {rule}: {fault}" if fault else f"kept: {rule}")

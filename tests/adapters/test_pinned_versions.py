@@ -312,8 +312,8 @@ def test_plug_in_is_installed_with_its_engine(
     facts.mkdir(parents=True)
     needs = ("toy-engine>=2", "scipy", "pytest; extra == 'tests'")
     lines = ("Metadata-Version: 2.1", "Name: made-up-plugin", "Version: 0.1")
-    told = (*lines, *(f"Requires-Dist: {need}" for need in needs))
-    (facts / "METADATA").write_text("\n".join(told) + "\n")
+    reported = (*lines, *(f"Requires-Dist: {need}" for need in needs))
+    (facts / "METADATA").write_text("\n".join(reported) + "\n")
     if origin is not None:
         (facts / "direct_url.json").write_text(json.dumps(origin))
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
@@ -338,17 +338,17 @@ def test_environment_is_announced_before_it_is_created(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """One line on standard error precedes the download; nothing is printed if it exists."""
-    told: list[str] = []
-    monkeypatch.setattr(environments, "_make", lambda _pin, place: _make_now(place, told, capsys))
+    reported: list[str] = []
+    monkeypatch.setattr(environments, "_make", lambda _pin, place: _make_now(place, reported, capsys))
     environments.python_of(PIN)
     environments.python_of(PIN)
-    assert told == ["creating an environment for mujoco 3.6.0 ...\n"]
+    assert reported == ["creating an environment for mujoco 3.6.0 ...\n"]
     assert capsys.readouterr().err == ""
 
 
-def _make_now(place: Path, told: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def _make_now(place: Path, reported: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     """Create an environment; the announcements before it are kept."""
-    told.append(capsys.readouterr().err)
+    reported.append(capsys.readouterr().err)
     (place / "bin").mkdir(parents=True)
     (place / "bin" / "python").touch()
 
@@ -488,8 +488,8 @@ def test_environment_commands_list_and_remove(tmp_path: Path, expected_message: 
     assert run_bodycheck(tmp_path, "environments", "list").stdout == ""
 
 
-@pytest.mark.parametrize(("status", "said"), [(0, LISTED), (1, "")])
-def test_folder_named_pip_is_not_imported(status: int, said: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("status", "printed"), [(0, LISTED), (1, "")])
+def test_folder_named_pip_is_not_imported(status: int, printed: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A folder `pip` in the working directory is ignored; without pip nothing is configured."""
     requested: list[list[str]] = []
 
@@ -498,18 +498,22 @@ def test_folder_named_pip_is_not_imported(status: int, said: str, monkeypatch: p
         return CompletedProcess(words, status, LISTED, "")
 
     monkeypatch.setattr(uv.subprocess, "run", run)
-    assert uv._pip_config.__wrapped__() == said
+    assert uv._pip_config.__wrapped__() == printed
     assert requested == [[sys.executable, "-P", "-m", "pip", "config", "list"]]
 
 
-@pytest.mark.parametrize(("status", "said"), [(0, "global.cert='/own.pem'\n"), (1, "")])
+@pytest.mark.parametrize(("status", "printed"), [(0, "global.cert='/own.pem'\n"), (1, "")])
 def test_settings_are_those_that_pip_prints(
-    status: int, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    status: int,
+    printed: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     """pip's output is read as text and not shown; a pip that fails configures nothing."""
     (tmp_path / "pip.py").write_text(f"import sys\nprint(\"global.cert='/own.pem'\")\nsys.exit({status})\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    assert uv._pip_config.__wrapped__() == said
+    assert uv._pip_config.__wrapped__() == printed
     assert capfd.readouterr().out == ""
 
 

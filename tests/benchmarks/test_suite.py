@@ -83,9 +83,9 @@ def ended(words: list[str], monkeypatch: pytest.MonkeyPatch) -> object:
     return end.value.code
 
 
-def not_to_be_reached(*told: object) -> Measurements:
+def not_to_be_reached(*reported: object) -> Measurements:
     """Stand for the measuring where none should begin."""
-    raise AssertionError(told)
+    raise AssertionError(reported)
 
 
 @pytest.mark.parametrize(
@@ -119,8 +119,8 @@ def test_interrupt_ends_in_one_line_without_output(
 ) -> None:
     """Ctrl-C while it measures gives the status of an interrupt, and no folder."""
 
-    def interrupted(*told: object) -> Measurements:
-        raise KeyboardInterrupt(told)
+    def interrupted(*reported: object) -> Measurements:
+        raise KeyboardInterrupt(reported)
 
     monkeypatch.setattr("benchmarks.suite.measure", interrupted)
     assert ended(["--out", str(tmp_path / "new")], monkeypatch) == 130

@@ -255,9 +255,9 @@ def test_advice_is_plain_data() -> None:
     """It can be written as JSON without further conversion."""
     cases = [*sequence("rk2", [1e-2 / 4**k for k in range(5)]), *sequence("euler", [None], engine="dart")]
     advice = Advice(ERROR, 1e-3, None, "there", tuple(advise(cases, 1e-3)))
-    told = json.loads(json.dumps(asdict(advice), allow_nan=False))
-    assert told["answers"][0]["options"][0]["setting"] == advice.answers[0].options[0].setting
-    assert told["answers"][0]["without"] == [["dart", "failed at every measured setting"]]
+    reported = json.loads(json.dumps(asdict(advice), allow_nan=False))
+    assert reported["answers"][0]["options"][0]["setting"] == advice.answers[0].options[0].setting
+    assert reported["answers"][0]["without"] == [["dart", "failed at every measured setting"]]
 
 
 def test_the_last_line_of_an_answer_is_the_one_to_paste(capsys: pytest.CaptureFixture[str]) -> None:

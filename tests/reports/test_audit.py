@@ -406,9 +406,9 @@ def test_merged_shards_equal_one_audit(shards: tuple[Path, Audit], tmp_path: Pat
 def _damaged(folder: Path, tmp_path: Path, change: Callable[[dict[str, Any]], None]) -> list[Path]:
     parts = [Path(shutil.copytree(folder / f"part-{k}", tmp_path / f"part-{k}")) for k in (1, 2)]
     path = parts[1] / "audit.json"
-    told = json.loads(path.read_text())
-    change(told)
-    path.write_text(json.dumps(told))
+    reported = json.loads(path.read_text())
+    change(reported)
+    path.write_text(json.dumps(reported))
     return parts
 
 
@@ -416,9 +416,9 @@ def _damaged(folder: Path, tmp_path: Path, change: Callable[[dict[str, Any]], No
 def test_merging_reports_importers_that_disagree(shards: tuple[Path, Audit], tmp_path: Path) -> None:
     """All shards import all links: other numbers are reported with link, importer, shards and digits."""
 
-    def change(told: dict[str, Any]) -> None:
-        told["machine"]["cpu"] = "another"
-        told["audit"]["links"][1]["held"]["mujoco:default"]["held"]["mass_kg"] *= 1.0 + 1e-6
+    def change(reported: dict[str, Any]) -> None:
+        reported["machine"]["cpu"] = "another"
+        reported["audit"]["links"][1]["held"]["mujoco:default"]["held"]["mass_kg"] *= 1.0 + 1e-6
 
     parts = _damaged(shards[0], tmp_path, change)
     machine, held = merge_audits(parts, tmp_path / "whole")[1]
@@ -426,20 +426,20 @@ def test_merging_reports_importers_that_disagree(shards: tuple[Path, Audit], tmp
     assert held == "mujoco:default: link_1 as held in shard 2/2 agrees with shard 1/2 to 6.0 digits"
 
 
-def _another_file(told: dict[str, Any]) -> None:
-    told["audit"]["sha256"] = "0"
+def _another_file(reported: dict[str, Any]) -> None:
+    reported["audit"]["sha256"] = "0"
 
 
-def _same_shard(told: dict[str, Any]) -> None:
-    told["shard"] = "1/2"
+def _same_shard(reported: dict[str, Any]) -> None:
+    reported["shard"] = "1/2"
 
 
-def _no_shard(told: dict[str, Any]) -> None:
-    del told["shard"]
+def _no_shard(reported: dict[str, Any]) -> None:
+    del reported["shard"]
 
 
-def _no_body(told: dict[str, Any]) -> None:
-    told["audit"]["links"][0]["stated"]["centre_m"] = [1.0]
+def _no_body(reported: dict[str, Any]) -> None:
+    reported["audit"]["links"][0]["stated"]["centre_m"] = [1.0]
 
 
 @pytest.mark.slow
@@ -477,9 +477,9 @@ def test_audit_command_writes_shards_that_merge_puts_together(
     assert run_bodycheck(tmp_path, "audit", str(path), *words).returncode == 2
     ended = run_bodycheck(tmp_path, "merge", "part-1", "part-2", "--out", "whole", "--json")
     assert ended.returncode == 0, ended.stderr
-    told = json.loads(ended.stdout)
-    assert told.pop("machines") == []
-    assert told == json.loads(json_text(audit_data(shards[1])))
+    reported = json.loads(ended.stdout)
+    assert reported.pop("machines") == []
+    assert reported == json.loads(json_text(audit_data(shards[1])))
 
 
 @pytest.mark.slow
@@ -509,11 +509,11 @@ def test_release_in_which_an_audit_changed_is_named(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(
         version_search, "_audit_release", lambda name, *_: fault if name < "mujoco==3.14" else sound
     )
-    asked: list[str] = []
+    requested: list[str] = []
     found = version_search.audit_versions(
-        "mujoco", "3.11.0", None, path, every=False, timeout_s=60.0, announce=asked.append
+        "mujoco", "3.11.0", None, path, every=False, timeout_s=60.0, announce=requested.append
     )
-    assert len(asked) < len(versions)
+    assert len(requested) < len(versions)
     for track in found.tracks:
         assert list(track.changes) == [("3.13.0", "3.14.0")]
         assert "off-diagonals dropped" in track.findings["3.13.0"].value

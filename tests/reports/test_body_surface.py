@@ -73,12 +73,12 @@ def test_mesh_is_drawn_about_its_centre_of_mass(t_handle: Scenario) -> None:
 
 def test_stored_scenario_keeps_the_mesh(t_handle: Scenario) -> None:
     """The surface survives writing and reading; a run that lacks it has the same definition, and a box."""
-    told = serialized(t_handle)
-    again = deserialized(told, "here")
+    reported = serialized(t_handle)
+    again = deserialized(reported, "here")
     assert np.array_equal(surface_of(again.body).vertices, surface_of(t_handle.body).vertices)
     older = serialized(t_handle)
     del older["body"]["mesh"]["surface"]
-    assert not redefined({"scenarios": {"one": older}}, {"scenarios": {"one": told}})
+    assert not redefined({"scenarios": {"one": older}}, {"scenarios": {"one": reported}})
     box = surface_of(deserialized(older, "here").body)
     assert (len(box.faces), box.name) == (6, "a box of the same inertia")
 
@@ -88,10 +88,10 @@ def test_stored_scenario_keeps_the_mesh(t_handle: Scenario) -> None:
 )
 def test_damaged_surface_is_refused(surface: object, t_handle: Scenario) -> None:
     """A stored surface that cannot be drawn is a fault of its file, named by its place."""
-    told = serialized(t_handle)
-    told["body"]["mesh"]["surface"] = surface
+    reported = serialized(t_handle)
+    reported["body"]["mesh"]["surface"] = surface
     with pytest.raises(InputError, match=r"^here: "):
-        deserialized(told, "here")
+        deserialized(reported, "here")
 
 
 def bumpy_sphere(rings: int) -> tuple[Array, Array]:

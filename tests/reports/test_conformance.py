@@ -94,9 +94,9 @@ class Crashing(Example):
 def test_crash_is_a_failure_with_status_1(tmp_path: Path) -> None:
     """A case that fails is no refusal: its checks fail with the engine's own words, and the status is 1."""
     with registered(Crashing()):
-        told = run_bodycheck(tmp_path, "check-adapter", "example", "--quiet", "--json")
-    assert told.returncode == 1
-    failed = [one for one in json.loads(told.stdout)["results"] if one["verdict"] == "inconsistent"]
+        reported = run_bodycheck(tmp_path, "check-adapter", "example", "--quiet", "--json")
+    assert reported.returncode == 1
+    failed = [one for one in json.loads(reported.stdout)["results"] if one["verdict"] == "inconsistent"]
     assert {one["check"] for one in failed} == {"model", "link"}
     assert all("links are not written yet" in one["message"] for one in failed)
 

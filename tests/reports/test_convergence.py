@@ -247,7 +247,7 @@ def test_an_order_settles_from_four_points_from_a_half_on(some: list[Point], ver
 
 
 @pytest.mark.parametrize(
-    ("some", "limit", "told"),
+    ("some", "limit", "reported"),
     [
         (points((0.1, 1.0), (0.2, 1.0)), 0.0031, ("chaotic", 0, 0.0031)),
         (points((0.1, 1.0), (0.2, 1.0)), 0.003, ("pre-asymptotic", 0, 0.003)),
@@ -263,16 +263,16 @@ def test_an_order_settles_from_four_points_from_a_half_on(some: list[Point], ver
     ],
 )
 def test_a_verdict_without_an_order_has_its_reason(
-    some: list[Point], limit: float, told: tuple[str, int, float]
+    some: list[Point], limit: float, reported: tuple[str, int, float]
 ) -> None:
     """Verdict, usable points and floor, in whatever order the cases come."""
     for ordered in (some, some[::-1]):
         found = convergence_of(ordered, Criteria(limit))
-        assert (found.verdict, found.points, found.floor) == told
+        assert (found.verdict, found.points, found.floor) == reported
 
 
 @pytest.mark.parametrize(
-    ("some", "limit", "told"),
+    ("some", "limit", "reported"),
     [
         (points((0.1, 1e-3)), 0.0031, ("chaotic", 0, 0.0031)),
         (points((0.1, 1e-3)), 0.003, ("at-floor", 0, 0.003)),
@@ -288,11 +288,11 @@ def test_a_verdict_without_an_order_has_its_reason(
     ],
 )
 def test_a_tolerance_is_obeyed_where_errors_fall_with_its_root(
-    some: list[Point], limit: float, told: tuple[str, int, float]
+    some: list[Point], limit: float, reported: tuple[str, int, float]
 ) -> None:
     """Or down to the floor; two decades of tolerance are needed to say that they do not."""
-    assert tolerance_convergence(some, Criteria(limit)) == Convergence(*told)
-    assert tolerance_convergence(some[::-1], Criteria(limit)) == Convergence(*told)
+    assert tolerance_convergence(some, Criteria(limit)) == Convergence(*reported)
+    assert tolerance_convergence(some[::-1], Criteria(limit)) == Convergence(*reported)
 
 
 def test_a_property_of_the_state_does_not_fail_to_obey() -> None:

@@ -56,9 +56,9 @@ def test_synthetic_series_is_classified(kind: str) -> None:
     """Over 200 seeds at most 2 % are classified as another kind, and most as their own."""
     generator = np.random.default_rng(7)
     found = Counter(growth_of(TIMES, SERIES[kind](generator), 1e-12).growth for _ in range(SEEDS))
-    told = found[kind] / SEEDS
-    others = 1.0 - told - found[None] / SEEDS
-    assert told >= MIN_TOLD[kind]
+    reported = found[kind] / SEEDS
+    others = 1.0 - reported - found[None] / SEEDS
+    assert reported >= MIN_TOLD[kind]
     assert others <= 0.02
 
 
@@ -176,10 +176,10 @@ def test_power_of_t_has_the_kind_of_its_band(power: float, kind: str | None) -> 
     )
 
 
-@pytest.mark.parametrize(("rate", "told"), [(2.0, False), (3.0, True), (20.0, True)])
-def test_exponential_needs_a_final_slope(rate: float, told: bool) -> None:
+@pytest.mark.parametrize(("rate", "reported"), [(2.0, False), (3.0, True), (20.0, True)])
+def test_exponential_needs_a_final_slope(rate: float, reported: bool) -> None:
     """Its slope against log t must exceed 1.5 at the end."""
-    assert (growth_of(T, np.exp(rate * T), 1e-12).growth == "exponential") == told
+    assert (growth_of(T, np.exp(rate * T), 1e-12).growth == "exponential") == reported
 
 
 def misfit(argument: Array, values: Array) -> float:
@@ -188,8 +188,8 @@ def misfit(argument: Array, values: Array) -> float:
     return float(np.sqrt(np.mean((values - fitted) ** 2)))
 
 
-@pytest.mark.parametrize(("gain", "told"), [(3.1, True), (2.9, False)])
-def test_exponential_fits_t_three_times_better_than_log_t(gain: float, told: bool) -> None:
+@pytest.mark.parametrize(("gain", "reported"), [(3.1, True), (2.9, False)])
+def test_exponential_fits_t_three_times_better_than_log_t(gain: float, reported: bool) -> None:
     """Between exp(t) and a power that grows with log t, the residuals of log M decide."""
     x = np.linspace(math.log(1e-2), 0.0, 40)
 
@@ -203,7 +203,7 @@ def test_exponential_fits_t_three_times_better_than_log_t(gain: float, told: boo
         better = misfit(x, values) > gain * misfit(np.exp(x), values)
         low, high = (share, high) if better else (low, share)
     drift = np.exp(log_drift(np.log(np.maximum(T, 1e-2)), low))
-    assert (growth_of(T, drift, 1e-12).growth == "exponential") == told
+    assert (growth_of(T, drift, 1e-12).growth == "exponential") == reported
 
 
 def test_interval_is_that_of_the_slopes_of_four_pieces() -> None:
@@ -221,17 +221,17 @@ def test_interval_is_that_of_the_slopes_of_four_pieces() -> None:
     assert found.growth_exponent - found.growth_exponent_low == pytest.approx(half, rel=5e-3)
 
 
-@pytest.mark.parametrize(("decades", "told"), [(1.52, True), (1.48, False)])
-def test_classification_needs_one_and_a_half_decades_above_the_floor(decades: float, told: bool) -> None:
+@pytest.mark.parametrize(("decades", "reported"), [(1.52, True), (1.48, False)])
+def test_classification_needs_one_and_a_half_decades_above_the_floor(decades: float, reported: bool) -> None:
     """Values below the floor do not count."""
-    assert (growth_of(T, T, 10.0**-decades) != Growth()) == told
+    assert (growth_of(T, T, 10.0**-decades) != Growth()) == reported
 
 
-@pytest.mark.parametrize(("samples", "told"), [(100, True), (99, False)])
-def test_classification_needs_a_hundred_samples(samples: int, told: bool) -> None:
+@pytest.mark.parametrize(("samples", "reported"), [(100, True), (99, False)])
+def test_classification_needs_a_hundred_samples(samples: int, reported: bool) -> None:
     """Those of the last two decades count, the first one included."""
     t = np.concatenate([[0.0], np.geomspace(1e-5, 0.9e-2, 500), np.geomspace(1e-2, 1.0, samples)])
-    assert (growth_of(t, t, 1e-12) != Growth()) == told
+    assert (growth_of(t, t, 1e-12) != Growth()) == reported
     assert growth_of(np.concatenate([t, [1.0001]])[: len(t)], 2.0 * t, 3.0) == Growth()
 
 

@@ -134,7 +134,7 @@ SPINNING = {"omega_body_rad_s": np.tile([0.0, 0.0, 2.0], (4, 1))}
 
 
 @pytest.mark.parametrize(
-    ("arrays", "told"),
+    ("arrays", "reported"),
     [
         ({"position_m": PLACE + at(2, 0.3, 0.0, 0.4)}, {"position_error": 0.5}),
         (
@@ -163,12 +163,12 @@ SPINNING = {"omega_body_rad_s": np.tile([0.0, 0.0, 2.0], (4, 1))}
         ),
     ],
 )
-def test_each_error_is_in_its_own_measures(arrays: dict[str, Array], told: dict[str, float]) -> None:
+def test_each_error_is_in_its_own_measures(arrays: dict[str, Array], reported: dict[str, float]) -> None:
     """For a brick that rotates about its third axis, all other measures and the final error are 0."""
     found = reduced(series_of_motion(still(**{**SPINNING, **arrays}), still(**SPINNING)), ONES)
     names = [*SCALES, "orientation_error_rad", "quaternion_norm_error"]
     assert {name: found[name] for name in names} == pytest.approx(
-        {**dict.fromkeys(names, 0.0), **told}, abs=1e-15
+        {**dict.fromkeys(names, 0.0), **reported}, abs=1e-15
     )
     assert found["orientation_error_final_rad"] == 0.0
 

@@ -75,8 +75,8 @@ def test_what_failed_stands_at_the_edge_of_the_speed_plot(opened: Page) -> None:
         """() => document.querySelector("[data-plot=speed]").data
           .filter(trace => trace.xaxis === "x2").map(trace => trace.text)"""
     )
-    told = " ".join(texts)
-    assert all(word in told for word in ("failed", "invalid", "unstable"))
+    reported = " ".join(texts)
+    assert all(word in reported for word in ("failed", "invalid", "unstable"))
     opened.evaluate(
         """() => {
           const plot = document.querySelector("[data-plot=speed]");

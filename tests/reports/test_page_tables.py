@@ -309,8 +309,8 @@ def test_what_went_wrong_is_never_hidden(page: Page, run: Run) -> None:
     assert sum(len(row[2].split(", ")) for row in faults.rows[1:]) == len(stored)
     assert set(stored["outcome"]) == {"failed", "invalid", "unstable"}
     assert "absent cannot be imported: <tt>no module</tt>" in page.text
-    told = " ".join(Summary.of(run).sentences)
-    assert all(word in told for word in ("failed", "invalid", "unstable"))
+    reported = " ".join(Summary.of(run).sentences)
+    assert all(word in reported for word in ("failed", "invalid", "unstable"))
 
 
 def test_what_an_engine_read_back_stands_in_its_cell(html: str, run: Run) -> None:

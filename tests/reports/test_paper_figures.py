@@ -50,8 +50,8 @@ def test_a_figure_is_the_same_each_time_and_names_every_method(figure: str, run:
     """An SVG without a date, whose text tells each method; what failed is said beside its name."""
     drawn = picture(run, figure, "forced, and a mesh", "orientation_error_rad", ".svg")
     assert drawn == picture(run, figure, "forced, and a mesh", "orientation_error_rad", ".svg")
-    told = re.findall(r"<!-- (.*?) -->", drawn.decode(), re.DOTALL)
-    labels = [name for text in told for name in " ".join(text.split()).split(" = ")]
+    reported = re.findall(r"<!-- (.*?) -->", drawn.decode(), re.DOTALL)
+    labels = [name for text in reported for name in " ".join(text.split()).split(" = ")]
     for name in ("reference:m1", "reference:rk4", "reference:exact (1 unsupported)"):
         assert name in labels
     assert any(re.fullmatch(r"failing:m1( \(1 failed\))?", name) for name in labels)
@@ -140,9 +140,9 @@ def test_a_figure_of_the_body_names_its_methods(figure: str, run: Run) -> None:
     """The same bytes each time, with the farthest method of each engine and the step."""
     drawn = picture(run, figure, "free", "", ".svg")
     assert drawn == picture(run, figure, "free", "", ".svg")
-    told = re.findall(r"<!-- (.*?) -->", drawn.decode())
-    assert any(text.startswith("reference:") for text in told)
-    assert any(text.startswith("free, dt ") for text in told)
+    reported = re.findall(r"<!-- (.*?) -->", drawn.decode())
+    assert any(text.startswith("reference:") for text in reported)
+    assert any(text.startswith("free, dt ") for text in reported)
 
 
 @pytest.mark.parametrize(("figure", "column"), [("work-precision", "cpu_s"), ("order", "dt_s")])

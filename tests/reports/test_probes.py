@@ -284,14 +284,14 @@ class Wrong:
 
     def __init__(self, answer: Callable[[Case, Answer], Answer]) -> None:
         self._sound, self._answer = Reference(), answer
-        self.asked = 0
+        self.requested = 0
 
     def rows(self, method: str = "m1") -> dict[str, dict[str, Any]]:
         """Return the rows of a method."""
         engine = engine_of(self._sound)
 
         def ask(_: Engine, case: Case) -> Answer:
-            self.asked += 1
+            self.requested += 1
             return self._answer(case, record(self._sound, case))
 
         return {row["check"]: row for row in probe_rows(engine, engine.methods[method], ask)}
@@ -307,7 +307,7 @@ def test_failed_probe_has_the_reason(outcome: Any, cases: int) -> None:
         "readings": "not-measured",
     }
     assert {row["message"] for row in rows.values()} == {f"{outcome}: for a reason"}
-    assert engine.asked == cases
+    assert engine.requested == cases
 
 
 def test_motion_that_is_not_finite_is_not_measured() -> None:

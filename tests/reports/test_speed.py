@@ -49,7 +49,7 @@ def timed(
     problem = Problem.of(load_scenario("intermediate-axis"), "intermediate-axis")
     about = {"scenario": "intermediate-axis", "engine": ENGINE, "method": "m", "outcome": "ok", "message": ""}
     cases = [CaseResult({**about, "dt_s": dt_s, "steps": round(10.0 / dt_s)}) for dt_s in STEPS_S]
-    told: list[int] = []
+    reported: list[int] = []
     found, noise = speed.measure_speeds(
         [problem],
         cases,
@@ -57,10 +57,10 @@ def timed(
         Answers(None, None, 1.0),
         timeout_s=1.0,
         passes=passes,
-        case_done=lambda: told.append(laps[ENGINE]),
+        case_done=lambda: reported.append(laps[ENGINE]),
     )
     assert noise.spread is None or noise.spread >= 0.0
-    return [result.columns for result in found], told
+    return [result.columns for result in found], reported
 
 
 @pytest.mark.parametrize("passes", [1, 2, 10])
@@ -75,9 +75,9 @@ def test_one_quiet_pass_is_enough(passes: int, quiet: int, monkeypatch: pytest.M
         slower = 1.0 if number in undisturbed else 2.0 if engine == ENGINE else 1.2
         return {"outcome": "ok", "cpu_s": slower * LAP_S[engine]}
 
-    rows, told = timed(monkeypatch, lap, passes)
+    rows, reported = timed(monkeypatch, lap, passes)
     assert [row["relative_cpu"] for row in rows] == pytest.approx([3.0, 3.0], rel=1e-15, abs=0.0)
-    assert told == [passes * of_a_case // 2, passes * of_a_case]
+    assert reported == [passes * of_a_case // 2, passes * of_a_case]
 
 
 @pytest.mark.parametrize(
@@ -103,8 +103,8 @@ def test_timing_ends_once_both_fastest_laps_are_repeated(
     def lap(engine: str, number: int) -> Message:
         return {"outcome": "ok", "cpu_s": LAP_S[engine] * laps[engine][number % timed_laps]}
 
-    rows, told = timed(monkeypatch, lap, passes=1)
-    assert told == [timed_laps, 2 * timed_laps]
+    rows, reported = timed(monkeypatch, lap, passes=1)
+    assert reported == [timed_laps, 2 * timed_laps]
     assert [row["relative_cpu"] for row in rows] == pytest.approx([3.0, 3.0], rel=1e-15, abs=0.0)
 
 
@@ -142,10 +142,10 @@ def test_case_without_a_pass_has_the_reason(monkeypatch: pytest.MonkeyPatch) -> 
         del number
         return {"outcome": "timeout", "message": f"{engine} gave no answer within 1 s"}
 
-    rows, told = timed(monkeypatch, lap, passes=3)
+    rows, reported = timed(monkeypatch, lap, passes=3)
     assert all("cpu_s" not in row and "relative_cpu" not in row for row in rows)
     assert [row["message"] for row in rows] == ["speed not measured: quick gave no answer within 1 s"] * 2
-    assert len(told) == len(STEPS_S)
+    assert len(reported) == len(STEPS_S)
 
 
 def test_reference_below_the_clock_resolution_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -46,8 +46,8 @@ def problem() -> Problem:
 def answers(problem: Problem) -> dict[float | None, Answer]:
     """Return the reference's answer at each step; at one of them a failure."""
     cases = [Case(problem.scenario.scene, "rk4", Setting(dt_s=step)) for step in STEPS]
-    said = {case.setting.dt_s: record(Reference(), case) for case in cases}
-    return said | {FAILED: Answer("failed", "it crashed")}
+    printed = {case.setting.dt_s: record(Reference(), case) for case in cases}
+    return printed | {FAILED: Answer("failed", "it crashed")}
 
 
 @pytest.mark.parametrize("order", [STEPS, STEPS[::-1], *list(permutations(STEPS))[5::6]])

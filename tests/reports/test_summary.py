@@ -23,10 +23,10 @@ def test_the_verdict_names_what_is_sound_and_what_is_open(run: Run) -> None:
     cells = summary_cells(run)
     forced = cells["forced"]
     odd = {("reference", "m2"): Cell("pre-asymptotic")}
-    told = " ".join(verdict_sentences({**cells, "forced": {**forced, **odd}}, []))
+    reported = " ".join(verdict_sentences({**cells, "forced": {**forced, **odd}}, []))
     pairs = sum(len(methods) for methods in cells.values())
-    assert f"No verdict for 1 of {pairs} pairs of method and scenario, in forced" in told
-    assert "methods converge in all quantities" in told
+    assert f"No verdict for 1 of {pairs} pairs of method and scenario, in forced" in reported
+    assert "methods converge in all quantities" in reported
     one = {"forced": {("reference", "rk3"): Cell("unsupported"), ("reference", "rk4"): Cell("at-floor")}}
     first = verdict_sentences(one, [])[0]
     assert first.startswith("reference:rk4 converges in all quantities")
@@ -35,9 +35,9 @@ def test_the_verdict_names_what_is_sound_and_what_is_open(run: Run) -> None:
 def test_too_few_steps_do_not_read_as_a_failure() -> None:
     """Where nothing can be told yet, no sentence says that nothing converges."""
     cells = {"forced": {("reference", "rk4"): Cell("too-few-points")}}
-    told = verdict_sentences(cells, [])
-    assert len(told) == 1
-    assert told[0].startswith("No verdict for 1 of 1 pair")
+    reported = verdict_sentences(cells, [])
+    assert len(reported) == 1
+    assert reported[0].startswith("No verdict for 1 of 1 pair")
 
 
 def test_a_broken_law_is_a_finding() -> None:

@@ -37,11 +37,11 @@ def test_csv_is_that_of_the_run(results: pd.DataFrame, stored_run: Path) -> None
 
 def test_json_has_every_cell(results: pd.DataFrame, stored_run: Path) -> None:
     """Numbers read back as the same doubles; null is what was not measured, and no zero is."""
-    told = json.loads(as_json(results))
-    for row, cells in zip(told, rows_of(stored_run), strict=True):
+    reported = json.loads(as_json(results))
+    for row, cells in zip(reported, rows_of(stored_run), strict=True):
         assert {name: "" if cell is None else str(cell) for name, cell in row.items()} == cells
-    assert any(row["energy_drift"] is None for row in told)
-    assert isinstance(told[0]["steps"], int)
+    assert any(row["energy_drift"] is None for row in reported)
+    assert isinstance(reported[0]["steps"], int)
 
 
 def test_a_markdown_row_cannot_be_broken_by_what_stands_in_it(results: pd.DataFrame) -> None:
@@ -66,7 +66,7 @@ def test_parquet_reads_back_as_the_same_table(
 
 
 @pytest.mark.parametrize(
-    ("cell", "told", "shown"),
+    ("cell", "reported", "shown"),
     [
         (pd.Timestamp("2026-01-02 03:04:05"), "2026-01-02 03:04:05", "2026-01-02 03:04:05"),
         (pd.NaT, None, ""),
@@ -78,10 +78,10 @@ def test_parquet_reads_back_as_the_same_table(
     ],
     ids=str,
 )
-def test_whatever_a_query_finds_can_be_told(cell: Any, told: Any, shown: str) -> None:
+def test_whatever_a_query_finds_can_be_told(cell: Any, reported: Any, shown: str) -> None:
     """JSON has text for what it has no word for; a list is a list, and what is not there null."""
     table = pd.DataFrame({"found": pd.Series([cell], dtype=object)})
-    assert json.loads(as_json(table)) == [{"found": told}]
+    assert json.loads(as_json(table)) == [{"found": reported}]
     assert as_markdown(table).decode().splitlines()[-1] == f"| {shown} |"
 
 

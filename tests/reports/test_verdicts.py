@@ -86,8 +86,8 @@ def test_a_method_is_shown_at_the_common_step_or_at_its_finest_tolerance() -> No
     steps = [case(dt_s=dt_s) for dt_s in (0.02, 0.01, 0.005)]
     assert shown_case(steps, 0.01) is steps[1]
     assert shown_case(steps, 0.001) is None
-    told = [case(dt_s=None, tolerance=tolerance) for tolerance in (1e-3, 1e-9, 1e-6)]
-    assert shown_case(told, 0.01) is told[1]
+    reported = [case(dt_s=None, tolerance=tolerance) for tolerance in (1e-3, 1e-9, 1e-6)]
+    assert shown_case(reported, 0.01) is reported[1]
     none = [case(dt_s=None)]
     assert shown_case(none, 0.01) is none[0]
     assert common_step([case(dt_s=0.1), case(dt_s=0.1), case(dt_s=0.2), case(dt_s=None)]) == 0.1
@@ -309,16 +309,16 @@ def stable_row(
         case(dt_s=dt_s, outcome=outcome, message="m", family="brick", engine_version="3")
         for dt_s, outcome in cases
     ]
-    asked: list[Search] = []
+    requested: list[Search] = []
 
     def search(_: Any, wanted: Search) -> StableStep:
-        asked.append(wanted)
+        requested.append(wanted)
         return StableStep("ok", "said", 0.5, 0.505, "why") if not found else StableStep(**found)
 
     method: Any = SimpleNamespace(name="rk4")
     engine: Any = SimpleNamespace(name="mujoco")
     row = stability_row(problem, engine, method, made, search)
-    return row, asked
+    return row, requested
 
 
 WHO = {"scenario": "brick", "family": "brick", "engine": "mujoco", "engine_version": "3", "method": "rk4"}
@@ -327,16 +327,22 @@ WHO = {"scenario": "brick", "family": "brick", "engine": "mujoco", "engine_versi
 @pytest.mark.parametrize("outcome", ["failed", "timeout", "unsupported", "invalid"])
 def test_no_search_is_made_where_a_case_did_not_end(outcome: str) -> None:
     """The row says how it ended, and has no step."""
-    row, asked = stable_row((0.02, "ok"), (0.01, outcome))
+    row, requested = stable_row((0.02, "ok"), (0.01, outcome))
     assert row == {**WHO, "outcome": outcome, "message": "m"}
-    assert asked == []
+    assert requested == []
 
 
 def test_a_row_says_what_the_search_found() -> None:
     """Both steps, the reason, the outcome and the message."""
     row, _ = stable_row((0.02, "ok"))
-    told = {"dt_stable_s": 0.5, "dt_unstable_s": 0.505, "reason": "why", "outcome": "ok", "message": "said"}
-    assert row == {**WHO, **told, "reused": False, "build": ""}
+    reported = {
+        "dt_stable_s": 0.5,
+        "dt_unstable_s": 0.505,
+        "reason": "why",
+        "outcome": "ok",
+        "message": "said",
+    }
+    assert row == {**WHO, **reported, "reused": False, "build": ""}
 
 
 @pytest.mark.parametrize(
@@ -355,8 +361,8 @@ def test_a_search_goes_from_the_coarsest_sound_step_to_a_turn(
 ) -> None:
     """Or to a quarter of the duration; from no less than a 20 000th of it, and to a fifth of the finest."""
     _, (search,) = stable_row(*cases, **scene)
-    asked = (search.case.setting.dt_s, search.lowest_s, search.highest_s, search.kinetic_limit_j)
-    assert asked == pytest.approx((start, lowest, highest, 300.0))
+    requested = (search.case.setting.dt_s, search.lowest_s, search.highest_s, search.kinetic_limit_j)
+    assert requested == pytest.approx((start, lowest, highest, 300.0))
     assert search.case.method == "rk4"
 
 

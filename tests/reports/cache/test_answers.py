@@ -39,22 +39,22 @@ GOOD = protocol.answer_message(record(Reference(), CASE))
 class Counting(EnginePool):
     """An EnginePool of an engine that gives the same answer to every request, and counts them."""
 
-    def __init__(self, said: dict[str, Any]) -> None:
+    def __init__(self, returned: dict[str, Any]) -> None:
         super().__init__()
-        self.said, self.asked = said, 0
+        self.returned, self.requested = returned, 0
 
     def ask(self, engine: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any]:  # noqa: ARG002
         """Answer."""
-        self.asked += 1
-        return {"id": self.asked, **self.said}
+        self.requested += 1
+        return {"id": self.requested, **self.returned}
 
 
-def requests_of_two_runs(said: dict[str, Any], cache: Cache | None, engine: Engine = ENGINE) -> int:
+def requests_of_two_runs(returned: dict[str, Any], cache: Cache | None, engine: Engine = ENGINE) -> int:
     """Return how many requests an engine gets in two runs of the same case."""
-    engine_pool = Counting(said)
+    engine_pool = Counting(returned)
     first, again = (Answers(None, cache, 1.0).ask(engine_pool, engine, CASE) for _ in range(2))
     assert (first.outcome, first.message) == (again.outcome, again.message)
-    return engine_pool.asked
+    return engine_pool.requested
 
 
 SHORT = {**GOOD, "trajectory": {**GOOD["trajectory"], "t_s": protocol.packed(np.zeros(2))}}
@@ -109,8 +109,8 @@ SEARCHES = {
 @pytest.mark.parametrize("what", SEARCHES)
 def test_invalid_search_is_a_failure_with_a_reason(what: str) -> None:
     """An invalid step of a worker reaches no table."""
-    said = {"outcome": "ok", "message": "", "reason": "", **SEARCHES[what]}
-    found = Answers(None, None, 1.0).search(Counting(said), ENGINE, Search(CASE, 0.01, 1.0, 1.0))
+    returned = {"outcome": "ok", "message": "", "reason": "", **SEARCHES[what]}
+    found = Answers(None, None, 1.0).search(Counting(returned), ENGINE, Search(CASE, 0.01, 1.0, 1.0))
     assert (found.outcome, found.stable_s) == ("failed", None)
     assert found.message
 
@@ -127,10 +127,10 @@ def test_only_what_was_checked_is_stored(tmp_path: Path) -> None:
     nested: Any = []
     for _ in range(2000):  # more than JSON can be written with
         nested = [nested]
-    for said in ({**GOOD, "more": nested}, {"outcome": "failed", "message": "x", "more": nested}):
-        with Journal(tmp_path / said["outcome"]) as journal:
-            Answers(journal, None, 1.0).ask(Counting(said), ENGINE, CASE)
-        assert b"more" not in (tmp_path / said["outcome"]).read_bytes()
+    for returned in ({**GOOD, "more": nested}, {"outcome": "failed", "message": "x", "more": nested}):
+        with Journal(tmp_path / returned["outcome"]) as journal:
+            Answers(journal, None, 1.0).ask(Counting(returned), ENGINE, CASE)
+        assert b"more" not in (tmp_path / returned["outcome"]).read_bytes()
 
 
 @pytest.mark.parametrize("what", LASTING)
@@ -166,15 +166,17 @@ def test_answers_are_reused_of_allowed_engines_only(kind: BuildKind, reuse: Reus
     answer = Answers(None, Cache(tmp_path), 1.0, reuse=reuse).ask(engine_pool, engine, CASE)
     allowed = kind in REUSES.get(reuse, KINDS[:3])
     assert answer.reused is allowed
-    assert engine_pool.asked == (1 if allowed else 2)
+    assert engine_pool.requested == (1 if allowed else 2)
 
 
-@pytest.mark.parametrize(("said", "asked"), [({}, 1), ({"build": "c0de"}, 1), ({"build": "0dd"}, 2)])
-def test_answer_of_another_build_is_not_stored(said: dict[str, Any], asked: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("returned", "requested"), [({}, 1), ({"build": "c0de"}, 1), ({"build": "0dd"}, 2)])
+def test_answer_of_another_build_is_not_stored(
+    returned: dict[str, Any], requested: int, tmp_path: Path
+) -> None:
     """An engine may be rebuilt, or load more code, while a run continues."""
-    assert requests_of_two_runs({**GOOD, **said}, Cache(tmp_path)) == asked
-    answer = Answers(None, None, 1.0).ask(Counting({**GOOD, **said}), ENGINE, CASE)
-    assert answer.build == said.get("build", "")
+    assert requests_of_two_runs({**GOOD, **returned}, Cache(tmp_path)) == requested
+    answer = Answers(None, None, 1.0).ask(Counting({**GOOD, **returned}), ENGINE, CASE)
+    assert answer.build == returned.get("build", "")
     assert not answer.reused
 
 
@@ -195,7 +197,7 @@ def test_resumed_run_distinguishes_its_own_answers(cached: bool, tmp_path: Path)
         with Journal(tmp_path / "journal") as journal:
             answer = Answers(journal, cache, 1.0, run_id="this").ask(engine_pool, ENGINE, CASE)
         assert answer.reused is cached
-    assert engine_pool.asked == 1
+    assert engine_pool.requested == 1
 
 
 CHANGES: dict[str, tuple[Engine, Case]] = {
@@ -222,7 +224,7 @@ def test_any_change_is_requested_again(what: str, tmp_path: Path) -> None:
         Answers(journal, Cache(tmp_path), 1.0).ask(engine_pool, ENGINE, CASE)
     with Journal(tmp_path / "journal") as journal:
         Answers(journal, Cache(tmp_path), 1.0).ask(engine_pool, engine, case)
-    assert engine_pool.asked == 2
+    assert engine_pool.requested == 2
 
 
 def test_answer_by_another_protocol_is_requested_again(
@@ -247,7 +249,7 @@ def test_fresh_run_replaces_the_stored_answers(tmp_path: Path) -> None:
     refused = Counting(LASTING["unsupported"])
     Answers(None, Cache(tmp_path), 1.0).ask(Counting(GOOD), ENGINE, CASE)
     Answers(None, Cache(tmp_path).write_only(), 1.0).ask(refused, ENGINE, CASE)
-    assert refused.asked == 1
+    assert refused.requested == 1
     assert Answers(None, Cache(tmp_path), 1.0).ask(Counting(GOOD), ENGINE, CASE).message == "no pivot"
 
 
@@ -260,7 +262,7 @@ def test_resumed_run_requests_nothing_twice(what: str, tmp_path: Path) -> None:
         with Journal(tmp_path / "journal") as journal:
             answer = Answers(journal, None, 1.0).ask(engine_pool, ENGINE, CASE)
             endings.append((answer.outcome, answer.message))
-    assert engine_pool.asked == 1
+    assert engine_pool.requested == 1
     assert endings[0] == endings[1]
 
 
@@ -271,12 +273,12 @@ def test_resumed_run_does_not_need_the_cache(fresh: bool, tmp_path: Path) -> Non
     Answers(None, cache, 1.0).ask(engine_pool, ENGINE, CASE)
     with Journal(tmp_path / "journal") as journal:
         first = Answers(journal, cache.write_only() if fresh else cache, 1.0).ask(engine_pool, ENGINE, CASE)
-    asked = engine_pool.asked
-    assert asked == (2 if fresh else 1)
+    requested = engine_pool.requested
+    assert requested == (2 if fresh else 1)
     shutil.rmtree(tmp_path / "cache")
     with Journal(tmp_path / "journal") as journal:
         again = Answers(journal, cache, 1.0).ask(engine_pool, ENGINE, CASE)
-    assert engine_pool.asked == asked
+    assert engine_pool.requested == requested
     assert protocol.answer_message(again) == protocol.answer_message(first)
 
 
@@ -292,14 +294,17 @@ DERIVED: dict[str, tuple[dict[str, Any], Engine, bool]] = {
 @pytest.mark.parametrize("what", DERIVED)
 def test_derived_rows_are_reused_where_their_answers_would_be(what: str, tmp_path: Path) -> None:
     """What follows from answers that may change is derived again."""
-    said, engine, reused = DERIVED[what]
+    returned, engine, reused = DERIVED[what]
     cache = Cache(tmp_path)
     found = Answers(None, cache, 1.0).derived(
-        Counting(said), engine, "the outcome", lambda client: {"outcome": client.ask(engine, CASE).outcome}
+        Counting(returned),
+        engine,
+        "the outcome",
+        lambda client: {"outcome": client.ask(engine, CASE).outcome},
     )
-    assert found == {"outcome": said["outcome"]}
+    assert found == {"outcome": returned["outcome"]}
     if reused:
-        assert Answers(None, cache, 1.0).derived(Counting(said), engine, "the outcome", None) == found  # type: ignore[arg-type]
+        assert Answers(None, cache, 1.0).derived(Counting(returned), engine, "the outcome", None) == found  # type: ignore[arg-type]
     assert requests_of_derivation(engine, cache) == (0 if reused else 1)
 
 
@@ -340,24 +345,24 @@ SEARCH = Search(CASE, 0.01, 2.0, 100.0)
 FOUND = {"outcome": "ok", "message": "", "stable_s": 0.5, "unstable_s": 0.505, "reason": "K"}
 
 
-@pytest.mark.parametrize("said", [FOUND, {**FOUND, "unstable_s": None}, LASTING["unsupported"]])
-def test_repeatable_search_is_requested_once(said: dict[str, Any], tmp_path: Path) -> None:
+@pytest.mark.parametrize("returned", [FOUND, {**FOUND, "unstable_s": None}, LASTING["unsupported"]])
+def test_repeatable_search_is_requested_once(returned: dict[str, Any], tmp_path: Path) -> None:
     """The second run reads it from the cache; another limit is another search."""
-    engine_pool, answers = Counting(said), Answers(None, Cache(tmp_path), 1.0)
+    engine_pool, answers = Counting(returned), Answers(None, Cache(tmp_path), 1.0)
     first, again = (answers.search(engine_pool, ENGINE, SEARCH) for _ in range(2))
     assert first == replace(again, reused=False)
     assert again.reused
-    assert engine_pool.asked == 1
+    assert engine_pool.requested == 1
     answers.search(engine_pool, ENGINE, replace(SEARCH, highest_s=3.0))
     answers.ask(engine_pool, ENGINE, CASE)
-    assert engine_pool.asked == 3
+    assert engine_pool.requested == 3
 
 
 def test_search_of_another_build_is_not_stored(tmp_path: Path) -> None:
     """It is requested again, and names the build that gave it."""
     engine_pool, answers = Counting({**FOUND, "build": "0dd"}), Answers(None, Cache(tmp_path), 1.0)
     assert [answers.search(engine_pool, ENGINE, SEARCH).build for _ in range(2)] == ["0dd", "0dd"]
-    assert engine_pool.asked == 2
+    assert engine_pool.requested == 2
 
 
 def test_requests_are_those_of_the_protocol(tmp_path: Path) -> None:
@@ -392,17 +397,17 @@ def test_engine_is_asked_again_after_reset_and_in_another_process() -> None:
         def restart(self, engine: str) -> None:
             done.append(f"restart {engine}")
 
-    for said, lasting in ((GOOD, True), ({**GOOD, "message": "ran twice"}, False)):
+    for returned, lasting in ((GOOD, True), ({**GOOD, "message": "ran twice"}, False)):
         done.clear()
-        told = []
+        reported = []
         for place in range(2):
-            client = EngineClient(Answers(None, None, 1.0), Noting(said))
+            client = EngineClient(Answers(None, None, 1.0), Noting(returned))
             for at, (how, again) in enumerate(client.again(ENGINE)):
-                told += [how] if place else []
+                reported += [how] if place else []
                 if at == place:
                     assert again(ENGINE, CASE).outcome == "ok"
             assert client.is_repeatable is lasting
-        assert told == ["after reset", "in another process"]
+        assert reported == ["after reset", "in another process"]
         assert done == ["replay", "restart counted", "restart counted", "record"]
 
 
@@ -436,18 +441,18 @@ def test_sentinel_is_measured_by_every_run(tmp_path: Path) -> None:
     """It tells the machines of a run apart, so that an answer of another run would hide a difference."""
     engine_pool, answers = Counting(GOOD), Answers(None, Cache(tmp_path), 1.0)
     assert not any(answers.sentinel(engine_pool, ENGINE, CASE).reused for _ in range(2))
-    assert engine_pool.asked == 2
+    assert engine_pool.requested == 2
 
 
-@pytest.mark.parametrize("said", [{}, {"outcome": "failed", "message": "it crashed"}, {"outcome": "ok"}])
-def test_failed_search_is_requested_again(said: dict[str, Any], tmp_path: Path) -> None:
+@pytest.mark.parametrize("returned", [{}, {"outcome": "failed", "message": "it crashed"}, {"outcome": "ok"}])
+def test_failed_search_is_requested_again(returned: dict[str, Any], tmp_path: Path) -> None:
     """It is a failure with a reason."""
-    engine_pool = Counting(said)
+    engine_pool = Counting(returned)
     for _ in range(2):
         found = Answers(None, Cache(tmp_path), 1.0).search(engine_pool, ENGINE, SEARCH)
         assert found.outcome == "failed"
         assert found.message
-    assert engine_pool.asked == 2
+    assert engine_pool.requested == 2
 
 
 def test_answer_with_a_user_function_is_not_stored(tmp_path: Path) -> None:
@@ -459,4 +464,4 @@ def test_answer_with_a_user_function_is_not_stored(tmp_path: Path) -> None:
             assert answers.ask(engine_pool, ENGINE, CALLING).outcome == "ok"
             assert answers.laps(ENGINE, CALLING) is None
             answers.keep_laps(ENGINE, CALLING, {"cpu_s": [0.5]})
-    assert engine_pool.asked == 2
+    assert engine_pool.requested == 2

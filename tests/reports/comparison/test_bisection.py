@@ -22,11 +22,11 @@ class Measured:
         self.values = [value for value, length in enumerate(lengths) for _ in range(length)]
         self.members = [str(place) for place in range(len(self.values))]
         self.failing = failing
-        self.asked: list[str] = []
+        self.requested: list[str] = []
 
     def __call__(self, member: str) -> int | None:
         """Return the value; None of one that fails."""
-        self.asked.append(member)
+        self.requested.append(member)
         return None if int(member) in self.failing else self.values[int(member)]
 
     @property
@@ -43,7 +43,7 @@ def test_every_change_between_the_ends_is_found(lengths: list[int], failing: set
     neighbours = zip(measured.sound, measured.sound[1:], strict=False)
     there = [(str(a), str(b)) for a, b in neighbours if measured.values[a] != measured.values[b]]
     assert list(found) == there
-    assert len(measured.asked) == len(set(measured.asked))
+    assert len(measured.requested) == len(set(measured.requested))
 
 
 @given(stretches, failing)
@@ -53,7 +53,7 @@ def test_few_members_are_measured(lengths: list[int], failing: set[int]) -> None
     found = changes(measured.members, measured, lambda one, other: one != other)
     halves = math.ceil(math.log2(max(2, len(measured.members))))
     failed = len(measured.members) - len(measured.sound)
-    assert len(measured.asked) <= 2 + len(found) * halves + failed
+    assert len(measured.requested) <= 2 + len(found) * halves + failed
 
 
 @given(st.lists(st.integers(0, 2), max_size=20))
@@ -71,17 +71,17 @@ def test_pair_consists_of_differing_neighbours(values: list[int]) -> None:
 def test_measuring_every_member_finds_every_change(values: list[int | None]) -> None:
     """Changes between equal ends are found; unmeasurable members are skipped."""
     members = [str(place) for place in range(len(values))]
-    asked: list[str] = []
+    requested: list[str] = []
 
     def measured(member: str) -> int | None:
-        asked.append(member)
+        requested.append(member)
         return values[int(member)]
 
     found = every_change(members, measured, lambda one, other: one != other)
     sound = [place for place, value in enumerate(values) if value is not None]
     neighbours = pairwise(sound)
     assert list(found) == [(str(a), str(b)) for a, b in neighbours if values[a] != values[b]]
-    assert asked == members
+    assert requested == members
 
 
 def test_small_differences_add_up() -> None:

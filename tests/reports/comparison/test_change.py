@@ -43,8 +43,8 @@ def run(*cases: dict[str, Any], **parts: Any) -> Tables:
 def change(**cells: Any) -> Change:
     """Return a worse error of one case, with the given fields replaced."""
     usual = {"kind": "accuracy", "scenario": "brick", "engine": "mujoco", "method": "rk4", "quantity": ERROR}
-    told = {"before": 1e-3, "after": 1e-2, "status": "worse", "control": "dt", "fineness": 0.01}
-    return Change(**{**usual, **told, "decades": 1.0, **cells})
+    reported = {"before": 1e-3, "after": 1e-2, "status": "worse", "control": "dt", "fineness": 0.01}
+    return Change(**{**usual, **reported, "decades": 1.0, **cells})
 
 
 # ----------------------------------------------------------------------------------------------- accuracy
@@ -114,10 +114,10 @@ def test_error_is_worse_beyond_noise_and_threshold(
 def test_measure_without_a_scale_is_compared_by_its_size() -> None:
     """A few roundings of a large number are no change; a hundred are one."""
     large = 1e6
-    for roundings, told in ((4.0, 0), (100.0, 1)):
+    for roundings, reported in ((4.0, 0), (100.0, 1)):
         after = {"energy_drift_abs": large * (1.0 + roundings * EPS)}
         found = accuracies({"energy_drift_abs": large}, after)
-        assert [one.quantity for one in found] == told * ["energy_drift_abs"]
+        assert [one.quantity for one in found] == reported * ["energy_drift_abs"]
 
 
 def test_body_without_rotation_is_compared() -> None:
@@ -160,7 +160,7 @@ def test_higher_rank_is_better() -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "reported"),
     [
         ((0.1, 0.2), (0.2, 0.3), ("improved", math.log10(2.0))),
         ((0.2, 0.3), (0.1, 0.2), ("worse", -math.log10(2.0))),
@@ -176,7 +176,7 @@ def test_higher_rank_is_better() -> None:
 def test_change_of_a_stable_step_is_the_ratio_of_the_stable_ones(
     old: tuple[float | None, float | None],
     new: tuple[float | None, float | None],
-    told: tuple[str, float | None] | None,
+    reported: tuple[str, float | None] | None,
 ) -> None:
     """Its size is log10 of the steps where the spans at most touch, and none where one is missing."""
     rows = []
@@ -184,11 +184,11 @@ def test_change_of_a_stable_step_is_the_ratio_of_the_stable_ones(
         cells = {"outcome": "ok", "dt_stable_s": stable, "dt_unstable_s": unstable}
         rows.append(WHO | {name: cell for name, cell in cells.items() if cell is not None})
     found = stability_change(rows[0], rows[1], 0.02)
-    if told is None:
+    if reported is None:
         assert found is None
         return
     assert found is not None
-    direction, decades = told
+    direction, decades = reported
     texts = (old[0] or "none", new[0] or "none")
     assert (found.kind, found.quantity, found.before, found.after) == ("stability", "dt_stable_s", *texts)
     assert found.status == direction
@@ -262,13 +262,13 @@ def test_number_of_compared_times_is_counted() -> None:
     assert (compare(here, here).timed, compare(here, there).timed) == (1, 0)
 
 
-@pytest.mark.parametrize(("noise_of_either", "told"), [(None, 1), (0.6, 0)])
-def test_slower_method_is_reported_beyond_the_noise(noise_of_either: float | None, told: int) -> None:
+@pytest.mark.parametrize(("noise_of_either", "reported"), [(None, 1), (0.6, 0)])
+def test_slower_method_is_reported_beyond_the_noise(noise_of_either: float | None, reported: int) -> None:
     """1.5 times as long exceeds runs without noise, but not a noise of 0.6 in either run."""
     before, after = (run(laps(k, k, k), cpu="a") for k in (1.0, 1.5))
     noisy = replace(after, manifest={**after.manifest, "speed_noise": noise_of_either})
-    assert [one.kind for one in compare(before, noisy).changes] == told * ["speed"]
-    assert [one.kind for one in compare(noisy, before).changes] == told * ["speed"]
+    assert [one.kind for one in compare(before, noisy).changes] == reported * ["speed"]
+    assert [one.kind for one in compare(noisy, before).changes] == reported * ["speed"]
 
 
 def moved(*sure: float, scenario: str = "brick", method: str = "rk4") -> list[Ratio]:
@@ -295,9 +295,11 @@ def test_disagreeing_cases_are_judged_per_scenario() -> None:
     """One of two scenarios that slowed down beyond three times the noise is named, and no other method."""
     slack = 3.0 * math.log10(1.1)
     still = moved(0.0, 0.0, 0.0, 0.0, scenario="plate") + moved(0.0, method="euler")
-    for size, told in ((slack, 0), (math.nextafter(slack, 1.0), 1)):
+    for size, reported in ((slack, 0), (math.nextafter(slack, 1.0), 1)):
         found = list(speed_changes([*still, *moved(size, size)], (0.1, 0.0), 0.02))
-        assert [(one.scenario, one.method, one.status) for one in found] == told * [("brick", "rk4", "worse")]
+        assert [(one.scenario, one.method, one.status) for one in found] == reported * [
+            ("brick", "rk4", "worse")
+        ]
 
 
 # ------------------------------------------------------------------------------------------------- compare
@@ -327,8 +329,8 @@ def test_more_severe_verdict_is_worse(before: str, after: str, error: float) -> 
     if max(SEVERITIES[after], SEVERITIES[before]) < 2 and not agrees:
         status = "moved"
     found = [one for one in compare(old, new).changes if one.kind == "verdict"]
-    told = Change("verdict", "brick", "mujoco", "rk4", f"verdict of {ERROR}", before, after, status)  # type: ignore[arg-type]
-    assert found == ([] if before == after else [told])
+    reported = Change("verdict", "brick", "mujoco", "rk4", f"verdict of {ERROR}", before, after, status)  # type: ignore[arg-type]
+    assert found == ([] if before == after else [reported])
     assert [swapped(one) for one in found] == [
         one for one in compare(new, old).changes if one.kind == "verdict"
     ]

@@ -125,9 +125,9 @@ def test_what_lies_beneath_the_noise_is_neither_better_nor_worse(tables: Tables)
     where = of("free", "exact")
     bound = next(case.columns["truth_bound_rad"] for case in tables.cases if where(case.columns))
     before = with_rows(tables, where, lambda row: row | {"orientation_error_rad": 0.0})
-    for error, told in ((2.9 * bound, 0), (8.9 * bound, 0), (9.1 * bound, 1)):
+    for error, reported in ((2.9 * bound, 0), (8.9 * bound, 0), (9.1 * bound, 1)):
         found = compare(before, planted(before, where, orientation_error_rad=error)).changes
-        assert [change.status for change in found] == told * ["worse"]
+        assert [change.status for change in found] == reported * ["worse"]
 
 
 def test_a_floor_that_rose_hides_nothing(tables: Tables) -> None:
@@ -200,8 +200,8 @@ def test_another_verdict_and_another_order_are_told(tables: Tables) -> None:
     methods.loc[rk4, ["order", "order_low", "order_high"]] = [3.0, 2.9, 3.1]
     methods.loc[m1, "verdict"] = "does-not-converge"
     found = compare(tables, replace(tables, methods=methods)).changes
-    told = {(change.kind, change.method, change.status) for change in found}
-    assert told == {("order", "rk4", "worse"), ("verdict", "m1", "worse")}
+    reported = {(change.kind, change.method, change.status) for change in found}
+    assert reported == {("order", "rk4", "worse"), ("verdict", "m1", "worse")}
 
 
 @pytest.mark.parametrize(
@@ -281,15 +281,15 @@ def test_a_scenario_that_is_another_by_the_same_name_is_not_compared(tables: Tab
     """Its cases would differ for no fault of an engine: the name is said instead; a summary is no matter."""
     free = tables.manifest["scenarios"]["free"]
 
-    def told(**keys: Any) -> Comparison:
+    def reported(**keys: Any) -> Comparison:
         scenarios = {**tables.manifest["scenarios"], "free": {**free, **keys}}
         after = planted(tables, of("free", "m1"), orientation_error_rad=0.1)
         return compare(tables, replace(after, manifest={**tables.manifest, "scenarios": scenarios}))
 
-    found = told(duration_s=2.0)
+    found = reported(duration_s=2.0)
     assert (found.redefined, found.changes) == (("free",), ())
     assert "(scenario definition changed): free" in " ".join(sentences(found))
-    assert told(summary="reworded").changes
+    assert reported(summary="reworded").changes
 
 
 def test_versions_that_differ_stand_on_top(tables: Tables) -> None:

@@ -68,9 +68,9 @@ def test_another_one_step_map_is_named() -> None:
 
     before = mapped(OLD, rk4="RK4", euler="M1", implicit="M2")
     after = mapped(NEW, rk4="RK4 Munthe-Kaas", euler="M1", implicit="implicit midpoint")
-    (told,) = headlines(compare(before, after))
-    assert "(factor 1.9e6), one-step map RK4 -> RK4 Munthe-Kaas; " in told
-    assert "; implicit moved, one-step map M2 -> implicit midpoint; 3 methods moved in the " in told
+    (reported,) = headlines(compare(before, after))
+    assert "(factor 1.9e6), one-step map RK4 -> RK4 Munthe-Kaas; " in reported
+    assert "; implicit moved, one-step map M2 -> implicit midpoint; 3 methods moved in the " in reported
 
 
 def test_a_change_of_speed_is_a_factor() -> None:
@@ -154,17 +154,17 @@ def test_a_measure_that_is_far_worse_than_the_orientation_is_named(factor: float
     """By more than a decade; the orientation stands before it all the same."""
     before = run({ERROR: 1e-4, "energy_drift": 1e-6})
     after = run({ERROR: 2e-4, "energy_drift": 2e-6 * factor})
-    (told,) = headlines(compare(before, after))
-    assert "rk4 worse, error at 10 ms 0.0001 -> 0.0002 rad (factor 2)" in told
-    assert ("energy_drift at 10 ms 1e-6 -> 0.002 (factor 2e3)" in told) == named
+    (reported,) = headlines(compare(before, after))
+    assert "rk4 worse, error at 10 ms 0.0001 -> 0.0002 rad (factor 2)" in reported
+    assert ("energy_drift at 10 ms 1e-6 -> 0.002 (factor 2e3)" in reported) == named
 
 
 def test_a_method_stands_in_one_clause_however_many_of_its_digits_moved() -> None:
     """Last digits up and down are one count; no method is both worse and improved by them."""
     before = run({ERROR: 1e-2}, {"dt_s": 0.02, ERROR: 1e-2}, {"method": "euler", ERROR: 1e-2})
     after = run({ERROR: 1e-2 + 3e-13}, {"dt_s": 0.02, ERROR: 1e-2 - 3e-13}, {"method": "euler", ERROR: 2e-2})
-    (told,) = headlines(compare(before, after))
-    assert told == (
+    (reported,) = headlines(compare(before, after))
+    assert reported == (
         "mujoco 3.17.0: euler worse, error at 10 ms 0.01 -> 0.02 rad (factor 2);"
         " 1 method moved in the 11th digit."
     )
@@ -179,10 +179,12 @@ def test_methods_are_sorted_by_what_fails_and_by_factor() -> None:
     )
     found = compare(before, after)
     assert [one.method for one in by_method(found.changes)][:5] == ["b", "a", "gone", "c", "d"]
-    (told,) = headlines(found)
-    places = [told.index(words) for words in ("b worse", "a worse", "gone missing (1 case)", "c improved")]
+    (reported,) = headlines(found)
+    places = [
+        reported.index(words) for words in ("b worse", "a worse", "gone missing (1 case)", "c improved")
+    ]
     assert places == sorted(places)
-    assert told.endswith(
+    assert reported.endswith(
         "d improved, error at 10 ms 1e-5 -> 5e-6 rad (factor 2); 1 method moved by up to 1 %; came new."
     )
 
@@ -207,15 +209,15 @@ def test_a_case_that_ends_otherwise_outweighs_any_factor(old: str, new: str, sta
 
 def test_a_step_that_a_run_chose_itself_is_neither_new_nor_missing() -> None:
     """Refinement follows the errors; a step that was asked for and is gone, is missing."""
-    asked = {"dt_s": [0.02, 0.01], "tolerances": None}
-    few = run({"dt_s": 0.02}, {"dt_s": 0.01}, **asked)
-    more = run({"dt_s": 0.02}, {"dt_s": 0.01}, {"dt_s": 0.005}, {"dt_s": 0.05}, **asked)
+    requested = {"dt_s": [0.02, 0.01], "tolerances": None}
+    few = run({"dt_s": 0.02}, {"dt_s": 0.01}, **requested)
+    more = run({"dt_s": 0.02}, {"dt_s": 0.01}, {"dt_s": 0.005}, {"dt_s": 0.05}, **requested)
     for found in (compare(few, more), compare(more, few)):
         assert (found.changes, found.refined) == ((), 2)
     assert (
         "2 not compared, because only one of the runs chose their steps" in sentences(compare(few, more))[-1]
     )
-    lost = run({"dt_s": 0.02}, **asked)
+    lost = run({"dt_s": 0.02}, **requested)
     assert [(one.status, one.fineness) for one in compare(few, lost).changes] == [("missing", 0.01)]
     assert [(one.status, one.fineness) for one in compare(lost, few).changes] == [("new", 0.01)]
 

@@ -45,11 +45,11 @@ def one(name: str = ERROR, **of: Any) -> OneMeasure:
     return OneMeasure(name=name, **{**who, **of})
 
 
-def differs(asked: OneMeasure, before: Tables, after: Tables) -> bool:
+def differs(requested: OneMeasure, before: Tables, after: Tables) -> bool:
     """Whether it is different, which is the same from either side."""
-    a, b = asked.finding(before), asked.finding(after)
-    found = asked.differ(a, b)
-    assert asked.differ(b, a) == found
+    a, b = requested.finding(before), requested.finding(after)
+    found = requested.differ(a, b)
+    assert requested.differ(b, a) == found
     return found
 
 
@@ -79,7 +79,7 @@ def test_what_runs_are_compared_by_is_a_measure_of_a_gate(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("asked", "value"),
+    ("requested", "value"),
     [
         (one(), 1e-9),
         (one(fineness=0.02), 2e-9),
@@ -91,7 +91,7 @@ def test_what_runs_are_compared_by_is_a_measure_of_a_gate(name: str) -> None:
         (one(f"order.{ERROR}"), 4.0),
     ],
 )
-def test_a_finding_is_of_its_own_case(asked: OneMeasure, value: float | str) -> None:
+def test_a_finding_is_of_its_own_case(requested: OneMeasure, value: float | str) -> None:
     """Of its scenario by the very name, its method, its step or tolerance; an order is of all steps."""
     tables = run(
         {"engine": "dart", ERROR: 6e-9},
@@ -103,7 +103,7 @@ def test_a_finding_is_of_its_own_case(asked: OneMeasure, value: float | str) -> 
         methods=[{}],
         scenarios={"brick": {}, "plate[1]*": {}},
     )
-    found = asked.finding(tables)
+    found = requested.finding(tables)
     assert (found.value, found.why) == (value, "")
     assert found.tables is tables
 
@@ -121,7 +121,7 @@ def test_a_case_that_was_not_made_has_the_reason_of_its_methods_first() -> None:
 
 
 @pytest.mark.parametrize(
-    ("asked", "different"),
+    ("requested", "different"),
     [
         (one(), True),
         (one(fineness=0.02), False),
@@ -136,7 +136,7 @@ def test_a_case_that_was_not_made_has_the_reason_of_its_methods_first() -> None:
     ],
 )
 def test_a_measure_differs_where_the_comparison_tells_a_change_of_it(
-    asked: OneMeasure, different: bool
+    requested: OneMeasure, different: bool
 ) -> None:
     """Not where it tells one of another scenario, method, step or measure."""
     order = {"order_low": 3.9, "order_high": 4.1}
@@ -156,8 +156,8 @@ def test_a_measure_differs_where_the_comparison_tells_a_change_of_it(
         )
 
     before, after = made(1e-3, 1e-3, shift=0.0), made(1e-2, 2e-3, shift=1.0)
-    assert differs(asked, before, after) == different
-    assert not differs(asked, before, before)
+    assert differs(requested, before, after) == different
+    assert not differs(requested, before, before)
 
 
 def test_words_and_what_is_missing_differ_where_they_are_not_the_same() -> None:

@@ -55,12 +55,12 @@ def test_page_draws_each_case_of_both_runs() -> None:
     before = run(*({"dt_s": dt_s, ERROR: error} for dt_s, error in zip(STEPS, BEFORE, strict=True)))
     after = run(*({"dt_s": dt_s, ERROR: error} for dt_s, error in zip(STEPS, AFTER, strict=True)))
     page = comparison_page(compare(before, after))
-    told = re.findall(r"<circle[^>]*><title>(before|after), step ([^ ]+) s: ([^<]+)</title>", page)
+    reported = re.findall(r"<circle[^>]*><title>(before|after), step ([^ ]+) s: ([^<]+)</title>", page)
     expected = [
         (name, dt_s, error)
         for name, errors in (("before", BEFORE), ("after", AFTER))
         for dt_s, error in zip(STEPS, errors, strict=True)
     ]
-    assert [(name, float(dt_s), float(error)) for name, dt_s, error in told] == expected
+    assert [(name, float(dt_s), float(error)) for name, dt_s, error in reported] == expected
     assert "× 100" in page
     assert "<circle" not in comparison_page(compare(before, before))

@@ -10,7 +10,7 @@ from bodycheck.reports.document import print_document
 VERSIONS = ("1.0", "1.1", "1.2", "2.0", "2.1")
 
 
-def said(
+def printed(
     values: dict[str, float | str | None],
     changes: tuple[tuple[str, str], ...],
     measure: str = "energy_drift",
@@ -25,31 +25,33 @@ def said(
     ("found", "last"),
     [
         (
-            said({"1.0": 2.0, "1.2": 2.0, "2.0": 4.003, "2.1": 4.0}, (("1.2", "2.0"),), "order.omega_error"),
+            printed(
+                {"1.0": 2.0, "1.2": 2.0, "2.0": 4.003, "2.1": 4.0}, (("1.2", "2.0"),), "order.omega_error"
+            ),
             "toy:m: 2.00 up to 1.2, 4.00 from 2.0",
         ),
         (
-            said(
+            printed(
                 {"1.0": 1e-3, "1.1": 2e-3, "1.2": 2e-3, "2.0": 1e-9, "2.1": 1e-9},
                 (("1.0", "1.1"), ("1.2", "2.0")),
             ),
             "toy:m: 0.001 up to 1.0, 0.002 from 1.1 to 1.2, 1e-9 from 2.0",
         ),
         (
-            said({"1.0": 0.12345678, "1.1": 0.12345679, "2.1": 0.12345679}, (("1.0", "1.1"),)),
+            printed({"1.0": 0.12345678, "1.1": 0.12345679, "2.1": 0.12345679}, (("1.0", "1.1"),)),
             "toy:m: 0.12345678 up to 1.0, 0.12345679 from 1.1",
         ),
         (
-            said({"1.0": "converges", "2.1": "unstable"}, (("1.0", "2.1"),), "verdict"),
+            printed({"1.0": "converges", "2.1": "unstable"}, (("1.0", "2.1"),), "verdict"),
             "toy:m: converges up to 1.0, unstable from 2.1; 1.1, 1.2 and 2.0 between them could not be run",
         ),
         (
-            said({"1.0": 2.0, "2.1": None, "2.0": 2.0}, (("2.0", "2.1"),), "order.omega_error"),
+            printed({"1.0": 2.0, "2.1": None, "2.0": 2.0}, (("2.0", "2.1"),), "order.omega_error"),
             "toy:m: 2.00 up to 2.0, none (too-few-points) from 2.1",
         ),
-        (said({"1.0": 1e-3}, ()), "toy:m: 0.001 in 1.0, the only release run"),
+        (printed({"1.0": 1e-3}, ()), "toy:m: 0.001 in 1.0, the only release run"),
         (
-            said({"1.0": 1e-3, "2.1": 1e-3}, ()),
+            printed({"1.0": 1e-3, "2.1": 1e-3}, ()),
             "toy:m: 0.001 in 2.1, as in 1.0; a change that was undone between them would be missed",
         ),
     ],
@@ -65,7 +67,7 @@ def test_the_last_line_says_where_it_changed(
 def test_what_could_not_be_run_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
     """With its reason, word for word, and not among those that were run."""
     failed = {"1.1": "toy==1.1 cannot be installed: :x: [no]"}
-    print_document(found_document(said({"1.0": 1e-3, "2.1": 1e-3}, (), failed=failed)))
+    print_document(found_document(printed({"1.0": 1e-3, "2.1": 1e-3}, (), failed=failed)))
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "energy_drift on free; 5 releases from 1.0 to 2.1, 2 of them run"
     assert "not run: 1.1: toy==1.1 cannot be installed: :x: [no]" in lines

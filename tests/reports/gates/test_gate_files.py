@@ -137,8 +137,8 @@ def test_thresholds_and_gates_share_a_file(tmp_path: Path, expected_message: Exp
     order = '[[change]]\nmeasure = "order.omega_error"\nthreshold = 0.3\nreason = "few points"\n'
     file.write_text(CHANGE + gate + order)
     assert [one.measure for one in read_gates(file)] == ["omega_error"]
-    told = {"energy_drift": 0.05, "order.omega_error": 0.3}
-    assert read_thresholds(file, THRESHOLD) == Thresholds(THRESHOLD, told)
+    reported = {"energy_drift": 0.05, "order.omega_error": 0.3}
+    assert read_thresholds(file, THRESHOLD) == Thresholds(THRESHOLD, reported)
     file.write_text(CHANGE)
     assert read_thresholds(file, 0.5) == Thresholds(0.5, {"energy_drift": 0.05})
     with expected_message.raises(InputError):

@@ -91,7 +91,7 @@ def test_a_case_is_told_by_its_step_its_tolerance_or_neither() -> None:
     """As in the report."""
     steps = [("dt", 0.02, None), ("tolerance", None, 1e-6), ("none", None, None)]
     run = make_tables(
-        [{"control": control, "dt_s": dt_s, "tolerance": told} for control, dt_s, told in steps]
+        [{"control": control, "dt_s": dt_s, "tolerance": reported} for control, dt_s, reported in steps]
     )
     labels = [check.row.at for check in check_gates([gate(upper=1.0)], run)[0].checks]
     assert labels == ["dt 0.02 s", "tolerance 1e-6", "no steps"]
@@ -195,9 +195,9 @@ def test_junit_has_a_test_case_a_gate_and_a_failure_for_all_that_did_not_pass() 
         ("testcase", {"classname": "gates.toml", "name": name}) for name in names
     ]
     assert [[failure.tag for failure in case] for case in suite] == [[], *3 * [["failure"]]]
-    told = [case[0].attrib for case in suite if len(case)]
+    reported = [case[0].attrib for case in suite if len(case)]
     kinds = ("failed", "failed", "nothing")
-    assert told == [{"type": kind, "message": line} for kind, line in zip(kinds, LINES[1:], strict=True)]
+    assert reported == [{"type": kind, "message": line} for kind, line in zip(kinds, LINES[1:], strict=True)]
     replaced = f"brick | mujoco:rk4 | dt 0.03 s | failed: no\ufffd | {ERROR} <= 0.001 | {COMMAND}"
     assert (suite[1][0].text or "").splitlines()[0] == "because"
     assert (suite[1][0].text or "").splitlines()[2] == replaced
@@ -318,7 +318,7 @@ def bounds(table: dict[str, Any], *errors: float) -> list[tuple[str, float, floa
 
 
 @pytest.mark.parametrize(
-    ("table", "errors", "told"),
+    ("table", "errors", "reported"),
     [
         ({"near": 1e-3, "decades": 0.5}, (4e-3,), [("near", 1e-3, 4e-3, 4e-3, True)]),
         ({"near": 1e-3, "decades": 0.5}, (1e-3, 9e-3), [("near", 1e-3, 3e-3, 9e-3, True)]),
@@ -338,26 +338,26 @@ def bounds(table: dict[str, Any], *errors: float) -> list[tuple[str, float, floa
     ],
 )
 def test_a_new_bound_is_the_margin_from_the_worst(
-    table: dict[str, Any], errors: tuple[float, ...], told: list[tuple[str, float, float, float, bool]]
+    table: dict[str, Any], errors: tuple[float, ...], reported: list[tuple[str, float, float, float, bool]]
 ) -> None:
     """Upward of the largest, downward of the least, to two digits; the middle of both where it is near."""
     assert bounds(table, *errors) == [
-        (*one[:2], pytest.approx(one[2], rel=1e-12, abs=0.0), *one[3:]) for one in told
+        (*one[:2], pytest.approx(one[2], rel=1e-12, abs=0.0), *one[3:]) for one in reported
     ]
 
 
 def test_an_edit_after_which_a_file_could_not_be_read_is_refused(expected_message: ExpectedMessage) -> None:
     """A new upper bound below the lower one is never written."""
-    told = '[[gate]]\nmeasure = "energy_drift"\nlower = 1e-4\nupper = 1e-3\nreason = "r"\n'
+    reported = '[[gate]]\nmeasure = "energy_drift"\nlower = 1e-4\nupper = 1e-3\nreason = "r"\n'
     with expected_message.raises(InputError):
-        edited(told, "here", [Change(0, "upper", 1e-3, 1e-5, 5e-6, loosens=False)], None)
+        edited(reported, "here", [Change(0, "upper", 1e-3, 1e-5, 5e-6, loosens=False)], None)
 
 
 def test_an_edit_leaves_texts_alone_and_writes_reasons_as_they_are_spoken() -> None:
     """What looks like a bound within a later text stays; a reason in another script is no row of escapes."""
-    told = '[[gate]]\nmeasure = "energy_drift"\nupper = 1e-3\nreason = "r"\n'
-    after = told.replace('"r"', '"""\nupper = 3\n"""')
+    reported = '[[gate]]\nmeasure = "energy_drift"\nupper = 1e-3\nreason = "r"\n'
+    after = reported.replace('"r"', '"""\nupper = 3\n"""')
     change = Change(0, "upper", 1e-3, 1e-2, 5e-3, loosens=True)
     assert edited(after, "here", [change], None) == after.replace("1e-3", "0.01")
-    expected = told.replace("1e-3", "0.01").replace('"r"', '"r; loosened: größer"')
-    assert edited(told, "here", [change], "größer") == expected
+    expected = reported.replace("1e-3", "0.01").replace('"r"', '"r; loosened: größer"')
+    assert edited(reported, "here", [change], "größer") == expected

@@ -37,7 +37,7 @@ def history(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def asked(*words: str | Path) -> Result:
+def requested(*words: str | Path) -> Result:
     """Return what `bodycheck history words` did in this process."""
     return CliRunner().invoke(commands.app, ["history", *map(str, words)])
 
@@ -52,7 +52,7 @@ def test_damaged_run_is_named_and_the_others_are_listed(
     damaged.unlink()
     if text is not None:
         damaged.write_text(text)
-    done = asked(words[0], history, *words[1:])
+    done = requested(words[0], history, *words[1:])
     assert done.exit_code == 1
     (line,) = done.stderr.splitlines()
     assert line.startswith(f"{damaged}: ")
@@ -66,7 +66,7 @@ def test_query_omits_a_run_with_a_truncated_table(history: Path, table: str) -> 
     torn = history / NAMES[2] / f"{table}.parquet"
     torn.write_bytes(torn.read_bytes()[:-10])
     sql = " UNION ALL ".join(f"SELECT run_id FROM {name}" for name in ("nights", *TABLES))
-    done = asked("query", history, sql)
+    done = requested("query", history, sql)
     assert (done.exit_code, done.stderr) == (1, f"{torn}: is damaged; this nightly run is excluded\n")
     assert [done.stdout.count(name) for name in NAMES] == [5, 5, 0]
 
@@ -75,7 +75,7 @@ def test_history_of_damaged_runs_only_is_refused(history: Path) -> None:
     """One line per run gives the reason."""
     for name in NAMES:
         (history / name / "night.json").write_text("")
-    done = asked("list", history)
+    done = requested("list", history)
     assert isinstance(done.exception, InputError)
     assert [line.split(": ")[0] for line in str(done.exception).splitlines()] == [
         str(history / name / "night.json") for name in NAMES
@@ -84,6 +84,6 @@ def test_history_of_damaged_runs_only_is_refused(history: Path) -> None:
 
 def test_undamaged_runs_are_all_listed(history: Path) -> None:
     """The status is 0, and standard error is empty."""
-    done = asked("list", history)
+    done = requested("list", history)
     assert (done.exit_code, done.stderr) == (0, "")
     assert [name in done.stdout for name in NAMES] == [True] * 3
