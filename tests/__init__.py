@@ -1,1 +1,1 @@
-"""Tests; a package, because an installed `tests` would hide a mere folder."""
+"""The tests are a package, because an installed package `tests` would take precedence over a plain folder."""

@@ -18,8 +18,8 @@ from tests.helpers.collection_order import pytest_collection_modifyitems as pyte
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.shared_folder import shared_folder
 
-# Bytecode is kept, whatever the surroundings say: some hundred processes are started, each of which would
-# compile our modules anew, and pytest goes through every assertion of these files before it can begin.
+# Bytecode is written even if the environment disables it: the tests start about a hundred processes, each of
+# which would compile our modules again, and pytest rewrites every assertion of these files before it starts.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
@@ -73,7 +73,7 @@ TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 4 2\nf 2 4 3\nf 
 
 
 class Failing:
-    """The reference under another name, whose solver gives up at a long step where a torque acts."""
+    """The reference under another name; its solver raises an error at a long step if a torque acts."""
 
     name = "failing"
     version = "1"
@@ -83,12 +83,12 @@ class Failing:
         self.methods: Mapping[str, Method] = {"m1": self._sound.methods["m1"]}
 
     def unsupported(self, scene: Scene, method: str) -> str | None:
-        """Refuse nothing."""
+        """Support every scene."""
         del scene, method
         return None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
-        """Build a sound simulation, or none."""
+        """Build a correct simulation, or raise an error."""
         if scene.loads and dt_s > 0.015:
             raise RuntimeError("the solver gave up | it said <so>")
         return self._sound.build(scene, method, dt_s)
@@ -100,7 +100,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Compile the kernels once if all tests run: two workers would compile the same ones at the same time."""
+    """Compile the kernels once if all tests run, because two workers would compile the same kernels twice."""
     config = session.config
     runs_all = config.args_source is pytest.Config.ArgsSource.TESTPATHS and not config.option.collectonly
     if runs_all and "PYTEST_XDIST_WORKER" not in os.environ:
@@ -111,13 +111,13 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 @pytest.fixture
 def expected_message(request: pytest.FixtureRequest) -> ExpectedMessage:
-    """Return the comparison of a message with the one that expected_messages.toml has for this test."""
+    """Return an object that compares a message with the one in expected_messages.toml for this test."""
     return ExpectedMessage(request)
 
 
 @pytest.fixture(scope="session")
 def stored_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the folder of a run: a mesh, a shape, plain numbers; methods good and bad, with their speeds."""
+    """Return the folder of a run of a mesh, a shape and a tensor; its methods work or fail, with speeds."""
     return shared_folder(tmp_path_factory, "stored", store_run) / "run"
 
 
@@ -131,4 +131,4 @@ def store_run(folder: Path) -> None:
         scenarios = [folder / name for name in files if name.endswith(".toml")]
         run = bodycheck.run(scenarios, engines=engines, jobs=1)
     bodycheck.write_run(run, folder / "run")
-    (folder / "part.obj").unlink()  # nothing that reads the run may need it
+    (folder / "part.obj").unlink()  # no command that reads a stored run may need the mesh file

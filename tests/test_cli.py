@@ -1,4 +1,4 @@
-"""The command line, as a user meets it."""
+"""The command line as a user runs it."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ values = [1.0, 2.0]
 def test_an_interrupt_while_the_command_is_imported_is_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Status 130, as of any run that is stopped, and no frames of whatever was being imported."""
+    """The status is 130, as for any interrupted run, and no traceback of the import is printed."""
 
     class Interrupted(ModuleType):
         def __getattr__(self, name: str) -> object:
@@ -59,14 +59,14 @@ def test_an_interrupt_while_the_command_is_imported_is_one_line(
 
 
 def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
-    """One line, as a report of a fault needs it."""
+    """--version prints one line that can be pasted into a bug report."""
     done = run_bodycheck(tmp_path, "--version")
     assert (done.returncode, done.stdout, done.stderr) == (0, f"bodycheck {version('bodycheck')}\n", "")
 
 
 @pytest.mark.slow
 def test_a_run_leaves_the_files_of_the_contract(tmp_path: Path) -> None:
-    """In a process of its own: tables, manifest, report and trajectories are there, and fit together."""
+    """A run in a separate process writes consistent tables, manifest, report and trajectories."""
     (tmp_path / "mine.toml").write_text(SCENARIO)
     words = ["-m", "bodycheck", "run", "mine.toml", "--engine", "reference", "--out", "out"]
     done = subprocess.run([sys.executable, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
@@ -87,7 +87,7 @@ def test_a_run_leaves_the_files_of_the_contract(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_reproducing_command_reproduces_the_case(tmp_path: Path) -> None:
-    """The command of a row gives that row again, digit for digit, but for the time it took."""
+    """The command in a row of results.csv gives the same row again, digit for digit, except for its times."""
     (tmp_path / "mine.toml").write_text(SCENARIO)
     requested = ("run", "mine.toml", "--engine", "reference:m2,reference:exact", "--no-speed")
     assert run_bodycheck(tmp_path, *requested, "--out", "a").returncode == 0
@@ -161,7 +161,7 @@ WRONG = {
 def test_wrong_input_ends_with_status_2_and_one_clear_line(
     what: str, tmp_path: Path, expected_message: ExpectedMessage
 ) -> None:
-    """The message says what and where; nothing else is raised, nothing written, standard output empty."""
+    """The message names the error and its place; no traceback, no file and no standard output is produced."""
     (tmp_path / "mine.toml").write_text(SCENARIO)
     (tmp_path / "bad.toml").write_text(SCENARIO.replace("1.0\nsam", "-1.0\nsam"))
     (tmp_path / "called.toml").write_text(CALLED)
@@ -180,7 +180,7 @@ def test_wrong_input_ends_with_status_2_and_one_clear_line(
 
 
 def test_truth_is_printed_as_csv_with_its_bound(tmp_path: Path) -> None:
-    """Columns as the trajectory CSV, times as asked for, bound_rad last; values parse back exactly."""
+    """Columns are those of a trajectory CSV plus bound_rad; times are as requested, and values are exact."""
     done = run_bodycheck(tmp_path, "truth", "intermediate-axis", "--at", "10,0,1")
     assert done.returncode == 0, done.stderr
     rows = list(csv.reader(done.stdout.splitlines()))
@@ -192,7 +192,7 @@ def test_truth_is_printed_as_csv_with_its_bound(tmp_path: Path) -> None:
 
 
 def test_a_body_is_printed_as_toml_at_full_precision(tmp_path: Path) -> None:
-    """A unit cube of density 6 has mass 6 and principal moments 1, about its centre, parsed back exactly."""
+    """A unit cube of density 6 kg/m^3 has a mass of 6 kg and principal moments of exactly 1 kg m^2."""
     corners = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
     quads = [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4)]
     lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {a} {b} {c} {d}" for a, b, c, d in quads]
@@ -207,7 +207,7 @@ def test_a_body_is_printed_as_toml_at_full_precision(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_shape_and_a_users_function_are_bodies_too(tmp_path: Path) -> None:
-    """A ball by its radius, and as a user's level set: the same mass, the estimate with its error."""
+    """A ball as a shape and as a user's level set has the same mass, within the latter's standard error."""
     (tmp_path / "mine.py").write_text(
         "import numpy as np\n\n\ndef ball(p):\n    return np.linalg.norm(p, axis=1) - 0.5\n"
     )
@@ -224,7 +224,7 @@ def test_a_shape_and_a_users_function_are_bodies_too(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_users_load_has_a_truth_and_is_judged_by_it(tmp_path: Path) -> None:
-    """Drag behind a function is the same motion as drag, in truth and engines; a run says who cannot."""
+    """Drag as a callback load moves like built-in drag, in the truth and in every method that supports it."""
     (tmp_path / "called.toml").write_text(CALLED)
     (tmp_path / "loads.py").write_text("def f(t, x, r, v, omega):\n    return -0.5 * v, -0.2 * omega\n")
     drag = '[[forcing]]\nkind = "drag"\nlinear_n_s_m = 0.5\nangular_n_m_s = 0.2\n'
@@ -267,7 +267,7 @@ def test_a_users_load_has_a_truth_and_is_judged_by_it(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_function_that_fails_in_an_engine_is_shown(tmp_path: Path) -> None:
-    """A run ends well where a function only works in the run's own process: its cases say why they failed."""
+    """A run ends with status 0 if a function fails in an engine's process, and the case states the reason."""
     (tmp_path / "called.toml").write_text(CALLED)
     (tmp_path / "loads.py").write_text(
         "import os\n\n\ndef f(t, x, r, v, omega):\n"
@@ -286,7 +286,7 @@ def test_a_function_that_fails_in_an_engine_is_shown(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_child_of_a_family_runs_and_reproduces(tmp_path: Path) -> None:
-    """Each child has its row, and the command beside it runs that child alone."""
+    """Each child of a family has its own row, whose command runs that child alone."""
     (tmp_path / "family.toml").write_text(FAMILY)
     done = run_bodycheck(
         tmp_path, "run", "family.toml", "--engine", "reference:exact", "--no-speed", "--out", "out"
@@ -303,7 +303,7 @@ def test_a_child_of_a_family_runs_and_reproduces(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_what_was_put_right_in_a_mesh_reaches_the_user(tmp_path: Path) -> None:
-    """The note on an inside-out mesh stands on the terminal, in the report and in the manifest."""
+    """The note on an inside-out mesh appears on the terminal, in the report and in the manifest."""
     corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
     (tmp_path / "part.obj").write_text(corners + "f 1 2 3\nf 1 4 2\nf 2 4 3\nf 1 3 4\n")
     numbers = "mass_kg = 1.0\ninertia_kg_m2 = [1.0, 2.0, 2.5]\n"
@@ -333,14 +333,14 @@ def test_what_was_put_right_in_a_mesh_reaches_the_user(tmp_path: Path) -> None:
     ],
 )
 def test_list_names_what_there_is(what: str, expected: str, tmp_path: Path) -> None:
-    """Each catalogue has a line that begins with the name."""
+    """Each catalogue has a line that begins with the expected name."""
     done = run_bodycheck(tmp_path, "list", what)
     assert done.returncode == 0, done.stderr
     assert any(line.startswith(expected) for line in done.stdout.splitlines())
 
 
 def plug_in(folder: Path, monkeypatch: pytest.MonkeyPatch, name: str, place: str) -> None:
-    """Install a package in the folder, on the path of this process, that offers an engine."""
+    """Install a package that offers an engine into the folder, which is added to this process's path."""
     facts = folder / f"{name}-1.0.dist-info"
     facts.mkdir()
     (facts / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
@@ -353,7 +353,7 @@ def plug_in(folder: Path, monkeypatch: pytest.MonkeyPatch, name: str, place: str
 def test_an_engine_that_cannot_be_imported_is_shown_with_the_reason(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, expected_message: ExpectedMessage
 ) -> None:
-    """A missing engine stands in the manifest and the report; asked for by name it is an error."""
+    """The manifest and the report list a missing engine; requesting it by name is an error."""
     plug_in(tmp_path, monkeypatch, "ghost", "bodycheck_no_such_module:Ghost")
     path = tmp_path / "mine.toml"
     path.write_text(SCENARIO)
@@ -367,7 +367,7 @@ def test_an_engine_that_cannot_be_imported_is_shown_with_the_reason(
 
 @pytest.mark.slow
 def test_a_torque_that_switches_inside_a_step_is_said_so(tmp_path: Path) -> None:
-    """Such a step applies the mean torque, and the row's message says so."""
+    """Such a step applies the mean torque, and the message of the row states it."""
     path = tmp_path / "mine.toml"
     path.write_text(
         SCENARIO + '[[forcing]]\nkind = "torque"\naxes = "body"\nvalue_n_m = [1, 0, 0]\nuntil_s = 0.105\n'
@@ -381,7 +381,7 @@ def test_a_torque_that_switches_inside_a_step_is_said_so(tmp_path: Path) -> None
 
 
 def test_untouched_defaults_are_run_only_when_asked_for_by_name() -> None:
-    """An engine's name stands for its methods but the @defaults; these have to be named."""
+    """An engine's name selects all methods except the @defaults variants, which are requested by name."""
     pytest.importorskip("pybullet")
     names = [method.name for _, method in select(["smoke"], ["pybullet"]).methods]
     assert names == ["multibody", "maximal"]
@@ -391,7 +391,7 @@ def test_untouched_defaults_are_run_only_when_asked_for_by_name() -> None:
 
 @pytest.mark.slow
 def test_a_run_without_speed_measures_no_time(tmp_path: Path) -> None:
-    """--no-speed leaves the columns of speed empty and the errors as they are."""
+    """Without speed the columns of speed are empty, and the errors are still measured."""
     path = tmp_path / "mine.toml"
     path.write_text(SCENARIO)
     measured = bodycheck.run([path], engines=["reference:m1"], dt_s=[0.01], speed=False)
@@ -401,7 +401,7 @@ def test_a_run_without_speed_measures_no_time(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_map_of_each_method_is_printed(tmp_path: Path) -> None:
-    """The table has the rows of --json; a map that is known has its formula below."""
+    """The table has the rows of --json, and a known map has its formula below the table."""
     words = ("fingerprint", "pybullet:multibody,reference:rk4", "--quiet")
     printed, rows = (run_bodycheck(tmp_path, *words, *more) for more in ((), ("--json",)))
     assert printed.returncode == rows.returncode == 0, printed.stderr + rows.stderr

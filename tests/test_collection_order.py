@@ -1,4 +1,4 @@
-"""Which tests are run when, and in which order."""
+"""Which tests are selected, and the order in which they run."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MODULES = {
 def test_push_leaves_out_nightly_tests(
     words: tuple[str, ...], run: list[str], pytester: pytest.Pytester
 ) -> None:
-    """Only -m selects them; modules with slow tests come first."""
+    """Nightly tests run only if -m selects them, and modules with slow tests run first."""
     pytester.makeconftest("from tests.helpers.collection_order import pytest_collection_modifyitems")
     pytester.makepyfile(**MODULES)
     pytester.makeini("[pytest]\nmarkers =\n  slow\n  nightly\n")

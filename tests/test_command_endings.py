@@ -1,4 +1,4 @@
-"""The ends of a command: each is one line and its own exit status."""
+"""How commands end: each way has one line of output and its own exit status."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ UNEXPECTED: dict[str, Callable[[], BaseException]] = {
 def test_unexpected_exception_is_one_line_and_status_70(
     words: str, faults: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The line names the action, the file and where the traceback is stored; that file has it."""
+    """The line names the action, the file and the file that stores the traceback."""
 
     def broken(_: str) -> NoReturn:
         with doing("reading suites.json"):
@@ -82,7 +82,7 @@ def test_printable_line_is_printable_and_short(text: str) -> None:
 
 
 def test_printable_line_keeps_both_ends() -> None:
-    """The middle is left out, because the end has the remedy."""
+    """A long line is cut in the middle, because its end states the remedy."""
     line = printable("begin" + 1000 * "z" + "the remedy")
     assert line.startswith("beginzz")
     assert line.endswith("zthe remedy")
@@ -91,7 +91,7 @@ def test_printable_line_keeps_both_ends() -> None:
 
 @given(st.lists(st.binary(max_size=8).map(lambda word: os.fsdecode(word.replace(b"\0", b"")))))
 def test_command_line_survives_as_bytes(words: list[str]) -> None:
-    """Joined words can be split again, whatever their bytes, and written as UTF-8."""
+    """A joined command line of any bytes can be written as UTF-8 and split into the same arguments again."""
     line = shell_join(words)
     assert shell_split(line) == words
     line.encode("utf-8")
@@ -99,7 +99,7 @@ def test_command_line_survives_as_bytes(words: list[str]) -> None:
 
 
 def test_bash_splits_a_joined_command_line() -> None:
-    """The words that a shell reads from a line are those of which it was joined."""
+    """Bash splits a joined command line into the original arguments."""
     words = [os.fsdecode(word) for word in (b"caf\xe9.toml", b"a b'c", b"\xff$HOME\n", b"x")]
     result = subprocess.run(
         ["bash", "-c", rf"printf '%s\0' {shell_join(words)}"], capture_output=True, check=True
@@ -117,7 +117,7 @@ def test_bash_splits_a_joined_command_line() -> None:
     ],
 )
 def test_closed_or_full_output_ends_a_command_cleanly(shell: str, status: int | None, printed: str) -> None:
-    """A full device is an error of the user's; a closed or absent reader is not an error."""
+    """A full device is a user's error; a closed or missing reader of the output is not an error."""
     command = shell.format(f"{sys.executable} -m bodycheck")
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
     assert done.stderr == printed
@@ -153,7 +153,7 @@ main()
 
 
 def test_signal_within_exec_keeps_its_status(tmp_path: Path) -> None:
-    """CPython forgets the status of an interrupt caught in exec(), which dataclasses call while imported."""
+    """The status is kept although CPython loses an interrupt in exec(), which dataclasses call at import."""
     (tmp_path / "stopping.py").write_text(CAUGHT_IN_EXEC)
     done = subprocess.run(
         [sys.executable, "-m", "stopping"], cwd=tmp_path, capture_output=True, text=True, check=False
@@ -166,13 +166,13 @@ def test_signal_within_exec_keeps_its_status(tmp_path: Path) -> None:
     ("number", "status"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, 130)], ids=str
 )
 def test_signal_ends_a_command_like_an_interrupt(number: signal.Signals, status: int) -> None:
-    """One line and the status that a shell expects, without a traceback."""
+    """A signal gives one line and the status that a shell expects, without a traceback."""
     with subprocess.Popen(
         [sys.executable, "-c", WAITING],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        # a shell has its background jobs ignore Ctrl-C, and so may the tests' own process
+        # a shell starts background jobs with Ctrl-C ignored, and the tests' own process may be such a job
         preexec_fn=lambda: signal.signal(number, signal.SIG_DFL) and None,
     ) as process:
         assert process.stdout is not None

@@ -1,4 +1,4 @@
-"""Commands on a real terminal: every line is complete at any width, and its cells are all there."""
+"""Commands on a real terminal: at any width every line is complete and no cell is lost."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ WIDTHS = (60, 80, 120)
 
 
 def on_terminal(folder: Path, columns: int, code: str) -> str:
-    """Return what Python code shows on a pseudo-terminal of so many columns."""
+    """Return what Python code prints on a pseudo-terminal with this number of columns."""
     reader, writer = pty.openpty()
     fcntl.ioctl(writer, termios.TIOCSWINSZ, struct.pack("HHHH", 40, columns, 0, 0))
     unwanted = ("COLUMNS", "LINES", "NO_COLOR", "FORCE_COLOR")
@@ -76,12 +76,12 @@ tracks = tuple(Track(name, findings, (("3.1.0", "3.2.0"),)) for name in methods)
 failed = {"3.4.0": "toy==3.4.0 cannot be installed: no wheel for this system"}
 print_document(found_document(Found("toy", "free", "order.energy_drift", versions, tracks, failed)))
 """
-"""What `versions` prints, without a search: it needs a package index."""
+"""The output of `versions` without a search, which would need a package index."""
 
 
 @pytest.fixture(scope="module")
 def folder(stored_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with `run` and `other`, in which many cells are worse."""
+    """Return a folder with the runs `run` and `other`, in which many cells are worse."""
     folder = tmp_path_factory.mktemp("console")
     for name in ("run", "other"):
         shutil.copytree(stored_run, folder / name)
@@ -105,7 +105,7 @@ from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.summary.sentences import run_document
 print_document(run_document(read_tables(Path("run"))))
 """
-"""What `run` prints at its end."""
+"""The output of `run` at its end."""
 
 SHOWN = {
     "run": SUMMARY,
@@ -124,33 +124,33 @@ ALL = "from bodycheck.cli.commands import app\n" + "\n".join(
 
 
 def parted(shown: str) -> dict[str, str]:
-    """Return what each command shows."""
+    """Return the output of each command."""
     return {name: text for name, _, text in (part.partition("\n") for part in shown.split(MARK)[1:])}
 
 
 @pytest.fixture(scope="module")
 def piped(folder: Path) -> dict[str, str]:
-    """Return what a pipe gets."""
+    """Return the output of a command that writes to a pipe."""
     words = [sys.executable, "-c", ALL]
     return parted(subprocess.run(words, cwd=folder, capture_output=True, text=True, check=True).stdout)
 
 
 @pytest.fixture(scope="module", params=WIDTHS)
 def terminal(folder: Path, request: pytest.FixtureRequest) -> tuple[int, dict[str, str]]:
-    """Return a width, and what a terminal of that width shows."""
+    """Return a width and the output on a terminal of that width."""
     return request.param, parted(on_terminal(folder, request.param, ALL))
 
 
 HEADS = {"engine:method", "scenario", "reproduce", "toy"}
-"""A row that is shown as text has no head for its first cell, nor a command below its row."""
+"""A row shown as text has no heading for its first cell and no command below it."""
 
 
 COPIED = ("    bodycheck ", "measured by: bodycheck ", "confirm with: bodycheck ", "use ")
-"""The beginnings of lines to copy, which are never wrapped."""
+"""The beginnings of lines that users copy and that are therefore never wrapped."""
 
 
 def words(text: str) -> set[str]:
-    """Return the words of a text without the punctuation that a layout adds."""
+    """Return the words of a text without the punctuation that the layout adds."""
     return {word.rstrip(";,") for word in text.split()} - HEADS
 
 
@@ -159,7 +159,7 @@ def words(text: str) -> set[str]:
 def test_every_line_is_complete_at_every_width(
     what: str, piped: dict[str, str], terminal: tuple[int, dict[str, str]]
 ) -> None:
-    """What a pipe gets, a terminal shows: no word is missing, commands are whole, no line is too long."""
+    """A terminal shows each word that a pipe receives, with whole commands and no line that is too wide."""
     columns, shown = terminal
     lines = shown[what].splitlines()
     assert all(len(line) <= columns for line in lines if not line.startswith(COPIED))
@@ -175,7 +175,7 @@ def test_every_line_is_complete_at_every_width(
 def test_the_verdict_of_each_method_is_second_and_whole(
     folder: Path, terminal: tuple[int, dict[str, str]]
 ) -> None:
-    """Next to its name, or directly below it; and each error has its step."""
+    """The verdict is next to the name of the method or directly below it, and each error has its step."""
     lines = terminal[1]["run"].splitlines()
     lines = lines[: lines.index("Worst result of each method")]
     for one in overviews(summary_cells(read_tables(folder / "run"))):
@@ -192,7 +192,7 @@ def test_the_verdict_of_each_method_is_second_and_whole(
 
 @pytest.mark.slow
 def test_colour_is_off_where_no_color_is_set(folder: Path) -> None:
-    """On a terminal with NO_COLOR no colour code is sent."""
+    """With NO_COLOR set no colour code is sent to a terminal."""
     coloured = subprocess.run(
         [sys.executable, "-c", SUMMARY],
         cwd=folder,
@@ -227,7 +227,7 @@ ANSWERS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ANSWERS)
 def test_an_answer_as_json_is_json_alone(name: str, folder: Path) -> None:
-    """Standard output parses, and has what the command answers."""
+    """Standard output is valid JSON and contains the result of the command."""
     requested, keys = ANSWERS[name]
     done = run_bodycheck(folder, *requested, "--json")
     assert done.returncode == 0, done.stderr
@@ -237,7 +237,7 @@ def test_an_answer_as_json_is_json_alone(name: str, folder: Path) -> None:
 
 @pytest.mark.slow
 def test_a_quiet_run_has_nothing_on_standard_error(folder: Path) -> None:
-    """And with --json, standard output has verdicts, errors and the path of the report."""
+    """Standard error is empty; standard output has verdicts, errors and report path, also with --json."""
     requested = (
         "run",
         "free-flight",
@@ -270,7 +270,7 @@ SUGGESTED = {
 @pytest.mark.slow
 @pytest.mark.parametrize("what", SUGGESTED)
 def test_a_misspelt_name_is_suggested(what: str, folder: Path, expected_message: ExpectedMessage) -> None:
-    """Status 2, and the name that was meant."""
+    """A misspelt name gives status 2 and a message with the nearest valid name."""
     done = run_bodycheck(folder, *SUGGESTED[what])
     assert (done.returncode, done.stdout) == (2, "")
     expected_message(done.stderr.strip())
@@ -288,7 +288,7 @@ COMPLETED = {
 @pytest.mark.slow
 @pytest.mark.parametrize("typed", COMPLETED)
 def test_names_are_completed(typed: str, folder: Path) -> None:
-    """As bash asks for it: scenarios, engines, the methods of an engine."""
+    """Bash completion offers scenarios, engines and the methods of an engine."""
     line = f"bodycheck {typed}"
     done = subprocess.run(
         [sys.executable, "-m", "bodycheck"],
@@ -307,14 +307,14 @@ def test_names_are_completed(typed: str, folder: Path) -> None:
 
 
 def test_every_command_is_in_a_named_group_of_the_help() -> None:
-    """The groups of the options; none is left to the unnamed rest."""
+    """Each option and command is in a named group of the help."""
     commands: Any = get_command(app)
     groups = {command.rich_help_panel for command in commands.commands.values()}
     assert groups == {MEASURE, ASK, WATCH, ADAPTERS}
 
 
 def test_help_has_groups_and_examples(folder: Path) -> None:
-    """Commands and options in groups; the examples one per line."""
+    """The help shows commands and options in groups, and one example per line."""
     commands = run_bodycheck(folder, "--help").stdout
     for group in ("Measure:", "Query stored runs:", "Detect changes:"):
         assert group in commands.splitlines()

@@ -1,4 +1,4 @@
-"""README and docs: every command, sample and link in them works."""
+"""Every command, example and link in the README and the docs works."""
 
 from __future__ import annotations
 
@@ -60,13 +60,13 @@ NOT_RUN = {
     ),
     "bodycheck run --out whole && python docs/report_picture.py whole": "takes minutes",
 }
-"""Commands that are shown and not run here, and why."""
+"""Commands that are shown but not run here, with the reason."""
 
 LONG = tuple(
     f"docs/{name}.md"
     for name in ("clusters", "ensembles", "gates", "nightly", "questions", "report", "start", "workers")
 )
-"""Pages whose commands take long; tests of the same commands, in less, run at each push."""
+"""Pages whose commands take long; smaller tests of the same commands run at each push."""
 
 FILES = {
     "my-scenario.toml": ("docs/scenarios.md", "toml", 0),
@@ -81,7 +81,7 @@ FILES = {
     "drift.py": ("docs/workers.md", "python", 0),
     "drifting.toml": ("docs/workers.md", "toml", 1),
 }
-"""The files that pages speak of and show: by the page, the language and the place of the block."""
+"""The files that pages mention and show, by page, language and position of the block."""
 
 LANGUAGES = {
     "xml": "a model file: read by bodycheck",
@@ -96,48 +96,48 @@ LANGUAGES = {
 MODULE = "bodycheck.pytest_plugin"
 INSTALLED = any(point.value == MODULE for point in entry_points(group="pytest11"))
 PROGRAMS = {
-    "bodycheck": "-P -m bodycheck",  # as the installed command, without the working directory on the path
+    "bodycheck": "-P -m bodycheck",  # like the installed command, without the working directory on the path
     "pytest": "-m pytest" if INSTALLED else f"-m pytest -p {MODULE}",
     "python": "",
 }
 
 
 def shown(page: str) -> list[Command]:
-    """Return the commands of a page that are run here."""
+    """Return the commands of a page that the tests run."""
     of_tests = command_of_tests(page)
     return [command for command in commands(page) if command.line not in {*NOT_RUN, of_tests}]
 
 
 def command_of_tests(page: str) -> str:
-    """Return how a page runs the tests that it shows."""
+    """Return the command with which a page runs the tests that it shows."""
     lines = [command.line for command in commands(page) if command.line.startswith("pytest")]
     assert len(lines) <= 1, f"{page}: all tests of a page are run by one command"
     return lines[0] if lines and any(map(has_tests, blocks(page))) else "pytest"
 
 
 def scripts(page: str) -> list[Block]:
-    """Return the Python blocks of a page that are no tests."""
+    """Return the Python blocks of a page that are not tests."""
     return [block for block in blocks(page, "python") if not has_tests(block)]
 
 
 def test_every_block_has_a_tested_language() -> None:
-    """Fenced blocks are run, read, or marked as not code; the rest are directives of Sphinx."""
+    """Each fenced block is run, parsed or marked as not code; all others are directives of Sphinx."""
     found = {block.language for page in pages() for block in blocks(page)}
     assert {language for language in found if not language.startswith("{")} <= set(LANGUAGES)
 
 
 def test_commands_listed_as_not_run_are_shown() -> None:
-    """Each command that is listed as not run is on some page."""
+    """Each command that is listed as not run appears on some page."""
     assert set(NOT_RUN) <= {command.line for page in pages() for command in commands(page)}
 
 
 def test_prepared_files_are_named() -> None:
-    """Each file that is prepared from a page's block is named on some page."""
+    """Each file that is created from a block of a page is named on some page."""
     for name in FILES:
         assert any(name in text_of(page) for page in pages())
 
 
-# ------------------------------------------------------------------------------------- a page's folder
+# ------------------------------------------------------------------------------- the folder of a page
 
 
 def part_stl() -> str:
@@ -152,7 +152,7 @@ def part_stl() -> str:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Return a folder with the files that the pages speak of, and its own bodycheck, pytest and python."""
+    """Return a folder with the files that the pages mention, and commands bodycheck, pytest and python."""
     for name, (page, language, place) in FILES.items():
         (tmp_path / name).write_text(blocks(page, language)[place].text)
     (tmp_path / "part.stl").write_text(part_stl())
@@ -175,7 +175,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def run_in(folder: Path, line: str) -> subprocess.CompletedProcess[str]:
-    """Run a line as a shell does in this folder."""
+    """Run a command line in this folder as a shell does."""
     environment = {
         **os.environ,
         "PATH": f"{folder / 'bin'}:{os.environ['PATH']}",
@@ -188,14 +188,14 @@ def run_in(folder: Path, line: str) -> subprocess.CompletedProcess[str]:
         env=environment,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,  # a page shows what a terminal does
+        stderr=subprocess.STDOUT,  # a page shows both streams, as a terminal does
         text=True,
         check=False,
     )
 
 
 def check_commands(page: str, folder: Path) -> None:
-    """Run the commands of a page in their order; each must end with 0 and print what the page shows."""
+    """Run the commands of a page in order; each must end with status 0 and print what the page shows."""
     for command in shown(page):
         done = run_in(folder, command.line)
         assert done.returncode == 0, f"{command.line}\n{done.stdout}"
@@ -216,9 +216,9 @@ def check_commands(page: str, folder: Path) -> None:
     ],
 )
 def test_commands_of_a_page_work(page: str, folder: Path) -> None:
-    """They are run one after the other, next to the files of the docs."""
+    """All commands of a page work when run in order in a folder with the files of the docs."""
     needed = " ".join(command.line for command in shown(page))
-    if "pybullet" in needed:  # has no wheels for later Pythons
+    if "pybullet" in needed:  # no wheels for later versions of Python
         pytest.importorskip("pybullet")
     if "report_picture.py" in needed and shutil.which("chromium") is None:
         pytest.skip("no Chromium on the path")
@@ -231,7 +231,7 @@ def test_commands_of_a_page_work(page: str, folder: Path) -> None:
 
 
 def write_tests(page: str, folder: Path) -> int:
-    """Write the Python blocks of a page that have tests as files; return how many tests there are."""
+    """Write the Python blocks of a page that contain tests to files; return the number of tests."""
     tests = [block.text for block in blocks(page, "python") if has_tests(block)]
     for place, text in enumerate(tests):
         (folder / f"test_block_{place}.py").write_text(text)
@@ -248,7 +248,7 @@ def write_tests(page: str, folder: Path) -> int:
     ],
 )
 def test_tests_of_a_page_pass(page: str, folder: Path) -> None:
-    """Each Python block with tests is a file whose tests pass, with the page's command if it has one."""
+    """The tests in each Python block pass, with the command of the page if it shows one."""
     wanted = write_tests(page, folder)
     done = run_in(folder, command_of_tests(page))
     assert done.returncode == 0, done.stdout
@@ -260,7 +260,7 @@ def test_tests_of_a_page_pass(page: str, folder: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("page", [page for page in pages() if scripts(page)])
 def test_python_of_a_page_works(page: str, folder: Path) -> None:
-    """The other Python blocks of a page, in their order, are a script that ends with status 0."""
+    """All other Python blocks of a page, in order, form a script that ends with status 0."""
     (folder / "page.py").write_text("\n".join(block.text for block in scripts(page)))
     done = run_in(folder, "python page.py")
     assert done.returncode == 0, done.stdout
@@ -270,9 +270,9 @@ BODY = re.compile(r"^\[body\]\n.*?\n\n", flags=re.DOTALL | re.MULTILINE)
 
 
 def a_scenario_with(text: str) -> str:
-    """Return a part of a scenario's file in or after the first scenario that docs/scenarios.md shows."""
+    """Return a scenario: the first one of docs/scenarios.md with a part of a file added or inserted."""
     first = blocks("docs/scenarios.md", "toml")[0].text
-    if 'kind = "pivot"' in text:  # about which the centre of mass cannot start at rest while the body turns
+    if 'kind = "pivot"' in text:  # the centre of mass cannot start at rest if the body rotates about a pivot
         first = re.sub(r"^velocity_m_s.*\n", "", first, flags=re.MULTILINE)
     if text.startswith("name = "):
         return text
@@ -283,7 +283,7 @@ def a_scenario_with(text: str) -> str:
     "block", [block for page in pages() for block in blocks(page, "toml")], ids=lambda block: block.page
 )
 def test_toml_of_the_docs_is_accepted(block: Block, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Gates, thresholds and programs are read as such; scenarios are valid with the tables before them."""
+    """Each block of gates, thresholds or programs is valid, and so are scenarios with their tables."""
     monkeypatch.chdir(folder)
     if "[[change]]" in block.text:
         (folder / "shown.toml").write_text(block.text)
@@ -314,19 +314,19 @@ INLINE = re.compile(r"`((?:bodycheck|pytest|python) [^`\n]+)`")
 
 
 def inline_commands() -> list[str]:
-    """Return the commands within the text of the pages, and those that are shown and not run."""
+    """Return the commands within the text of the pages, including those that are shown but not run."""
     within = {line for page in pages() for line in INLINE.findall(text_of(page))}
     return sorted(within | {line for line in NOT_RUN if "&&" not in line and line.startswith("body")})
 
 
 @pytest.mark.parametrize("line", [line for line in inline_commands() if line.startswith("bodycheck ")])
 def test_command_within_the_text_has_existing_options(line: str) -> None:
-    """Its command and options exist; values may be left out or written in capitals."""
+    """The command and its options exist; values may be omitted or written in capitals."""
     check_options(line)
 
 
 def check_options(line: str) -> None:
-    """Check that a bodycheck command, and each option that it is given, is there."""
+    """Check that a bodycheck command and each of its options exist."""
     words = shlex.split(line)[1:]
     command: Any = typer.main.get_command(app)
     for word in words:
@@ -341,7 +341,7 @@ def check_options(line: str) -> None:
     "block", [block for page in pages() for block in blocks(page, "yaml")], ids=lambda block: block.page
 )
 def test_steps_of_a_workflow_are_steps(block: Block) -> None:
-    """Each is read as a step that runs something; the bodycheck commands in them exist."""
+    """Each step of a workflow runs something, and the bodycheck commands in it exist."""
     for step in yaml.safe_load(block.text):
         assert set(step) == {"run"}
         if step["run"].startswith("bodycheck "):
@@ -350,7 +350,7 @@ def test_steps_of_a_workflow_are_steps(block: Block) -> None:
 
 @pytest.mark.parametrize("line", [line for line in inline_commands() if not line.startswith("bodycheck ")])
 def test_command_within_the_text_names_existing_files(line: str) -> None:
-    """Tests and scripts that the text names are in the repository."""
+    """Tests and scripts that the text names exist in the repository."""
     named = [word for word in shlex.split(line)[1:] if "/" in word]
     assert all((ROOT / word).exists() for word in named)
 
@@ -359,14 +359,14 @@ LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]+))?\)")
 
 
 def anchors(page: Path) -> set[str]:
-    """Return what links into a page may name: its headings, as a Markdown viewer makes anchors of them."""
+    """Return the anchors of a page: its headings as a Markdown viewer converts them."""
     headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
 @pytest.mark.parametrize("page", pages())
 def test_links_lead_to_existing_files_and_headings(page: str) -> None:
-    """Links into the repository count, which Sphinx does not check."""
+    """Links into the repository lead to existing files, which Sphinx does not check."""
     for name, anchor in LINK.findall(text_of(page)):
         target = (ROOT / page).parent / name if name else ROOT / page
         assert target.exists(), name
@@ -378,7 +378,7 @@ CODE = re.compile(r"^\*Code:\*(.*?)(?=\n\n)", flags=re.DOTALL | re.MULTILINE)
 
 @pytest.mark.parametrize("page", ["docs/theory.md", "docs/truth.md"])
 def test_code_named_by_a_page_exists_and_is_documented(page: str) -> None:
-    """Each name after *Code:* is in reference_impl, has a docstring, and its module is in the interface."""
+    """Each name after *Code:* exists in reference_impl, is documented, and its module is in the interface."""
     interface = text_of("docs/api.md")
     paragraphs = CODE.findall(text_of(page))
     assert len(paragraphs) >= 3
@@ -389,7 +389,7 @@ def test_code_named_by_a_page_exists_and_is_documented(page: str) -> None:
 
 
 def resolved(name: str) -> tuple[str, object]:
-    """Return the module that a dotted name begins with, and what the whole name stands for."""
+    """Return the module at the beginning of a dotted name, and the object that the whole name refers to."""
     parts = name.split(".")
     for end in range(len(parts) - 1, 0, -1):
         module = ".".join(parts[:end])
@@ -403,8 +403,8 @@ def resolved(name: str) -> tuple[str, object]:
 
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet", "dart", "reference", *optional_engines()])
 def test_table_of_methods_equals_the_adapter(engine: str) -> None:
-    """The page of an engine is what docs/method_tables.py writes from its adapter."""
-    if engine == "pybullet":  # has no wheels for later Pythons
+    """The page of an engine is identical to the output of docs/method_tables.py for its adapter."""
+    if engine == "pybullet":  # no wheels for later versions of Python
         pytest.importorskip("pybullet")
     tables = runpy.run_path(str(ROOT / "docs/method_tables.py"))
     page = text_of(f"docs/engines/{engine}.md")
@@ -414,7 +414,7 @@ def test_table_of_methods_equals_the_adapter(engine: str) -> None:
 
 @pytest.mark.slow
 def test_pages_of_engines_are_written_from_a_run() -> None:
-    """The tables have a run's orders, floors, refusals and faults; a second writing changes nothing."""
+    """The tables have the orders, floors, refusals and faults of a run; a second writing changes nothing."""
     write = runpy.run_path(str(ROOT / "docs/engine_results.py"))
     with registered(Faulty("m1")):
         run = bodycheck.run(
@@ -456,19 +456,19 @@ def test_pages_of_engines_are_written_from_a_run() -> None:
 
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet", "dart", "reference", *optional_engines()])
 def test_list_of_engines_has_each_with_the_version_of_its_page(engine: str) -> None:
-    """What a run measured is on the engine's page and in the list of all, of one version."""
+    """The measured values on the engine's page and in the list of all engines are of the same version."""
     page, listed = text_of(f"docs/engines/{engine}.md"), text_of("docs/engines.md")
     version = re.search(r"<!-- measured -->\nVersion (\S+); ", page)
     assert version is not None
     assert re.search(rf"^\| {engine} \| {re.escape(version[1])} \| ", listed, re.MULTILINE)
 
 
-# --------------------------------------------------------------------------------------- what is found
+# ---------------------------------------------------------------------------------- published findings
 
 
 @pytest.mark.slow
 def test_readme_findings_are_those_of_a_run() -> None:
-    """The figures of the table are those of a run, to the digits shown."""
+    """The numbers in the table equal those of a run, to the digits shown."""
     found = bodycheck.run(
         ["intermediate-axis"],
         engines=["mujoco:euler", "mujoco:implicit", "mujoco:rk4", "dart", "reference:lie-euler"],
@@ -489,7 +489,7 @@ def test_readme_findings_are_those_of_a_run() -> None:
         )
         measured = found.loc[(method, dt_s)]
         assert measured["orientation_error_rad"] == pytest.approx(float(error.split()[0]), rel=0.04)
-        if drift.startswith("below"):  # round-off, which differs from machine to machine
+        if drift.startswith("below"):  # round-off, which differs between machines
             assert 0.0 < measured["angular_momentum_drift"] < float(drift.removeprefix("below "))
         else:
             assert measured["angular_momentum_drift"] == pytest.approx(float(drift), rel=0.15)
@@ -497,7 +497,7 @@ def test_readme_findings_are_those_of_a_run() -> None:
 
 @pytest.mark.slow
 def test_small_body_behaves_as_the_readme_states() -> None:
-    """PyBullet does not converge on the small body in maximal coordinates, and does in reduced ones."""
+    """PyBullet does not converge on the small body in maximal coordinates, but does in reduced ones."""
     pytest.importorskip("pybullet")
     found = bodycheck.run([ROOT / "docs/small-body.toml"], engines=["pybullet"], speed=False).methods
     verdicts = found[found["quantity"] == "orientation_error_rad"].set_index("method")["verdict"]
@@ -505,6 +505,6 @@ def test_small_body_behaves_as_the_readme_states() -> None:
 
 
 def test_ci_runs_the_test_command_of_the_readme() -> None:
-    """The README has exactly one line that ends in -m pytest, and CI runs it."""
+    """Exactly one line of the README ends in -m pytest, and CI runs it."""
     lines = (ROOT / "README.md").read_text().splitlines()
     assert sum(line.endswith("-m pytest") for line in lines) == 1

@@ -1,4 +1,4 @@
-"""The documentation is built as CI builds it: warnings are errors."""
+"""The documentation builds as in CI, where warnings are errors."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[1]
 
 @pytest.mark.nightly
 def test_docs_build_without_a_warning(tmp_path: Path) -> None:
-    """Every page is in a table of contents; every link and every name of the interface is found."""
+    """Every page is in a table of contents, and every link and every name of the interface resolves."""
     (command,) = (line for line in (ROOT / ".ci/run").read_text().splitlines() if "sphinx-build" in line)
     _, *options, source, _ = command.split()
     words = [sys.executable, "-m", "sphinx", *options, "-d", str(tmp_path / "trees"), source]

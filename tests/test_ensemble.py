@@ -1,4 +1,4 @@
-"""Ensembles: the distribution, rows made again alone, batches, quantiles, and the files of a run."""
+"""Ensembles: distribution, reproducible rows, batches, quantiles and the files of a run."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_any_row_can_be_made_alone() -> None:
 
 
 def test_row_scenario_has_the_numbers_of_the_row() -> None:
-    """The scenario file of a row gives engines the very numbers that the batch has."""
+    """The scenario of a row gives engines exactly the numbers of the batch."""
     bodies, scene = ensemble().bodies(3, 4), ensemble().row_scenario(3).scene
     assert np.array_equal(np.diag(scene.body.inertia), bodies.moments[0])
     assert np.array_equal(scene.initial.quaternion, bodies.quaternion[0])
@@ -111,7 +111,7 @@ def _share(values: np.ndarray, low: float, high: float) -> np.ndarray:
 
 @pytest.mark.parametrize("method", ["rk4", "euler", "implicit@unaligned"])
 def test_mujoco_rollouts_equal_single_cases(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A rollout has the bits of single simulations, also in several calls and in parts."""
+    """A rollout equals single simulations bit for bit, also if it is divided into several calls and parts."""
     monkeypatch.setattr(mujoco_rollouts, "MODELS", 5)
     monkeypatch.setattr(mujoco_rollouts, "STATES", 5 * 14 * 60)
     requested = batch(method)
@@ -123,7 +123,7 @@ def test_mujoco_rollouts_equal_single_cases(method: str, monkeypatch: pytest.Mon
 
 
 class Worlds:
-    """Bodies in MuJoCo, stepped one after the other, as a port of it holds them together."""
+    """MuJoCo bodies stepped one after the other, with the interface of a port that stores them together."""
 
     def __init__(self, models: Sequence[mujoco.MjModel]) -> None:
         self.models, self.bodies = models, [mujoco.MjData(model) for model in models]
@@ -151,7 +151,7 @@ class Worlds:
 
 
 def test_worlds_of_a_port_have_the_motions_of_single_cases() -> None:
-    """Each body has its own model and state, and those that hold another body are invalid."""
+    """Each body has its own model and state; bodies whose model belongs to another body are invalid."""
     requested = batch("rk4")
     together = record_worlds(requested, "rk4", "float64", Worlds)
     alone = one_by_one(MuJoCo(), requested)
@@ -182,7 +182,7 @@ def test_reference_batches_equal_single_cases(method: str) -> None:
 
 
 def test_replay_tells_a_batch_that_depends_on_its_other_bodies() -> None:
-    """Equal bits in every batch, or not; nothing is said where a body failed."""
+    """A replay reports whether bits are equal in every batch; it reports nothing for a failed body."""
 
     def motions(bodies: Bodies) -> BatchAnswer:
         return record_batch(Reference(), replace(batch("m1"), bodies=bodies))
@@ -203,7 +203,7 @@ def test_replay_tells_a_batch_that_depends_on_its_other_bodies() -> None:
 
 
 def test_batch_survives_the_protocol() -> None:
-    """A request and an answer come back from their messages with all bits; a short answer is refused."""
+    """Messages preserve all bits of a request and an answer; an answer with too few bodies is refused."""
     requested = batch("rk4", 3)
     again = batch_of(batch_message(requested))
     assert np.array_equal(again.bodies.omega_body, requested.bodies.omega_body)
@@ -216,7 +216,7 @@ def test_batch_survives_the_protocol() -> None:
 
 
 def test_measures_equal_those_of_a_run() -> None:
-    """Each measure of a row is that of results.csv for the row's scenario."""
+    """Each measure of a row equals that of results.csv for the row's scenario."""
     template, bodies = ensemble().template, ensemble().bodies(0, 4)
     requested = Batch(template, bodies, "rk4", Setting(dt_s=0.01))
     answer = one_by_one(Reference(), requested)
@@ -233,7 +233,7 @@ def test_measures_equal_those_of_a_run() -> None:
 
 
 def test_diverged_and_missing_motions_are_told_apart() -> None:
-    """A motion that is not finite is unstable with infinite error; a failed one is not measured."""
+    """A motion that is not finite is unstable with infinite error; a failed motion is not measured."""
     requested = batch("rk4", 3)
     answer = record_batch(Reference(), requested)
     answer.omega_body[0, 2] = np.nan
@@ -251,7 +251,7 @@ def test_diverged_and_missing_motions_are_told_apart() -> None:
 
 
 def test_quantiles_are_those_of_the_sorted_numbers() -> None:
-    """A quantile is the number of its rank to 2^-11, and the order and the merging do not matter."""
+    """A quantile equals the sorted number of its rank to 2^-11, whatever the order of adding and merging."""
     values = np.random.default_rng(1).lognormal(-20.0, 6.0, 10_001)
     whole, parts = QuantileSketch(), QuantileSketch()
     whole.add(values)
@@ -282,7 +282,7 @@ def test_error_bars_cover_as_they_state() -> None:
 
 @pytest.mark.parametrize("values", [[0.0, np.inf, 1.0, 1.0], [0.0, 0.0, 0.0]])
 def test_zeros_and_infinities_are_counted(values: list[float], expected_message: ExpectedMessage) -> None:
-    """An error of zero and an unstable body have their place in the order."""
+    """An error of zero and an unstable body are ranked correctly."""
     sketch = QuantileSketch()
     sketch.add(np.array(values))
     assert sketch.quantile(1e-9).value == 0.0
@@ -296,7 +296,7 @@ def test_zeros_and_infinities_are_counted(values: list[float], expected_message:
 
 @pytest.mark.slow
 def test_run_writes_a_dataset_whose_worst_rows_can_be_repeated(tmp_path: Path) -> None:
-    """DuckDB reads every table, with its schema_version; results do not depend on the number of threads."""
+    """DuckDB reads every table and its schema_version; results do not depend on the number of threads."""
     request = EnsembleRequest(
         scenario="intermediate-axis", engines=["reference:rk4", "reference:m1"], n=100, worst=3, jobs=2
     )
@@ -335,7 +335,7 @@ SHARDS = 3
 
 @pytest.fixture(scope="module")
 def shards(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with a whole ensemble, `whole`, and its shards, `part-1` to `part-3`."""
+    """Return a folder with a whole ensemble `whole` and its shards `part-1` to `part-3`."""
     folder = tmp_path_factory.mktemp("shards")
     requested = EnsembleRequest(
         scenario="intermediate-axis", engines=["reference:rk4", "reference:m1"], n=100, first_row=7, worst=5
@@ -353,7 +353,7 @@ def parts_of(folder: Path, tmp_path: Path) -> list[Path]:
 
 @pytest.mark.slow
 def test_merged_shards_equal_one_ensemble(shards: Path, tmp_path: Path) -> None:
-    """In every table; rows are in order, and each shard has its share of them."""
+    """Every table of the merged shards equals that of one ensemble, with rows in order and none lost."""
     parts = [shards / f"part-{k}" for k in (2, 3, 1)]
     merged = merge_ensembles(parts, tmp_path / "merged", allow_code=False)
     assert (merged.shards, merged.findings) == (("1/3", "2/3", "3/3"), ())
@@ -382,7 +382,7 @@ def test_merged_shards_equal_one_ensemble(shards: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_merging_reports_machines_that_differ(shards: Path, tmp_path: Path) -> None:
-    """A version, and sentinels with other bits: which engine, which row, on which shards, how many digits."""
+    """The report names versions and sentinels that differ: engine, row, shards and number of digits."""
     parts = parts_of(shards, tmp_path)
     manifest = json.loads((parts[1] / "manifest.json").read_text())
     (parts[1] / "manifest.json").write_text(json.dumps({**manifest, "python": "3.99.0"}))
@@ -440,7 +440,7 @@ def _with_a_damaged_sketch(parts: list[Path]) -> None:
 def test_incomplete_shards_are_refused(
     damage: Callable[[list[Path]], None], named: str, shards: Path, tmp_path: Path
 ) -> None:
-    """The message names the folder and the fault, and nothing is written."""
+    """The message names the folder and the error, and nothing is written."""
     parts = parts_of(shards, tmp_path)
     damage(parts)
     with pytest.raises(InputError) as refused:
@@ -459,7 +459,7 @@ def test_whole_ensemble_is_no_shard(shards: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_merge_command_puts_ensembles_together(shards: Path, tmp_path: Path) -> None:
-    """The answer is that of the whole ensemble, with the folder of the merged one."""
+    """`merge` prints what the whole ensemble prints, with the folder of the merged one."""
     folders = [str(shards / f"part-{k}") for k in (1, 2, 3)]
     ended = run_bodycheck(tmp_path, "merge", *folders, "--out", "merged", "--json")
     assert ended.returncode == 0, ended.stderr
@@ -485,7 +485,7 @@ def test_merge_command_puts_ensembles_together(shards: Path, tmp_path: Path) -> 
     ],
 )
 def test_wrong_requests_are_refused(changed: dict[str, object], key: str, tmp_path: Path) -> None:
-    """One line names the option, and nothing is written; many bodies need loads with a closed form."""
+    """One line names the option, and nothing is written; an ensemble requires loads with a closed form."""
     request = EnsembleRequest(scenario="intermediate-axis", engines=["reference:rk4"], n=10)
     with pytest.raises(InputError) as caught:
         run_ensemble(replace(request, **changed), tmp_path / "out", no_progress)  # type: ignore[arg-type]
@@ -496,7 +496,7 @@ def test_wrong_requests_are_refused(changed: dict[str, object], key: str, tmp_pa
 
 @pytest.mark.slow
 def test_hunt_finds_the_separatrix_for_m1() -> None:
-    """From uniform starts the search ends where M1 is worst, far from the median and near the separatrix."""
+    """From uniform starts the search finds where M1 is worst, far from the median and near the separatrix."""
     requested = EnsembleRequest(scenario="intermediate-axis", engines=["reference:m1"], n=1)
     found = hunt(HuntRequest(ensemble=requested, evaluations=1000), no_progress)
     assert len(found.path.scores) <= 1000
@@ -507,7 +507,7 @@ def test_hunt_finds_the_separatrix_for_m1() -> None:
 
 @pytest.mark.slow
 def test_worst_start_of_a_hunt_is_repeated_by_its_command(tmp_path: Path) -> None:
-    """A run of worst.toml in MuJoCo has the error that was found; no start before was worse."""
+    """A run of worst.toml in MuJoCo has the error that the hunt found, and no earlier start was worse."""
     words = ("--engine", "mujoco:rk4", "--dt", "0.05", "--evaluations", "240", "--quiet", "--json")
     done = run_bodycheck(tmp_path, "hunt", "intermediate-axis", *words, "--out", "found")
     assert done.returncode == 0, done.stderr
@@ -527,7 +527,7 @@ def test_worst_start_of_a_hunt_is_repeated_by_its_command(tmp_path: Path) -> Non
 
 @pytest.mark.slow
 def test_hunt_finds_where_two_methods_differ_most(tmp_path: Path) -> None:
-    """The value is the angle between both motions, whatever the truth is."""
+    """The value is the angle between the two motions and does not depend on the truth."""
     words = ("--against", "reference:m1", "--dt", "0.05", "--evaluations", "240", "--quiet", "--out", "found")
     done = run_bodycheck(tmp_path, "hunt", "intermediate-axis", "--engine", "reference:rk4", *words)
     assert done.returncode == 0, done.stderr
@@ -544,7 +544,7 @@ def test_hunt_finds_where_two_methods_differ_most(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_ensemble_command_runs_an_engine_in_workers(tmp_path: Path) -> None:
-    """The errors of bodies in PyBullet, which has no batches, are those of their scenarios in a run."""
+    """The errors of bodies in PyBullet, which has no batches, equal those of their scenarios in a run."""
     words = ("ensemble", "intermediate-axis", "--engine", "pybullet:maximal", "--dt", "0.02", "--quiet")
     done = run_bodycheck(tmp_path, *words, "--n", "30", "--worst", "2", "--out", "found", "--json")
     assert done.returncode == 0, done.stderr

@@ -1,4 +1,4 @@
-"""Runs whose cases are done by an executor: of threads, of processes, or of a Dask cluster."""
+"""Runs on an executor: threads, processes or a Dask cluster."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def here(scenario: Path) -> list[pd.DataFrame]:
 
 
 def tables(measured: Any) -> list[pd.DataFrame]:
-    """Return the tables of a run, without the columns in which equal runs differ."""
+    """Return the tables of a run without the columns that differ between equal runs."""
     found = [measured.results, measured.methods, measured.stability, measured.probes]
     return [table.drop(columns=RUN_SPECIFIC_COLUMNS, errors="ignore") for table in found]
 
@@ -64,7 +64,7 @@ def assert_same(measured: Any, here: list[pd.DataFrame]) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["threads", "processes"])
 def test_any_executor_gives_the_tables_of_a_run(kind: str, scenario: Path, here: list[pd.DataFrame]) -> None:
-    """A case is one picklable task: threads and spawned processes give what a run gives."""
+    """A case is one picklable task, so threads and spawned processes give the tables of a normal run."""
     executor: Executor = (
         ThreadPoolExecutor(2)
         if kind == "threads"
@@ -75,10 +75,10 @@ def test_any_executor_gives_the_tables_of_a_run(kind: str, scenario: Path, here:
 
 
 class Failing(Executor):
-    """An executor whose tasks all raise."""
+    """An executor whose tasks all raise an error."""
 
     def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Return the future of a task that raised."""
+        """Return the future of a task that raised an error."""
         del fn, args, kwargs
         future: Future[Any] = Future()
         future.set_exception(ValueError("out of reach"))
@@ -87,7 +87,7 @@ class Failing(Executor):
 
 @pytest.mark.slow
 def test_case_that_the_executor_fails_is_failed(scenario: Path) -> None:
-    """The words of the executor are the message of the case."""
+    """The error of the executor is the message of the case."""
     found = run([scenario], engines=["reference:m1"], dt_s=[0.1], speed=False, fresh=True, executor=Failing())
     assert found.results["outcome"].tolist() == ["failed"]
     assert found.results["message"].tolist() == ["executor: ValueError: out of reach"]
@@ -95,7 +95,7 @@ def test_case_that_the_executor_fails_is_failed(scenario: Path) -> None:
 
 @pytest.mark.slow
 def test_other_version_of_an_engine_on_a_worker_fails_its_cases() -> None:
-    """A worker never answers for another release than the one that the run announces."""
+    """A worker never answers for a release other than the one that the run announces."""
     case = Case(load_scenario("free-flight").scene, "m1", Setting(dt_s=0.1))
     request = {"do": "record", "case": case_messages.case_message(case)}
     with ThreadPoolExecutor(1) as thread:  # the engine ends with the thread
@@ -112,19 +112,19 @@ class FakeTask:
         self._callback: Any = None
 
     def add_done_callback(self, callback: Any) -> None:
-        """Remember what to call at the end."""
+        """Store the function to call at the end."""
         self._callback = callback
 
     def result(self) -> Any:
-        """Return what the call returns."""
+        """Return the result of the call."""
         return self._function(*self._arguments)
 
     def exception(self) -> Exception:
-        """Return why the task failed."""
+        """Return the reason why the task failed."""
         return RuntimeError("killed")
 
     def end(self, status: str) -> None:
-        """End in this way."""
+        """End with this status."""
         self.status = status
         self._callback(self)
 
@@ -142,7 +142,7 @@ class FakeClient:
         self.submitted = threading.Semaphore(0)
 
     def submit(self, function: Any, *arguments: Any, key: str, workers: Any = None, **_: Any) -> FakeTask:
-        """Return a task, which the first of the allowed workers gets."""
+        """Return a task, which is assigned to the first of the allowed workers."""
         self.busy = {(workers or ["a"])[0]: (key,)}
         self.tasks.append(FakeTask(function, arguments))
         self.workers.append(workers)
@@ -150,7 +150,7 @@ class FakeClient:
         return self.tasks[-1]
 
     def nthreads(self) -> dict[str, int]:
-        """Return two workers."""
+        """Return two workers with one thread each."""
         return {"a": 1, "b": 1}
 
     def processing(self) -> dict[str, tuple[str, ...]]:
@@ -158,12 +158,12 @@ class FakeClient:
         return self.busy
 
     def scheduler_info(self, n_workers: int) -> dict[str, Any]:
-        """Return when the scheduler heard from the workers."""
+        """Return when the scheduler last heard from each worker."""
         assert n_workers == -1
         return {"workers": {name: {"last_seen": seen} for name, seen in self.last_seen.items()}}
 
     def cancel(self, tasks: Any, **_: Any) -> None:
-        """Ignore it: a task may end although it was cancelled."""
+        """Do nothing: a task may end although it was cancelled."""
 
 
 @pytest.fixture
@@ -187,14 +187,14 @@ def waited(client: FakeClient, tasks: int = 1) -> None:
 
 @pytest.fixture
 def three_calls_fill_a_batch(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Make three calls one batch, however slowly they arrive."""
+    """Make a batch of three calls, however slowly they arrive."""
     monkeypatch.setattr(dask_cluster, "_LINGER_S", 3600.0)
     monkeypatch.setattr(dask_cluster, "_FIRST_CASE_S", 0.4 * dask_cluster._BATCH_S)
 
 
 @pytest.mark.usefixtures("three_calls_fill_a_batch")
 def test_calls_travel_in_batches(client: FakeClient, executor: dask_cluster.DaskExecutor) -> None:
-    """Many short calls are one task, and each gets its own result or error."""
+    """Many short calls are sent as one task, and each receives its own result or error."""
     futures = [executor.submit(abs, argument) for argument in (-1, "text", -3)]
     waited(client)
     client.tasks[0].end("finished")
@@ -208,7 +208,7 @@ def test_calls_travel_in_batches(client: FakeClient, executor: dask_cluster.Dask
 def test_calls_of_a_failed_task_run_again_one_by_one(
     client: FakeClient, executor: dask_cluster.DaskExecutor
 ) -> None:
-    """Only the call that fails alone has failed: it cannot take the others with it."""
+    """Only the call that fails alone fails; it does not make the other calls of its batch fail."""
     futures = [executor.submit(abs, argument) for argument in (-1, -2, -3)]
     waited(client)
     client.tasks[0].end("error")
@@ -223,7 +223,7 @@ def test_calls_of_a_failed_task_run_again_one_by_one(
 def test_late_task_is_sent_again_and_counts_once(
     client: FakeClient, executor: dask_cluster.DaskExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of two tasks for the same call the first result counts; the other one changes nothing."""
+    """The first result of two tasks for the same call counts, and the second one changes nothing."""
     monkeypatch.setattr(dask_cluster, "_LATE_S", 0.01)
     future = executor.submit(abs, -1)
     waited(client, 2)
@@ -238,7 +238,7 @@ def test_late_task_is_sent_again_and_counts_once(
 def test_silent_worker_gets_no_further_task_until_it_is_heard(
     client: FakeClient, executor: dask_cluster.DaskExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Requests that follow one another would wait for it each time; a worker that is heard gets tasks."""
+    """Further tasks go to other workers until the scheduler hears from the silent worker again."""
     monkeypatch.setattr(dask_cluster, "_LATE_S", 0.01)
     monkeypatch.setattr(dask_cluster, "_COUNTED_AGAIN_S", 0.0)
     executor.submit(abs, -1)
@@ -261,7 +261,7 @@ def test_silent_worker_gets_no_further_task_until_it_is_heard(
 def test_calls_fail_when_the_connection_is_lost(
     client: FakeClient, executor: dask_cluster.DaskExecutor
 ) -> None:
-    """Nobody waits for a cluster that is gone."""
+    """A call does not wait for a cluster whose connection is lost."""
     future = executor.submit(abs, -1)
     waited(client)
     client.status = "closed"
@@ -271,7 +271,7 @@ def test_calls_fail_when_the_connection_is_lost(
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Loopback]:
-    """Return a cluster of three workers with TLS; the first one may time cases."""
+    """Return a cluster of three workers with TLS, of which only the first may time cases."""
     pytest.importorskip("distributed")
     folder = tmp_path_factory.mktemp("cluster")
     with loopback_cluster(folder, [["--resources", "timing=1"], [], []]) as cluster:
@@ -279,7 +279,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Loopback]:
 
 
 def requested(scenario: Path, cluster: Loopback, **others: Any) -> RunRequest:
-    """Return a run on the cluster."""
+    """Return a request for a run on the cluster."""
     given: dict[str, Any] = {"scenarios": [str(scenario)], "engines": ENGINES, "speed": False, "fresh": True}
     tls = {"tls_ca_file": cluster.tls["ca"], "tls_cert": cluster.tls["cert"], "tls_key": cluster.tls["key"]}
     return RunRequest(**{**given, "cluster": cluster.address, **tls, **others})
@@ -289,7 +289,7 @@ def requested(scenario: Path, cluster: Loopback, **others: Any) -> RunRequest:
 def test_cluster_gives_the_tables_of_a_run(
     cluster: Loopback, scenario: Path, here: list[pd.DataFrame], tmp_path: Path
 ) -> None:
-    """With TLS; speeds are measured by the worker that declares the resource, for every case that ended."""
+    """A cluster with TLS gives the tables of a local run; a worker with the resource measures all speeds."""
     measured, _ = run_to_folder(requested(scenario, cluster, speed=True), tmp_path / "out", no_progress)
     assert_same(measured, here)
     assert measured.results["cpu_s"].gt(0.0).all()
@@ -303,7 +303,7 @@ def test_cluster_without_encryption_or_out_of_reach_is_refused(
     monkeypatch: pytest.MonkeyPatch,
     expected_message: ExpectedMessage,
 ) -> None:
-    """One line, status 2, nothing written."""
+    """The run is refused in one line with status 2, and nothing is written."""
     monkeypatch.setattr(dask_cluster, "_CONNECTION_S", 1.0)
     without = replace(requested(scenario, cluster), tls_ca_file=None, tls_cert=None, tls_key=None)
     elsewhere = replace(requested(scenario, cluster), cluster="tls://127.0.0.1:1")
@@ -325,7 +325,7 @@ def test_lost_workers_lose_and_double_nothing(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """One worker is killed and one stops during the run: same tables, each answer stored once."""
+    """If one worker is killed and one stops, the tables are the same and each answer is stored once."""
     monkeypatch.setattr(dask_cluster, "_LATE_S", 1.0)
     keys: list[str] = []
     append = Journal.append

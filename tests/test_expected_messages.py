@@ -37,5 +37,5 @@ def test_every_message_belongs_to_a_test(file: str, request: pytest.FixtureReque
     ],
 )
 def test_only_the_expected_message_matches(found: str, equal: bool) -> None:
-    """`...` is any text on its line; everything else is compared character by character."""
+    """`...` matches any text on its line; everything else is compared character by character."""
     assert matches("a.obj: no...such file", found) == equal

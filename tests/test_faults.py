@@ -1,4 +1,4 @@
-"""Faults of engines: each fails the case in which it occurs, and nothing else."""
+"""Faults of engines: each fails the case in which it occurs, and no other case."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def scenario(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run_of(scenario: Path, *, sound: bool, methods: list[str], speed: bool) -> Run:
-    """Return a run, without the laws, of the misbehaving engine or its sound twin, and of the reference's m1.
+    """Return a run, without laws, of the misbehaving engine or its correct twin, and of the reference's m1.
 
     Other tests cover the laws of engines that fail; here they would take most of the time.
     """
@@ -104,14 +104,14 @@ def rows_of(run: Run) -> pd.DataFrame:
 
 
 def goes_wrong(rows: pd.DataFrame) -> pd.Series[bool]:
-    """Return which rows are of cases in which the engine misbehaves."""
+    """Return which rows are cases in which the engine misbehaves."""
     solved = rows["method"].isin(list(SOLUTIONS))
     return (rows["engine"] == "misbehaving") & (solved | (rows["dt_s"] == BAD_STEP_S))
 
 
 @pytest.fixture(scope="module")
 def sound(scenario: Path) -> Run:
-    """Return the run in which the engine behaves."""
+    """Return the run in which the engine behaves correctly."""
     return run_of(scenario, sound=True, methods=list(ENDINGS), speed=False)
 
 
@@ -123,7 +123,7 @@ def faulty(scenario: Path) -> Iterator[Run]:
 
 
 def test_every_kind_of_fault_has_an_expected_outcome() -> None:
-    """No way to misbehave is without an expected ending."""
+    """Each kind of misbehaviour has an expected outcome."""
     assert set(ENDINGS) == {*ACTS, *READINGS, *LIES, *SOLUTIONS, ONLY_TIMED}
 
 
@@ -145,7 +145,7 @@ def test_fault_is_the_outcome_of_its_case(kind: str, faulty: Run) -> None:
 
 @pytest.mark.slow
 def test_report_has_every_message(faulty: Run, tmp_path: Path) -> None:
-    """Each message stands in it."""
+    """The report contains each message."""
     report = unescape(bodycheck.write_run(faulty, tmp_path / "out").read_text())
     for _, message in ENDINGS.values():
         assert message in report
@@ -153,10 +153,10 @@ def test_report_has_every_message(faulty: Run, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_fault_changes_no_other_case(faulty: Run, sound: Run) -> None:
-    """All other rows equal those of a run without a fault, bit for bit, also after a flood of output."""
+    """All other rows equal those of a run without a fault bit for bit, also after a flood of output."""
     rows, expected = rows_of(faulty), rows_of(sound)
     others = ~goes_wrong(rows)
-    # what a case left behind in its worker is found out, and said, by asking once more
+    # a repeated request detects and reports state that an earlier case left in its worker
     reported = "ran twice; failed in a worker that had run other cases: RuntimeError: spoilt"
     spoilt = rows["message"].str.startswith(reported)
     rows.loc[spoilt, "message"] = ""
@@ -170,8 +170,8 @@ def test_fault_changes_no_other_case(faulty: Run, sound: Run) -> None:
 
 @pytest.mark.slow
 def test_engine_that_dies_while_timed_loses_only_its_speed(scenario: Path, sound: Run) -> None:
-    """The row keeps its measures and the reason; all other successful cases have a speed."""
-    methods = ["close-output", "other-mass", ONLY_TIMED]  # in the order of the whole run
+    """The row keeps its measures and states the reason; all other successful cases have a speed."""
+    methods = ["close-output", "other-mass", ONLY_TIMED]  # in the order of the complete run
     faulty = run_of(scenario, sound=False, methods=methods, speed=True)
     rows, expected = rows_of(faulty), rows_of(sound)
     expected = expected[expected["method"].isin([*methods, "m1"])].reset_index(drop=True)
@@ -213,7 +213,7 @@ AT_IMPORT = {
 def test_engine_that_cannot_be_imported_is_refused_in_one_line(
     kind: str, scenario: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """However the import fails, a run that names the engine ends with the reason."""
+    """However the import fails, a run that requests the engine ends with the reason."""
     code, reason = AT_IMPORT[kind]
     (tmp_path / "ghost.py").write_text(code)
     facts = tmp_path / "ghost-1.0.dist-info"
@@ -222,7 +222,7 @@ def test_engine_that_cannot_be_imported_is_refused_in_one_line(
     (facts / "entry_points.txt").write_text("[bodycheck.adapters]\nghost = ghost:Ghost\n")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr("bodycheck.adapters.workers.worker_process._START_S", 3.0 if kind == "hang" else 60.0)
-    # a sound engine could miss the short deadline too, where the machine is busy
+    # even a correct engine could miss the short deadline on a busy machine
     others = [] if kind == "hang" else ["reference:m1"]
     registry._plugged_in.cache_clear()
     try:
@@ -272,7 +272,7 @@ print(run.results["outcome"].tolist(), run.results["message"].tolist())
 
 @pytest.mark.slow
 def test_script_that_defines_an_engine_is_isolated_from_it(tmp_path: Path) -> None:
-    """A worker defines what the script defines, and does not start a run of its own."""
+    """A worker imports the definitions of the script but does not start a second run."""
     (tmp_path / "mine.toml").write_text(SCENARIO)
     (tmp_path / "script.py").write_text(SCRIPT)
     done = subprocess.run(

@@ -1,4 +1,4 @@
-"""The command `gate`: its output, its files and its exit status."""
+"""The command `gate`: its output, files and exit status."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ reason = "there is no such scenario"
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """Go into an empty folder with tolerance files."""
+    """Change to an empty folder and write tolerance files to it."""
     for name, text in {"kept": KEPT, "broken": KEPT + BROKEN, "idle": KEPT + IDLE}.items():
         (tmp_path / f"{name}.toml").write_text(text)
     (tmp_path / "mine.toml").write_text(SCENARIO)
@@ -82,12 +82,12 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def gate(*words: str | Path) -> Result:
-    """Return what `bodycheck gate words` did in this process."""
+    """Run `bodycheck gate words` in this process and return its result."""
     return CliRunner().invoke(commands.app, ["gate", *map(str, words)])
 
 
 def test_gates_that_hold_end_with_status_0(folder: Path, stored_run: Path) -> None:
-    """One line per gate, its worst value, and the count; nothing is written."""
+    """The output has one line per gate with its worst value, and the count; nothing is written."""
     before = sorted(folder.iterdir())
     done = gate("--tolerances", "kept.toml", "--run", stored_run)
     assert done.exit_code == 0, done.output
@@ -102,7 +102,7 @@ def test_gates_that_hold_end_with_status_0(folder: Path, stored_run: Path) -> No
 
 @pytest.mark.usefixtures("folder")
 def test_failed_gate_ends_with_status_1_and_its_commands(stored_run: Path) -> None:
-    """The table has value, bound, distance and command of each case, with the reason below."""
+    """The table has value, bound, distance and command of each case, followed by the reason of the gate."""
     done = gate("--tolerances", "broken.toml", "--run", stored_run)
     assert done.exit_code == 1
     assert done.stdout.splitlines()[-1] == "3 gates: 2 passed, 1 failed"
@@ -117,7 +117,7 @@ def test_failed_gate_ends_with_status_1_and_its_commands(stored_run: Path) -> No
 
 
 def test_a_failed_order_lists_the_error_at_each_step(folder: Path, stored_run: Path) -> None:
-    """On the terminal, in the JUnit file and in JSON, with the order between neighbours."""
+    """The errors and the order between adjacent steps are on the terminal, in the JUnit file and in JSON."""
     bound = 'measure = "order.orientation_error_rad"\nlower = 3.9\n'
     head, _, tail = BROKEN.partition("measure = ")
     (folder / "order.toml").write_text(head + bound + tail[tail.index("reason") :])
@@ -138,7 +138,7 @@ def test_a_failed_order_lists_the_error_at_each_step(folder: Path, stored_run: P
 
 @pytest.mark.usefixtures("folder")
 def test_gates_that_measured_nothing_end_with_status_1(stored_run: Path) -> None:
-    """An engine that always fails and a missing scenario are reported as such."""
+    """An engine that always fails and a missing scenario are reported as measuring nothing."""
     done = gate("--tolerances", "idle.toml", "--run", stored_run)
     assert done.exit_code == 1
     nothing = [line for line in done.stdout.splitlines() if line.startswith("nothing")]
@@ -152,7 +152,7 @@ def test_gates_that_measured_nothing_end_with_status_1(stored_run: Path) -> None
 
 
 def test_junit_and_json_equal_the_terminal(folder: Path, stored_run: Path) -> None:
-    """One test case per gate, a failure for each that did not pass; JSON has each number in full."""
+    """JUnit has one test case per gate and a failure for each that did not pass; JSON has all digits."""
     done = gate("--tolerances", "idle.toml", "--run", stored_run, "--junit", "g.xml", "--json")
     assert done.exit_code == 1
     suite = ElementTree.parse(folder / "g.xml").getroot()[0]
@@ -181,7 +181,7 @@ def test_any_message_of_an_engine_fits_into_xml_and_json() -> None:
 
 @pytest.mark.slow
 def test_update_tightens_the_bounds_and_prints_the_margin(folder: Path, stored_run: Path) -> None:
-    """The bound becomes the worst value with the margin; a second update changes nothing."""
+    """The bound becomes the worst value plus the margin, and a second update changes nothing."""
     words = ("--tolerances", "kept.toml", "--run", stored_run, "--update", "--margin", "0.5")
     done = gate(*words)
     assert done.exit_code == 0, done.output
@@ -199,7 +199,7 @@ def test_update_tightens_the_bounds_and_prints_the_margin(folder: Path, stored_r
 
 
 def test_update_loosens_nothing_without_a_reason(folder: Path, stored_run: Path) -> None:
-    """A failed bound stays; with a reason it is loosened and the reason stored."""
+    """A failed bound is kept; with a reason it is loosened and the reason is stored."""
     words = ("--tolerances", "broken.toml", "--run", stored_run, "--update")
     done = gate(*words)
     assert done.exit_code == 1
@@ -241,7 +241,7 @@ WRONG = {
 
 @pytest.mark.parametrize("what", WRONG)
 def test_wrong_input_is_refused_before_the_run(what: str, folder: Path) -> None:
-    """One clear line, which main() turns into status 2; nothing is printed or written."""
+    """An error of one line is raised, for which main() returns status 2; nothing is printed or written."""
     words, message = WRONG[what]
     before = sorted(folder.iterdir())
     done = gate(*words)
@@ -253,7 +253,7 @@ def test_wrong_input_is_refused_before_the_run(what: str, folder: Path) -> None:
 
 @pytest.mark.slow
 def test_new_run_is_compared_with_the_gates(folder: Path) -> None:
-    """In a separate process: a scenario file and its steps; status 1 with a table, 2 for a wrong file."""
+    """In a separate process a failed gate gives status 1 and a table, and an invalid file gives status 2."""
     (folder / "t.toml").write_text(
         '[[gate]]\nengine = "reference"\nmethod = "rk4"\ndt_s = 0.05\nmeasure = "orientation_error_rad"\n'
         'upper = 1e-12\nreason = "too tight"\n'
@@ -278,7 +278,7 @@ def test_new_run_is_compared_with_the_gates(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_only_scenarios_and_methods_of_gates_are_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Others are left out; times are measured if a gate needs them."""
+    """Other scenarios and methods are left out, and times are measured only if a gate needs them."""
     requested: list[tuple[Selection, RunOptions]] = []
     monkeypatch.setattr(gate_run, "run_selection", lambda *reported, **_: requested.append(reported[:2]))
     text = '[[gate]]\nengine = "reference"\nmethod = "m[12]"\nscenario = "mine"\nreason = "r"\n'

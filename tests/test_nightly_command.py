@@ -31,7 +31,7 @@ _SCENARIO = SCENARIO.replace("mine", "tumble")
 
 
 class TurnedSimulation:
-    """A simulation whose orientations are read as turned by an angle about the body's x axis."""
+    """A simulation whose orientations are read as rotated by an angle about the body's x axis."""
 
     def __init__(self, sound: Simulation, angle_rad: float) -> None:
         self._sound, self._angle_rad = sound, angle_rad
@@ -40,14 +40,14 @@ class TurnedSimulation:
         self.advance, self.close = sound.advance, sound.close
 
     def read(self) -> Reading:
-        """Return the state, turned."""
+        """Return the rotated state."""
         reading, half = self._sound.read(), 0.5 * self._angle_rad
         turn = np.array([np.cos(half), np.sin(half), 0.0, 0.0])
         return replace(reading, quaternion=quaternion_product(reading.quaternion, turn))
 
 
 class Turned:
-    """The reference under another name, as it may be on another night: a little turned."""
+    """The reference under another name, with a small rotation that may change between nightly runs."""
 
     name = "turned"
     version = "1"
@@ -57,25 +57,25 @@ class Turned:
         self.methods: Mapping[str, Method] = {"m1": self._sound.methods["m1"]}
 
     def unsupported(self, scene: Scene, method: str) -> str | None:
-        """Refuse nothing."""
+        """Support every scene."""
         del scene, method
         return None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> TurnedSimulation:
-        """Build a simulation of the reference, and turn it."""
+        """Build a simulation of the reference and rotate its readings."""
         return TurnedSimulation(cast(Simulation, self._sound.build(scene, method, dt_s)), self._angle_rad)
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Go into an empty folder with a scenario."""
+    """Change to an empty folder with a scenario."""
     (tmp_path / "tumble.toml").write_text(_SCENARIO)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 def bodycheck(*words: str | Path) -> Result:
-    """Return what `bodycheck words` did in this process."""
+    """Run `bodycheck words` in this process and return its result."""
     return CliRunner().invoke(commands.app, list(map(str, words)))
 
 
@@ -89,7 +89,7 @@ def run(*words: str, angle_rad: float = 0.0) -> Result:
 
 @pytest.mark.slow
 def test_nightly_run_fails_on_a_regression(folder: Path) -> None:
-    """Status 3 without a baseline, 0 without a regression, 1 where an orientation is worse."""
+    """The status is 3 without a baseline, 0 without a regression, and 1 if an orientation is worse."""
     first, second, moved = run(), run(), run(angle_rad=1e-9)
     third, fourth = run("--out", "told.md", angle_rad=1e-2), run()
     assert [done.exit_code for done in (first, second, moved, third, fourth)] == [3, 0, 0, 1, 0], third.output
@@ -108,7 +108,7 @@ def test_nightly_run_fails_on_a_regression(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_history_is_listed_queried_and_pruned(folder: Path) -> None:
-    """One line per nightly run; CSV of SQL results; the names of the removed runs."""
+    """`list` prints one line per run, `query` a CSV of the result, and `prune` the names of removed runs."""
     run(), run()
     listed = bodycheck("history", "list", "kept")
     assert [line.split()[1] for line in listed.stdout.splitlines()] == ["status", "insufficient", "no"]
@@ -139,7 +139,7 @@ def test_history_is_listed_queried_and_pruned(folder: Path) -> None:
     ],
 )
 def test_wrong_input_is_refused_in_one_line(folder: Path, words: tuple[str, ...], reported: str) -> None:
-    """Nothing is run or stored."""
+    """Invalid input is refused before anything is run or stored."""
     done = bodycheck(*words)
     assert isinstance(done.exception, InputError)
     assert reported in str(done.exception)
@@ -149,7 +149,7 @@ def test_wrong_input_is_refused_in_one_line(folder: Path, words: tuple[str, ...]
 
 @pytest.mark.slow
 def test_interrupted_nightly_run_stores_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ctrl-C prints one line, and the history is unchanged."""
+    """Ctrl-C prints one line and leaves the history unchanged."""
 
     def stopped(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
@@ -187,13 +187,13 @@ REQUESTS: dict[str, tuple[list[str], dict[str, Any]]] = {
 
 
 class RequestedError(Exception):
-    """Ends a nightly run before it begins, with what was requested."""
+    """Ends a nightly run before it starts and stores the request."""
 
 
 @pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize("what", REQUESTS)
 def test_nightly_run_does_what_the_options_request(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each option reaches the run, and the others keep their defaults."""
+    """Each option reaches the run, and all others keep their defaults."""
 
     def ended(*requested: object) -> None:
         raise RequestedError(*requested)
@@ -215,7 +215,7 @@ def test_nightly_run_does_what_the_options_request(what: str, monkeypatch: pytes
 def test_shard_of_a_nightly_run_is_stored_in_its_own_folder(
     words: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It is run with the same settings, and its report is named; `merge` judges the shards."""
+    """A shard runs with the same settings and prints the path of its report; `merge` judges the shards."""
     requested: list[tuple[Any, ...]] = []
 
     def run(*request: object) -> tuple[None, Path]:
@@ -240,7 +240,7 @@ def test_shard_of_a_nightly_run_is_stored_in_its_own_folder(
 def test_status_and_files_are_those_of_the_judgement(
     status: str, code: int, as_json: bool, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The page is named after the text, and each file has the content of its suffix, with links that work."""
+    """The last line is the path of the page, and each file has the format of its suffix and valid links."""
     run = folder / "kept" / "a night"
     run.mkdir(parents=True)
     (run / "night.md").write_text("a text\n")
@@ -270,7 +270,7 @@ def test_status_and_files_are_those_of_the_judgement(
 
 @pytest.mark.usefixtures("folder")
 def test_pruning_reports_a_run_of_the_future_apart_from_the_removed_ones(folder: Path) -> None:
-    """Standard output has the removed names only, so that a script can read them."""
+    """Standard output has only the removed names, so that a script can read them."""
     names = ["20260101T000000Z-000001", "20260102T000000Z-000002", "29990101T000000Z-000003"]
     for name in names:
         (folder / "kept" / name).mkdir(parents=True)
@@ -286,7 +286,7 @@ def test_pruning_reports_a_run_of_the_future_apart_from_the_removed_ones(folder:
 
 @pytest.mark.parametrize("name", ["list", "query", "prune"])
 def test_help_of_a_history_command_names_its_folder(name: str) -> None:
-    """In capitals, as an argument that must be given; the group's help lists the command."""
+    """The help shows the folder as a required argument in capitals; the group's help lists the command."""
     reported = bodycheck("history", name, "--help").stdout
     assert f"history {name} [OPTIONS] {{HISTORY}}" in reported
     assert "Folder of a history." in reported
@@ -298,7 +298,7 @@ def test_help_of_a_history_command_names_its_folder(name: str) -> None:
 
 @pytest.mark.nightly
 def test_cron_script_keeps_a_log_and_prints_regressions(folder: Path) -> None:
-    """Its status is that of the nightly run; without a regression it prints nothing."""
+    """The status of the script is that of the nightly run; without a regression it prints nothing."""
     script = Path(__file__).parents[1] / "scripts" / "nightly.sh"
     words = [script, folder / "kept", "tumble.toml", "--engine", "reference:m1", "--no-speed"]
     program = f"{sys.executable} -m bodycheck"

@@ -1,4 +1,4 @@
-"""A nightly run, with the measurement and the judgement replaced: what is run, stored, and told."""
+"""A nightly run whose measurement and judgement are replaced: what is run, stored and reported."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ FUTURE = "29990101T000000Z-000003"
 
 
 def write_told(folder: Path) -> None:
-    """Write a nightly run's report, named by its folder."""
+    """Write the summary of a nightly run, named after its folder."""
     reported = {**dict.fromkeys(SUMMARY_KEYS, 0), "run_id": folder.name.removeprefix(".unfinished-")}
     (folder / "night.json").write_text(json.dumps(reported))
 
 
 @pytest.fixture
 def history(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> History:
-    """Return a history of an earlier run and one of the future; every run is judged by a stand-in."""
+    """Return a history of an earlier and a future run, with stand-ins for the judgement and the report."""
     for name in (EARLIER, FUTURE):
         (tmp_path / name).mkdir()
         write_told(tmp_path / name)
@@ -51,7 +51,7 @@ RUN = cast(Any, SimpleNamespace(run_id=TONIGHT))
 
 
 def test_nightly_run_is_measured_without_a_journal(history: History, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With the options of the request and the progress of as many cases; its judgement is returned."""
+    """The request's options and a progress bar for its cases are passed on; the judgement is returned."""
     measured: list[tuple[tuple[Any, ...], dict[str, Any]]] = []
 
     def run_selection(*words: object, **named: object) -> Any:
@@ -75,7 +75,7 @@ def test_nightly_run_is_measured_without_a_journal(history: History, monkeypatch
 
 
 def test_stored_run_has_its_pages_and_is_sealed(history: History) -> None:
-    """In UTF-8; the default thresholds judge it."""
+    """The pages are stored in UTF-8 with their hashes, and the default thresholds are used."""
     judged, run = store_nightly(RUN, history)
     assert cast(Any, judged)[2] is DEFAULT_THRESHOLDS
     assert (run / "night.html").read_bytes() == "a pagé\n".encode()
@@ -86,7 +86,7 @@ def test_stored_run_has_its_pages_and_is_sealed(history: History) -> None:
 
 
 def test_feed_lists_the_runs_up_to_the_stored_one(history: History, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Oldest first, without one of the future."""
+    """The feed lists the oldest run first and no run dated in the future."""
     listed: list[tuple[Path, list[str]]] = []
     monkeypatch.setattr(
         nightly_run,
@@ -100,7 +100,7 @@ def test_feed_lists_the_runs_up_to_the_stored_one(history: History, monkeypatch:
 def test_feed_that_cannot_be_written_loses_no_run(
     history: History, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The run is stored and judged; one line on standard error says that the feed lacks it."""
+    """The run is stored and judged, and one line on standard error states that the feed lacks it."""
 
     def full(*_: object) -> None:
         raise InputError("feed.xml: cannot be written: No space left on device")
@@ -117,7 +117,7 @@ def test_feed_that_cannot_be_written_loses_no_run(
 def test_run_that_cannot_be_judged_is_stored_and_raised(
     history: History, monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
 ) -> None:
-    """With a note of its folder; where the disk is full nothing is stored."""
+    """An unexpected error is noted in the folder and raised; if the disk is full nothing is stored."""
     written: list[Path] = []
 
     def broken(*_: object) -> None:

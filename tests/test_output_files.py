@@ -21,7 +21,7 @@ WRITING = {
 PLACES = {
     "absent/told": "cannot be written: there is no folder",
     "gates.toml/told": "cannot be written: there is no folder",
-    "/proc/told": "cannot be written: ",  # where nobody can, root neither
+    "/proc/told": "cannot be written: ",  # not writable even by root
     ".": "is a folder; name a file",
 }
 
@@ -48,7 +48,7 @@ def test_unwritable_output_is_refused_before_the_run(
 
 
 def test_unwritable_tolerance_file_is_refused_before_the_run(tmp_path: Path) -> None:
-    """In a read-only folder: one line, status 2, and the file is unchanged."""
+    """A file in a read-only folder gives one line and status 2 and is left unchanged."""
     (tmp_path / "gates.toml").write_text(GATES)
     tmp_path.chmod(0o555)
     words = ["gate", "smoke", "--tolerances", "gates.toml", "--update"]

@@ -1,4 +1,4 @@
-"""The package: nothing heavy is imported early, and the distribution has the files of the tree.
+"""The package imports nothing expensive early, and the distribution has the files of the source tree.
 
 Ruff checks docstrings and annotations, import-linter the direction of imports (pyproject.toml).
 """
@@ -37,7 +37,7 @@ def test_the_rooms_are_linked_at_the_top_level() -> None:
 
 
 def test_no_module_name_stands_twice() -> None:
-    """A module is found by its name alone."""
+    """Each module name is unique, so a module can be found by its name alone."""
     names = Counter(path.stem for path in PACKAGE.rglob("*.py") if not path.stem.startswith("__"))
     assert [name for name, count in names.items() if count > 1] == []
 
@@ -47,14 +47,14 @@ HEAVY = ("numba", "numpy", "pandas", "scipy", "jinja2", "mujoco", "pybullet", "d
 
 @pytest.mark.parametrize("what", ["import bodycheck", "import bodycheck.cli.commands"])
 def test_heavy_imports_are_late(what: str) -> None:
-    """Neither the package nor its command line imports anything heavy until it is needed."""
+    """Neither the package nor its command line imports an expensive module until it is needed."""
     code = f"{what}\nimport sys\nprint([name for name in {HEAVY!r} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 
 
 def test_run_starts_without_what_few_runs_need() -> None:
-    """What a run imports first has neither the compiler nor the readers of model files."""
+    """The first imports of a run include neither the compiler nor the readers of model files."""
     code = (
         "import sys, bodycheck.runs.directory\n"
         "import bodycheck.reports.render.progress, bodycheck.reports.summary.sentences\n"
@@ -77,23 +77,23 @@ def test_worker_starts_without_what_only_a_run_needs() -> None:
 
 
 def test_public_names_exist_and_are_documented(expected_message: ExpectedMessage) -> None:
-    """Every name of the lazy public interface exists; a wrong one is an AttributeError."""
+    """Every name of the lazy public interface exists, and an unknown name raises AttributeError."""
     import bodycheck
 
     for name in bodycheck.__all__:
         assert getattr(bodycheck, name).__doc__
     assert set(bodycheck.__all__) <= set(dir(bodycheck))
     with expected_message.raises(AttributeError):
-        bodycheck.nothing  # noqa: B018 - reading it is the test
+        bodycheck.nothing  # noqa: B018 - reading the attribute is the test
 
 
 def defined(node: ast.AST, public: bool = True) -> Iterator[tuple[Definition, bool]]:
-    """Yield the classes and functions within a node, and whether no name on the way to them is private."""
+    """Yield the classes and functions within a node, and whether all names on the path to them are public."""
     for child in ast.iter_child_nodes(node):
         if isinstance(child, Definition):
             is_public = public and not child.name.startswith("_")
             yield child, is_public
-            # what is defined within a function belongs to it alone
+            # names defined within a function are local to it
             yield from defined(child, is_public and isinstance(child, ast.ClassDef))
         else:
             yield from defined(child, public)
@@ -105,7 +105,7 @@ INTERFACE = re.findall(r"^\.\. automodule:: (\S+)$", (ROOT / "docs/api.md").read
 
 @pytest.mark.parametrize("module", INTERFACE)
 def test_arrays_of_the_documented_interface_have_their_shapes(module: str) -> None:
-    """The docstring of each public function that takes or returns an array has its shape."""
+    """The docstring of each public function that takes or returns an array states its shape."""
     place = ROOT / module.replace(".", "/")
     path = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
     for node, public in defined(ast.parse(path.read_text())):
@@ -117,8 +117,8 @@ def test_arrays_of_the_documented_interface_have_their_shapes(module: str) -> No
 
 @pytest.mark.nightly
 def test_distribution_contains_exactly_the_package(tmp_path: Path) -> None:
-    """The files of the wheel, built from the sdist, are the tree's: no links, no tests; meshes are found."""
-    # built from a copy: setuptools leaves build/ behind, and would put stale files of it into the next wheel
+    """The wheel, built from the sdist, has exactly the files of the source tree, including the meshes."""
+    # built from a copy: setuptools keeps build/ and would put stale files from it into the next wheel
     source = tmp_path / "source"
     unwanted = shutil.ignore_patterns(".*", "build", "*.egg-info", "__pycache__", "bodycheck-runs", "_build")
     shutil.copytree(ROOT, source, symlinks=True, ignore=unwanted)
@@ -155,4 +155,4 @@ def test_distribution_contains_exactly_the_package(tmp_path: Path) -> None:
     )
     where, mass_kg = done.stdout.split()
     assert where == str(unpacked / "bodycheck/__init__.py")
-    assert float(mass_kg) == pytest.approx(0.162, rel=1e-15, abs=0.0)  # of its two bars, without rounding
+    assert float(mass_kg) == pytest.approx(0.162, rel=1e-15, abs=0.0)  # the sum of its two bars is exact

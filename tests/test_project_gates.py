@@ -16,21 +16,21 @@ from bodycheck.scenarios.library import suites
 ROOT = Path(__file__).parents[1]
 
 
-@pytest.mark.nightly  # .ci/run holds all gates
+@pytest.mark.nightly  # .ci/run checks all gates
 def test_gates_of_the_intermediate_axis_hold() -> None:
-    """All gates that match the intermediate axis hold there, and were measured."""
+    """All gates that match the intermediate-axis scenario pass, and each has measured something."""
     gates = [
         gate for gate in read_gates(ROOT / "tolerances.toml") if gate.matches_scenario("intermediate-axis")
     ]
     run = run_for_gates(gates, ["intermediate-axis"], RunOptions(), lambda _: nullcontext(NULL_PROGRESS))
     results = check_gates(gates, run)
     lost = run.manifest["engines"].get("pybullet", {}).get("unavailable")
-    wanted = {"passed"} if lost is None else {"passed", "nothing"}  # on later Pythons there is no PyBullet
+    wanted = {"passed"} if lost is None else {"passed", "nothing"}  # no PyBullet on later versions of Python
     assert {result.status for result in results} == wanted
     assert all(result.gate.engine == "pybullet" for result in results if result.status == "nothing")
 
 
 def test_every_gate_matches_the_standard_suite() -> None:
-    """Each has a scenario there, so `bodycheck gate` without names measures every gate."""
+    """Each gate matches a scenario of the suite, so `bodycheck gate` without names measures every gate."""
     for gate in read_gates(ROOT / "tolerances.toml"):
         assert any(gate.matches_scenario(name) for name in suites()["standard"]), gate.title

@@ -54,7 +54,7 @@ def rk4(state, dt):
 
 @pytest.fixture(scope="module")
 def imported(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Import all that a run imports: pytester forgets what an inner session did, and numpy loads but once."""
+    """Import all that a run imports: pytester resets modules after a session, and numpy loads only once."""
     from numba.core.registry import cpu_target
 
     from bodycheck.pytest_plugin.fixtures import Bench
@@ -63,28 +63,28 @@ def imported(tmp_path_factory: pytest.TempPathFactory) -> None:
     scenario = tmp_path_factory.mktemp("imported") / "mine.toml"
     scenario.write_text(SCENARIO)
     steps = [0.1, 0.05, 0.025, 0.0125]
-    kept = scenario.with_name("kept")  # rendering a report imports more
+    kept = scenario.with_name("kept")  # rendering a report imports further modules
     Bench({}, lambda _: None, "", kept).step(lambda state, _: state, scenario, dt_s=steps)
 
 
 @pytest.fixture
 def inner(pytester: pytest.Pytester, imported: None) -> pytest.Pytester:
-    """Return a folder of a user's own, with two scenarios."""
+    """Return a user's folder with two scenarios."""
     del imported
     pytester.makefile(".toml", mine=SCENARIO, other=SCENARIO.replace('"mine"', '"other"'))
-    # hypothesis would be imported anew at the end of every inner session
+    # hypothesis would be imported again at the end of every inner session
     plugins = "-p no:cacheprovider -p no:hypothesispytest"
     pytester.makeini(f"[pytest]\nfilterwarnings = error\naddopts = --strict-markers {plugins}\n")
     return pytester
 
 
 def run(inner: pytest.Pytester, *words: str) -> pytest.RunResult:
-    """Return what pytest did there, in this process."""
+    """Run pytest in the user's folder, in this process, and return the result."""
     return inner.runpytest_inprocess(*words, plugins=PLUGINS)
 
 
 def test_plugin_is_an_entry_point() -> None:
-    """The project's entry point names the module that has the hooks and the fixtures."""
+    """The project's entry point names the module with the hooks and the fixtures."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert project["entry-points"]["pytest11"] == {"bodycheck": MODULE}
     plugin = importlib.import_module(MODULE)
@@ -94,7 +94,7 @@ def test_plugin_is_an_entry_point() -> None:
 
 @pytest.mark.slow
 def test_plugin_is_inert_until_a_fixture_is_used(inner: pytest.Pytester) -> None:
-    """A session of other tests imports only the plugin module, and nothing heavy."""
+    """A session without the fixtures imports only the plugin module, and nothing expensive."""
     inner.makepyfile(
         """
         import sys
@@ -112,7 +112,7 @@ def test_plugin_is_inert_until_a_fixture_is_used(inner: pytest.Pytester) -> None
 
 @pytest.mark.slow
 def test_engine_is_run_and_compared_with_bounds(inner: pytest.Pytester) -> None:
-    """A bound that is met passes; another fails with value, bound, distance and command."""
+    """A test passes if its bound is met; otherwise it shows value, bound, distance and command."""
     inner.makepyfile(
         """
         import pytest
@@ -194,7 +194,7 @@ def test_lost(bodycheck):
 
 @pytest.mark.slow
 def test_runs_are_kept_with_their_reports(inner: pytest.Pytester) -> None:
-    """A failed order lists its errors and names the report; the stored run names the test to repeat."""
+    """A failed order lists its errors and the path of the report; the stored run names the test to repeat."""
     inner.makepyfile(
         RK4
         + """
@@ -230,7 +230,7 @@ def test_order(bodycheck):
 
 @pytest.mark.slow
 def test_step_function_gets_time_body_and_state(inner: pytest.Pytester) -> None:
-    """Times k dt and all arrays have the documented shapes; modifying them has no effect."""
+    """The step function gets times k dt and arrays of the documented shapes; modifying them has no effect."""
     inner.makepyfile(
         """
         from dataclasses import replace
@@ -267,7 +267,7 @@ def test_step_function_gets_time_body_and_state(inner: pytest.Pytester) -> None:
     ],
 )
 def test_failing_step_function_fails_its_test(inner: pytest.Pytester, body: str, message: str) -> None:
-    """The message describes the error; an exception has its own traceback."""
+    """The message describes the error; an exception also has its own traceback."""
     inner.makepyfile(
         f"""
         from dataclasses import replace
@@ -291,7 +291,7 @@ def test_failing_step_function_fails_its_test(inner: pytest.Pytester, body: str,
 
 @pytest.mark.slow
 def test_adapter_instance_is_registered_for_its_test_only(inner: pytest.Pytester) -> None:
-    """An instance is run like an engine, and its name is unknown afterwards."""
+    """An adapter instance is run like an engine, and its name is unknown after the run."""
     inner.makepyfile(
         """
         import pytest
@@ -317,7 +317,7 @@ def test_adapter_instance_is_registered_for_its_test_only(inner: pytest.Pytester
 
 
 def error_of(done: pytest.RunResult) -> str:
-    """Return the line with which a collection ended."""
+    """Return the error line of a failed collection."""
     (after,) = (number for number, line in enumerate(done.outlines) if " ERROR collecting " in line)
     return done.outlines[after + 1]
 
@@ -340,7 +340,7 @@ def test_other():
 
 @pytest.mark.slow
 def test_options_complete_the_marker(inner: pytest.Pytester) -> None:
-    """Two scenarios and two methods make four tests; the marker takes precedence; -m selects them."""
+    """Two scenarios and two methods give four tests, the marker takes precedence, and -m selects them."""
     inner.makepyfile(MARKED)
     suite = ("--bodycheck-suite", "mine.toml,other.toml")
     options = (*suite, "--bodycheck-engines", "reference:m1,reference:m2")
@@ -366,7 +366,7 @@ def test_options_complete_the_marker(inner: pytest.Pytester) -> None:
 def test_wrong_marker_or_option_stops_the_session(
     inner: pytest.Pytester, marker: str, options: tuple[str, ...], expected_message: ExpectedMessage
 ) -> None:
-    """One line describes the error, without a traceback; no test passes."""
+    """One line without a traceback describes the error, and no test passes."""
     inner.makepyfile(
         f"import pytest\n\n@pytest.mark.bodycheck({marker})\ndef test_it(bodycheck):\n    pass\n"
     )
@@ -378,7 +378,7 @@ def test_wrong_marker_or_option_stops_the_session(
 
 
 def test_marked_test_without_engine_does_not_pass(inner: pytest.Pytester) -> None:
-    """Without options there is nothing to run, and the message says so."""
+    """Without options there is nothing to run, and the message states what is missing."""
     inner.makepyfile(MARKED)
     done = run(inner, "-k", "test_open")
     done.assert_outcomes(failed=1)
@@ -409,7 +409,7 @@ USING_GATES = "def test_gates(bodycheck_gate):\n    bodycheck_gate.check()\n"
 
 @pytest.mark.slow
 def test_each_gate_of_a_file_is_a_test(inner: pytest.Pytester) -> None:
-    """One passes, one fails, and one that measured nothing fails too."""
+    """A gate that holds passes, a gate that is violated fails, and so does a gate that measured nothing."""
     inner.makefile(".toml", gates=GATES)
     inner.makepyfile(USING_GATES)
     done = run(inner, "--bodycheck-tolerances", "gates.toml", "--bodycheck-suite", "mine.toml")
@@ -433,7 +433,7 @@ def test_each_gate_of_a_file_is_a_test(inner: pytest.Pytester) -> None:
 def test_gates_without_a_valid_file_stop_the_session(
     inner: pytest.Pytester, options: tuple[str, ...], expected_message: ExpectedMessage
 ) -> None:
-    """A missing file must not pass, because nothing would be gated."""
+    """A missing file must not pass, because nothing would be checked."""
     inner.makepyfile(USING_GATES)
     done = run(inner, *options)
     assert done.ret != 0
@@ -451,7 +451,7 @@ def test_it(bodycheck, upper):
 
 @pytest.mark.slow
 def test_plugin_works_under_xdist(inner: pytest.Pytester) -> None:
-    """Two workers have the outcomes of one process, and the summary has the lines of both."""
+    """Two workers give the outcomes of one process, and the summary has the lines of both."""
     inner.makepyfile(test_steps=RK4 + STEPPED)
     done = inner.runpytest_subprocess(*PLUGIN, "-n", "2")
     done.assert_outcomes(passed=2, failed=1)

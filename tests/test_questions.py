@@ -1,4 +1,4 @@
-"""The commands that ask something of stored runs, as a user meets them."""
+"""The commands that analyse stored runs, as a user runs them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Command = Callable[..., tuple[int, str, str]]
 
 @pytest.fixture
 def command(stored_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
-    """Return a way to run a command, in this process, where `run` is a stored run and `other` its copy."""
+    """Return a function that runs a command in this process; `run` is a stored run and `other` its copy."""
     monkeypatch.chdir(tmp_path)
     for name in ("run", "other"):
         shutil.copytree(stored_run, name)
@@ -32,7 +32,7 @@ def command(stored_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_two_equal_runs_did_not_change(command: Command) -> None:
-    """Said in one sentence, status 0 whatever is to fail, in Markdown and on a page where asked for."""
+    """The text, Markdown and page state it in one sentence, and the status is 0 even with --fail-on moved."""
     files = ("--out", "changes.html", "--out", "changes.md", "--out", "changes.json")
     status, out, _ = command("compare", "run", "other", "--fail-on", "moved", *files)
     assert status == 0
@@ -54,7 +54,7 @@ def test_two_equal_runs_did_not_change(command: Command) -> None:
 def test_the_status_is_1_where_what_fails_is_found(
     command: Command, factor: float, words: tuple[str, ...], statuses: dict[str, int]
 ) -> None:
-    """--fail-on worse, moved or never; the threshold is an option, or of single measures in a file."""
+    """--fail-on is worse, moved or never; the threshold is an option or set per measure in a file."""
     Path("thresholds.toml").write_text(
         '[[change]]\nmeasure = "energy_drift"\nthreshold = 0.2\nreason = "a test"\n'
     )
@@ -83,7 +83,7 @@ def test_the_status_is_1_where_what_fails_is_found(
     ],
 )
 def test_a_wrong_comparison_is_refused(command: Command, words: tuple[str, ...], reported: str) -> None:
-    """Status 2, one line, and no file is written."""
+    """The status is 2 with an error of one line, and no file is written."""
     Path("wrong.toml").write_text('[[change]]\nmeasure = "verdict"\nthreshold = 0.2\nreason = "r"\n')
     status, out, error = command("compare", "run", "other", *words)
     assert (status, out) == (2, "")
@@ -93,7 +93,7 @@ def test_a_wrong_comparison_is_refused(command: Command, words: tuple[str, ...],
 
 
 def test_runs_that_have_nothing_in_common_do_not_pass(command: Command) -> None:
-    """Where a status is asked for: what compared nothing has shown nothing."""
+    """With --fail-on the status is 1, because a comparison of nothing proves nothing."""
     manifest = json.loads(Path("other/manifest.json").read_text())
     for scenario in manifest["scenarios"].values():
         scenario["duration_s"] *= 2.0
@@ -105,7 +105,7 @@ def test_runs_that_have_nothing_in_common_do_not_pass(command: Command) -> None:
 
 
 def test_what_changed_is_named_and_the_status_stays_0(command: Command) -> None:
-    """Unless --fail-on says otherwise."""
+    """The output names each change, and the status is 0 unless --fail-on is given."""
     table = Path("other/results.csv")
     table.write_text(re.sub(r"(,m1,dt,float64,0\.01,.*),ok,", r"\1,failed,", table.read_text()))
     manifest = json.loads(Path("other/manifest.json").read_text())
@@ -120,7 +120,7 @@ def test_what_changed_is_named_and_the_status_stays_0(command: Command) -> None:
 
 
 def test_a_report_is_written_anew(command: Command) -> None:
-    """The same page as before, in the place of the old one."""
+    """`report` writes the page of the run again, with identical content."""
     page = Path("run/report.html")
     before = page.read_bytes()
     page.write_text("lost")
@@ -132,7 +132,7 @@ def test_a_report_is_written_anew(command: Command) -> None:
 
 
 def test_the_markdown_says_what_failed_and_how_to_see_it_again(command: Command) -> None:
-    """Under 60 lines: outcomes, the failure with its command, versions and machine."""
+    """The Markdown has under 60 lines: outcomes, the failure with its command, versions and machine."""
     status, out, _ = command("report", "run", "--markdown")
     manifest = json.loads(Path("run/manifest.json").read_text())
     lines = out.splitlines()
@@ -146,7 +146,7 @@ def test_the_markdown_says_what_failed_and_how_to_see_it_again(command: Command)
 
 
 def test_advice_is_that_of_the_run_that_is_named(command: Command) -> None:
-    """Its scenarios, all or those named; a scenario that it has not is refused."""
+    """Advice covers all scenarios of the run or those requested; a scenario that the run lacks is refused."""
     status, out, _ = command("advise", "--error", "1e-2", "--run", "run", "free")
     assert status == 0
     assert re.search(r"^reference:\S+ +(dt|tolerance|no steps)", out, flags=re.MULTILINE)
@@ -158,7 +158,7 @@ def test_advice_is_that_of_the_run_that_is_named(command: Command) -> None:
 
 @pytest.mark.slow
 def test_advice_predicts_and_a_search_measures(command: Command) -> None:
-    """The command of a prediction ends in its step; after a search no answer is a prediction."""
+    """The command of a prediction ends in its step; after a search every answer is measured."""
     Path("mine.toml").write_text(tumbling(steps_s=[0.05, 0.02, 0.01, 0.005]))
     words = ("--engine", "reference:rk4,reference:m1", "--no-speed", "--out", "rk4")
     assert command("run", "mine.toml", *words)[0] == 0
@@ -180,14 +180,14 @@ def test_advice_predicts_and_a_search_measures(command: Command) -> None:
 
 @pytest.mark.slow
 def test_a_search_needs_the_engines_of_the_run(command: Command) -> None:
-    """An engine that is not there any more is named."""
+    """An engine that is no longer available is named."""
     status, out, err = command("advise", "--error", "3e-4", "--run", "run", "free", "--search")
     assert (status, out) == (2, "")
     assert "unknown engine 'failing' (available: " in err
 
 
 def test_advice_gives_the_error_of_a_step(command: Command) -> None:
-    """Of each method, measured or predicted; a method without steps is named."""
+    """Each method has a measured or predicted error; a method without steps is named."""
     status, out, _ = command("advise", "--dt", "4e-3", "--run", "run", "free")
     assert status == 0
     lines = out.splitlines()
@@ -200,7 +200,7 @@ def test_advice_gives_the_error_of_a_step(command: Command) -> None:
 
 @pytest.mark.slow
 def test_a_horizon_limits_the_time_over_which_errors_count(command: Command) -> None:
-    """Errors of a method of order 1 grow with the time, so a horizon allows coarser steps."""
+    """The error of a method of order 1 grows with time, so a shorter horizon allows coarser steps."""
 
     def error(*words: str) -> float:
         status, out, err = command("advise", "--dt", "1e-2", "--run", "run", "free", *words)
@@ -215,7 +215,7 @@ def test_a_horizon_limits_the_time_over_which_errors_count(command: Command) -> 
 
 
 def test_run_that_confirms_an_answer_does_not_replace_the_fuller_run(command: Command) -> None:
-    """The newest run is passed over for an older one that has all its methods and more."""
+    """An older run is preferred to the newest one if it has all methods of the newest and more."""
     for name, created in (("full", "2026-01-01T00:00:00+00:00"), ("part", "2026-02-01T00:00:00+00:00")):
         shutil.copytree("run", Path("bodycheck-runs", name))
         path = Path("bodycheck-runs", name, "manifest.json")
@@ -229,7 +229,7 @@ def test_run_that_confirms_an_answer_does_not_replace_the_fuller_run(command: Co
 
 
 def test_advice_is_that_of_the_newest_run_with_these_very_scenarios(command: Command) -> None:
-    """An older run is asked where the newest has them not, or has others by the same name."""
+    """An older run is used if the newest one lacks a scenario or has a different one of the same name."""
     runs = Path("bodycheck-runs")
     for name, created in (("old", "2026-01-01T00:00:00+00:00"), ("new", "2026-02-01T00:00:00+00:00")):
         shutil.copytree("run", runs / name)
@@ -262,7 +262,7 @@ def test_advice_is_that_of_the_newest_run_with_these_very_scenarios(command: Com
 
 
 def test_a_function_of_ones_own_needs_leave_wherever_it_is_asked_about(command: Command) -> None:
-    """The line that tells of --allow-code tells of an option that is there."""
+    """The message recommends --allow-code only for commands that have this option."""
     forcing = '[[forcing]]\nkind = "callable"\nfunction = "math:hypot"\n'
     Path("called.toml").write_text(tumbling("called") + forcing)
     for words in (
@@ -278,7 +278,7 @@ def test_a_function_of_ones_own_needs_leave_wherever_it_is_asked_about(command: 
 
 
 def test_a_table_is_printed_or_written(command: Command) -> None:
-    """Only the columns asked for, in that order; the file whole."""
+    """`table` prints only the requested columns in the requested order, or writes the whole file."""
     assert command("table", "run", "methods", "--columns", "verdict, method")[1].startswith(
         "verdict,method\n"
     )
@@ -288,7 +288,7 @@ def test_a_table_is_printed_or_written(command: Command) -> None:
 
 @pytest.mark.slow
 def test_a_figure_is_drawn(command: Command) -> None:
-    """Into the file that is named."""
+    """`plot` writes the named file."""
     pytest.importorskip("matplotlib")
     assert command("plot", "run", "--figure", "order", "--scenario", "free", "--out", "a.svg")[0] == 0
     assert Path("a.svg").read_text().startswith("<?xml")
@@ -296,7 +296,7 @@ def test_a_figure_is_drawn(command: Command) -> None:
 
 @pytest.mark.parametrize("suffix", ["gif", "svg"])
 def test_a_movie_is_written(suffix: str, command: Command) -> None:
-    """movie writes the named file and prints its name."""
+    """`movie` writes the named file and prints its name."""
     pytest.importorskip("matplotlib")
     out = f"film.{suffix}"
     assert command("movie", "run", "--scenario", "free", "--engine", "reference", "--out", out)[:2] == (
@@ -394,7 +394,7 @@ WRONG = {
 
 @pytest.mark.parametrize("what", WRONG)
 def test_a_wrong_question_ends_with_status_2_and_one_clear_line(what: str, command: Command) -> None:
-    """The message says what and where; nothing on standard output, nothing written."""
+    """The message names the error and its place; standard output is empty and no file is written."""
     before = sorted(Path().rglob("*"))
     words, message = WRONG[what]
     status, out, err = command(*words)

@@ -1,4 +1,4 @@
-"""A run stopped in any way continues where it was, and ends as if nothing had happened."""
+"""A run that was stopped in any way can be resumed and gives the same results as an uninterrupted run."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from tests.helpers.worker_processes import all_gone, workers_of
 
 ROOT = Path(__file__).parents[1]
 PATIENCE_S = 600.0
-"""After which a command is taken to hang, on a machine that is busy and has kernels to compile."""
+"""A command that takes longer is assumed to hang; the machine may be busy and kernels may need compiling."""
 STEPS = ["--dt", "0.05,0.02,0.01"]
 
 
 def hanging(kind: str = "sleep") -> list[str]:
-    """Return the words of a run in which an engine never comes back from one of its cases."""
+    """Return the arguments of a run in which an engine hangs in one case."""
     return [
         "run",
         "mine.toml",
@@ -48,13 +48,13 @@ Command = Callable[..., "subprocess.Popen[str]"]
 
 
 def heed_interrupts() -> None:
-    """Let Ctrl-C end the process: a shell that puts these tests in the background has it ignored."""
+    """Let Ctrl-C end the process, because a shell starts background jobs with Ctrl-C ignored."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 @contextmanager
 def commands_in(folder: Path) -> Iterator[Command]:
-    """Give a way to start commands in a folder with a scenario, where another package offers an engine."""
+    """Yield a function that starts commands in a folder with a scenario and a plug-in engine."""
     (folder / "mine.toml").write_text(SCENARIO)
     package = folder / "package"
     facts = package / "misbehaving-1.0.dist-info"
@@ -88,13 +88,13 @@ def commands_in(folder: Path) -> Iterator[Command]:
 
 @pytest.fixture
 def command(tmp_path: Path) -> Iterator[Command]:
-    """Return a way to start commands in the test's folder."""
+    """Return a function that starts commands in the test's folder."""
     with commands_in(tmp_path) as start:
         yield start
 
 
 class Whole(NamedTuple):
-    """The tables of a run that hung at one case and was not stopped, and the lines of its journal."""
+    """The tables of an uninterrupted run with one hanging case, and the number of lines of its journal."""
 
     tables: dict[str, pd.DataFrame]
     answers: int
@@ -102,7 +102,7 @@ class Whole(NamedTuple):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
-    """Return a run to its end."""
+    """Run to the end without an interruption."""
     folder = tmp_path_factory.mktemp("whole")
     with commands_in(folder) as start:
         process = start(*hanging(), "--timeout-s", "5", "--out", "out")
@@ -113,7 +113,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
 
 
 def finished(process: subprocess.Popen[str]) -> tuple[int, str]:
-    """Return the status of a command and its last words on standard error; no worker survives it."""
+    """Return the status of a command and its last line on standard error; no worker may survive it."""
     _, errors = process.communicate(timeout=PATIENCE_S)
     assert "Traceback" not in errors
     assert all_gone(process.pid)
@@ -121,7 +121,7 @@ def finished(process: subprocess.Popen[str]) -> tuple[int, str]:
 
 
 def answered(process: subprocess.Popen[str], folder: Path, count: int, what: bytes = b"\n") -> None:
-    """Wait until the journal of a running run has `what` this many times: a line is an answer."""
+    """Wait until the journal of a running run has `what` this many times; each line is an answer."""
     journal = folder / "out.partial/journal"
     while not journal.exists() or journal.read_bytes().count(what) < count:
         assert process.poll() is None
@@ -147,9 +147,9 @@ def tables(folder: Path) -> dict[str, pd.DataFrame]:
 def test_stopped_run_continues_to_the_same_tables(
     blow: signal.Signals, status: int, command: Command, tmp_path: Path, whole: Whole
 ) -> None:
-    """A hanging engine ends with the run; stored answers are not computed again."""
+    """A hanging engine ends with the run, and stored answers are not computed again."""
     stopped = command(*hanging(), "--timeout-s", "5", "--out", "out")
-    answered(stopped, tmp_path, whole.answers - 1)  # all but the hanging case
+    answered(stopped, tmp_path, whole.answers - 1)  # all except the hanging case
     assert workers_of(stopped.pid)
     stopped.send_signal(blow)
     ended = finished(stopped)
@@ -171,7 +171,7 @@ def test_stopped_run_continues_to_the_same_tables(
 
 @pytest.mark.slow
 def test_killed_run_leaves_no_engine(command: Command, tmp_path: Path, whole: Whole) -> None:
-    """An engine that holds the interpreter's lock for ever ends too."""
+    """An engine that never releases the interpreter's lock is ended too."""
     killed = command(*hanging("c-loop"), "--out", "out")
     answered(killed, tmp_path, whole.answers - 1)
     assert workers_of(killed.pid)
@@ -181,10 +181,10 @@ def test_killed_run_leaves_no_engine(command: Command, tmp_path: Path, whole: Wh
 
 @pytest.mark.slow
 def test_second_process_on_the_same_run_is_refused(command: Command, tmp_path: Path, whole: Whole) -> None:
-    """Resuming or starting: one line, status 2, and the first process is not disturbed."""
+    """Resuming or starting it gives one line and status 2, and does not disturb the first process."""
     first = command(*hanging(), "--timeout-s", "5", "--out", "out")
     answered(first, tmp_path, whole.answers - 1)
-    first.send_signal(signal.SIGSTOP)  # however long the others take
+    first.send_signal(signal.SIGSTOP)  # stopped, so that it cannot finish before the other commands
     status, words = finished(command("run", "--resume", "out"))
     assert status == 2
     assert words.startswith("out.partial/journal: another process is using this run")
@@ -198,7 +198,7 @@ def test_second_process_on_the_same_run_is_refused(command: Command, tmp_path: P
 
 @pytest.mark.slow
 def test_run_that_cannot_be_resumed_is_refused(command: Command, tmp_path: Path) -> None:
-    """No run, a damaged request or additional options: one line each, nothing written."""
+    """A missing run, a damaged request and additional options give one line each; nothing is written."""
     assert finished(command("run", "--resume", "out")) == (2, "--resume out: there is no interrupted run")
     status, words = finished(command("run", "mine.toml", "--resume", "out"))
     assert status == 2
@@ -215,13 +215,13 @@ def test_run_that_cannot_be_resumed_is_refused(command: Command, tmp_path: Path)
 
 @pytest.mark.slow
 def test_run_with_wrong_input_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A function that fails when the truth is computed leaves no folder that could be resumed."""
+    """A function that fails while the truth is computed leaves no folder that could be resumed."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.toml").write_text(
         SCENARIO + '[[forcing]]\nkind = "callable"\nfunction = "math:hypot"\n'
     )
     words = ["run", "mine.toml", "--engine", "mujoco:rk4", "--no-speed", "--allow-code", "--out", "out"]
-    for _ in range(2):  # the second time no remains of the first are in the way
+    for _ in range(2):  # the first run must leave nothing that changes the second
         done = CliRunner().invoke(commands.app, words)
         assert isinstance(done.exception, InputError)
         assert str(done.exception).startswith("mine.toml: math:hypot: failed at t = 0.0 s: TypeError")
@@ -231,9 +231,9 @@ def test_run_with_wrong_input_leaves_nothing(tmp_path: Path, monkeypatch: pytest
 
 @pytest.mark.slow
 def test_folder_without_a_request_is_replaced(command: Command, tmp_path: Path) -> None:
-    """A run killed before it wrote its request has no result, so a new run may begin there."""
+    """A run killed before it wrote its request has no results, so a new run may use its folder."""
     (tmp_path / "out.partial").mkdir()
-    (tmp_path / "out.partial/.asked.json-killed").write_text("{")
+    (tmp_path / "out.partial/.request.json-killed").write_text("{")
     words = ["run", "mine.toml", "--engine", "reference:m1", "--dt", "0.05", "--no-speed", "--out", "out"]
     assert finished(command(*words))[0] == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.toml", "out", "package"]
@@ -241,7 +241,7 @@ def test_folder_without_a_request_is_replaced(command: Command, tmp_path: Path) 
 
 @pytest.mark.slow
 def test_killed_run_keeps_its_laps(command: Command, tmp_path: Path) -> None:
-    """Speeds that were measured are those of the resumed run, digit for digit."""
+    """Speeds that were measured before the interruption are those of the resumed run, digit for digit."""
     words = ["run", "mine.toml", "--engine", "reference:m1,reference:rk4,misbehaving:nan", *STEPS]
     stopped = command(*words, "--out", "out")
     answered(stopped, tmp_path, 3, b"own_s")
@@ -260,7 +260,7 @@ def test_killed_run_keeps_its_laps(command: Command, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.nightly
 def test_answers_of_other_packages_are_reused_on_request(command: Command, tmp_path: Path) -> None:
-    """Answers are stored until the package's code changes, and used with --reuse."""
+    """Answers are stored until the package's code changes, and are used only with --reuse."""
     kinds = "misbehaving:abort,misbehaving:raw-flood,misbehaving:nan"
     words = ["run", "mine.toml", "--engine", kinds, *STEPS, "--no-speed"]
     module = tmp_path / "package/misbehaving_engine.py"
@@ -270,15 +270,15 @@ def test_answers_of_other_packages_are_reused_on_request(command: Command, tmp_p
     module.write_text(module.read_text().replace(build, requested))
 
     def times_asked(*options: str, out: str) -> int:
-        (tmp_path / "asked").write_text("")
+        (tmp_path / "requested").write_text("")
         assert finished(command(*words, *options, "--out", out))[0] == 0
         outcomes = tables(tmp_path / out)["results"]["outcome"].tolist()
         assert outcomes == ["ok", "ok", "failed", "ok", "ok", "ok", "ok", "ok", "unstable"]
-        return len((tmp_path / "asked").read_text())
+        return len((tmp_path / "requested").read_text())
 
     every_time = times_asked(out="a")
     assert every_time > 8
-    assert times_asked("--reuse", out="b") in (1, 2)  # the crash: in a worker that served others, or not
+    assert times_asked("--reuse", out="b") in (1, 2)  # a crash is repeated if the worker had run other cases
     assert times_asked("--fresh", out="c") == times_asked(out="f") == every_time
     module.write_text(module.read_text() + "\n# another version of the code\n")
     assert times_asked("--reuse", out="d") == every_time
@@ -295,7 +295,7 @@ def test_answers_of_other_packages_are_reused_on_request(command: Command, tmp_p
 
 @pytest.mark.nightly
 def test_fault_trials_find_no_fault(tmp_path: Path) -> None:
-    """Three trials of tools/fault_trials.py, each of another kind, pass."""
+    """Three trials of tools/fault_trials.py, each with another fault, pass."""
     script = Path(__file__).parents[1] / "tools/fault_trials.py"
     done = subprocess.run(
         [sys.executable, str(script), "--trials", "3", "--seed", "7"],

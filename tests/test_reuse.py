@@ -1,4 +1,4 @@
-"""What a command reuses of earlier runs: nothing, truths, answers of installed engines, or all answers."""
+"""What a command reuses from earlier runs: nothing, truths, answers of installed engines or all answers."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ COMMANDS = [
 
 
 class ManagedError(Exception):
-    """Ends a command where its run would begin, with the manner of it."""
+    """Ends a command before its run starts and stores what it would reuse."""
 
     def __init__(self, options: RunOptions) -> None:
         super().__init__(options.reuse)
@@ -57,7 +57,7 @@ class ManagedError(Exception):
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Go into a folder with a scenario and gates."""
+    """Change to a folder with a scenario and gates."""
     (tmp_path / "mine.toml").write_text(SCENARIO)
     (tmp_path / "gates.toml").write_text(GATE)
     monkeypatch.chdir(tmp_path)
@@ -75,7 +75,7 @@ def _no_run(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in ("directory", "gate_run", "nightly_run", "runner"):
         monkeypatch.setattr(f"bodycheck.runs.{module}.run_selection", ended)
     for module in ("directory", "gate_run", "runner"):
-        monkeypatch.setattr(f"bodycheck.runs.{module}.select", nothing)  # no worker is started for this
+        monkeypatch.setattr(f"bodycheck.runs.{module}.select", nothing)  # no worker is started
 
 
 @pytest.mark.usefixtures("folder", "_no_run")
@@ -89,7 +89,7 @@ def test_command_reuses_what_its_purpose_allows(words: list[str], reuse: str) ->
 
 @pytest.mark.usefixtures("folder", "_no_run")
 def test_nightly_run_times_all_cases_in_ten_passes() -> None:
-    """One undisturbed pass suffices; a run outside a history makes one."""
+    """A nightly run times each case in ten passes, one of which should be undisturbed; other runs in one."""
     passes = [
         CliRunner().invoke(commands.app, words).exception.options.speed_passes for words in (NIGHT, RUN)
     ]
@@ -99,7 +99,7 @@ def test_nightly_run_times_all_cases_in_ten_passes() -> None:
 @pytest.mark.usefixtures("folder", "_no_run")
 @pytest.mark.parametrize(("fresh", "reuse"), [(None, "installed"), (True, "nothing"), (False, "everything")])
 def test_run_from_python_reuses_the_same(fresh: bool | None, reuse: str) -> None:
-    """fresh=True is --fresh, and fresh=False is --reuse."""
+    """fresh=True is equivalent to --fresh, and fresh=False to --reuse."""
     with pytest.raises(ManagedError, match=f"^{reuse}$"):
         runner.run(["mine.toml"], engines=["reference:m1"], fresh=fresh)
 
@@ -107,7 +107,7 @@ def test_run_from_python_reuses_the_same(fresh: bool | None, reuse: str) -> None
 @pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize(("requested", "reuse"), [(False, "truths"), (True, "everything")])
 def test_gates_in_tests_measure_again(requested: bool, reuse: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The fixture does what the command does, and --bodycheck-reuse is its --reuse."""
+    """The fixture reuses what the command reuses, and --bodycheck-reuse is equivalent to --reuse."""
     reported = {
         "--bodycheck-tolerances": "gates.toml",
         "--bodycheck-suite": "mine.toml",
@@ -135,7 +135,7 @@ def test_gates_in_tests_measure_again(requested: bool, reuse: str, monkeypatch: 
 def test_rebuilt_engine_is_run_again_and_named_first(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """With the same version and other numbers, no answer of the old build is reused."""
+    """No answer of the old build is reused if the numbers change but the version does not."""
     site = folder / "site"
     write_shaky(site)
     monkeypatch.syspath_prepend(str(site))
@@ -176,7 +176,7 @@ def test_rebuilt_engine_is_run_again_and_named_first(
 
 
 def _kernels() -> Path:
-    """Return the folder of the compiled kernels, so that a separate cache need not compile them again."""
+    """Return the folder of the compiled kernels, so that a separate cache does not compile them again."""
     from bodycheck._util.compiled_cache import cache_directory
 
     return cache_directory()

@@ -1,4 +1,4 @@
-"""Scenarios, engines, steps and times as arguments from Python, and their refusals."""
+"""Scenarios, engines, steps and times as Python arguments, and how invalid ones are refused."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.helpers.expected_messages import ExpectedMessage
 
 @pytest.mark.slow
 def test_steps_and_tolerances_may_be_an_array() -> None:
-    """They become Python floats, whose repr is in the reproducing commands."""
+    """Arrays become Python floats, whose repr appears in the reproducing commands."""
     made = select(
         ["intermediate-axis"],
         ["reference:rk4", "reference:taylor"],
@@ -40,21 +40,21 @@ def test_steps_and_tolerances_may_be_an_array() -> None:
 def test_string_or_empty_list_is_refused(
     arguments: dict[str, Any], expected_message: ExpectedMessage
 ) -> None:
-    """One line says what would be right, not one line per letter."""
+    """One line states the valid form; a string is not treated as a list of letters."""
     with expected_message.raises(bodycheck.InputError):
         bodycheck.run(**arguments)
 
 
 @pytest.mark.parametrize("at", [5.0, [[0.0, 1.0]], "1", ["soon"]])
 def test_times_are_a_list_of_numbers(at: Any) -> None:
-    """One number, a table or a text is refused in one line."""
+    """A single number, a table or a text is refused."""
     with pytest.raises(bodycheck.InputError):
         bodycheck.truth("intermediate-axis", at)
 
 
 @pytest.mark.slow
 def test_variants_for_off_centre_links_run_only_there() -> None:
-    """Naming an engine adds them where a link is off the centre of mass; naming a variant, everywhere."""
+    """An engine's name adds them only for links off the centre of mass; a variant's name, for all."""
     selection = select(["off-centre-link", "sphere"], ["mujoco", "reference:rk4"])
     runs = {
         (scenario.name, method.name)

@@ -1,4 +1,4 @@
-"""Shards: a run divided among machines, and put together again."""
+"""Shards: a run divided among machines and merged again."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Message = Callable[..., None]
 
 
 def request(folder: Path, **others: Any) -> RunRequest:
-    """Return a run of two scenarios by four methods, whose steps the run itself refines."""
+    """Return a run of two scenarios by four methods whose steps the run refines."""
     engines = ["reference:m1,reference:rk4,reference:exact,mujoco:euler"]
     scenarios = [str(folder / "mine.toml"), str(folder / "other.toml")]
     given: dict[str, Any] = {"scenarios": scenarios, "engines": engines[0].split(","), "speed": False}
@@ -41,7 +41,7 @@ def request(folder: Path, **others: Any) -> RunRequest:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with a whole run, `whole`, and its shards, `part-1` to `part-3`."""
+    """Return a folder with a whole run `whole` and its shards `part-1` to `part-3`."""
     folder = tmp_path_factory.mktemp("shards")
     (folder / "mine.toml").write_text(tumbling())
     (folder / "other.toml").write_text(tumbling("other", omega_body_rad_s=(2.0, 0.1, 0.1)))
@@ -67,20 +67,20 @@ def tables(folder: Path) -> dict[str, pd.DataFrame]:
 
 
 def edit_manifest(part: Path, **changes: Any) -> None:
-    """Change entries of a shard's manifest."""
+    """Change entries in a shard's manifest."""
     path = part / "manifest.json"
     path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
 
 
 def findings(parts: list[Path]) -> list[str]:
-    """Return what merging reports."""
+    """Return the findings of a merge."""
     found: list[str] = merge(parts).manifest["merged"]["findings"]
     return found
 
 
 @pytest.mark.parametrize("count", [1, 2, 7, 64])
 def test_every_unit_is_in_exactly_one_shard(count: int) -> None:
-    """Whatever the unit and the number of shards; no shard of few is empty among many units."""
+    """Each unit has one shard for any number of shards; with many units no shard is empty."""
     shards = [Shard(k, count) for k in range(1, count + 1)]
     units = [("study", f"scenario-{i}", "engine", f"method-{i % 7}") for i in range(1000)]
     owners = [[shard.index for shard in shards if shard.has(*unit)] for unit in units]
@@ -89,7 +89,7 @@ def test_every_unit_is_in_exactly_one_shard(count: int) -> None:
 
 
 def test_owner_of_a_unit_never_changes() -> None:
-    """The division is part of the format: shards of different versions fit together."""
+    """The division is part of the format, so shards of different versions fit together."""
     owners = [Shard(1, 8).owner("study", "free-flight", "mujoco", f"m{k}") for k in range(8)]
     digests = [sha256(f"study\0free-flight\0mujoco\0m{k}".encode()).digest()[:8] for k in range(8)]
     assert owners == [1 + int.from_bytes(digest, "big") % 8 for digest in digests] == [3, 1, 5, 6, 5, 5, 6, 8]
@@ -97,7 +97,7 @@ def test_owner_of_a_unit_never_changes() -> None:
 
 @pytest.mark.parametrize("text", ["0/3", "4/3", "1/0", "1", "a/b", "1/3/5", "-1/3", "1/100001", "", "1/ 3"])
 def test_wrong_shard_is_refused(text: str, expected_message: Message) -> None:
-    """One line that shows what would be right."""
+    """One line states the valid form."""
     with pytest.raises(InputError) as refused:
         Shard.parse(text)
     expected_message(str(refused.value))
@@ -105,7 +105,7 @@ def test_wrong_shard_is_refused(text: str, expected_message: Message) -> None:
 
 @pytest.mark.slow
 def test_merged_shards_equal_one_run(folder: Path, tmp_path: Path) -> None:
-    """In every cell but those of speed; the merged folder is a run like any other."""
+    """Merged shards equal one run in every cell except those of speed, and can be read like any run."""
     ended = run_bodycheck(tmp_path, "merge", *(str(folder / f"part-{k}") for k in (2, 3, 1)), "--out", "all")
     assert ended.returncode == 0, ended.stderr
     whole = tables(folder / "whole")
@@ -120,7 +120,7 @@ def test_merged_shards_equal_one_run(folder: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_agreeing_machines_have_no_finding(parts: list[Path]) -> None:
-    """Shards of one machine give the same bits for every sentinel."""
+    """Shards of one machine have the same bits for every sentinel."""
     assert findings(parts) == []
     sentinels = [read_sentinels(part) for part in parts]
     assert [one.case for one in sentinels[0]] == [one.case for one in sentinels[1]]
@@ -130,7 +130,7 @@ def test_agreeing_machines_have_no_finding(parts: list[Path]) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [0.0, 1e-15, 1e-9])
 def test_disagreeing_sentinel_is_a_finding(parts: list[Path], size: float) -> None:
-    """It names the engine, the case, the machines and the digits; the merged run is still made."""
+    """A finding names the engine, the case, the machines and the digits; the run is merged anyway."""
     answers = {part.name: list(read_sentinels(part)) for part in parts}
     sound = answers["part-2"][1]
     assert sound.trajectory is not None
@@ -161,7 +161,7 @@ def test_different_outcome_of_a_sentinel_is_a_finding(parts: list[Path]) -> None
 
 @pytest.mark.slow
 def test_other_python_is_named(parts: list[Path]) -> None:
-    """Merging shards of two versions of Python reports both, with their shards, and merges."""
+    """Merging shards of two Python versions reports both with their shards."""
     python = json.loads((parts[0] / "manifest.json").read_text())["python"]
     edit_manifest(parts[1], python="3.99.1")
     assert f"shards differ in python: {python} in shards 1/3, 3/3; 3.99.1 in shard 2/3" in findings(parts)
@@ -169,7 +169,7 @@ def test_other_python_is_named(parts: list[Path]) -> None:
 
 @pytest.mark.slow
 def test_cases_of_an_engine_that_a_shard_lacks_are_failed(parts: list[Path]) -> None:
-    """They stand in the tables with the reason, and the engine is a finding."""
+    """The tables have these cases with the reason, and the engine is reported as a finding."""
     for part in parts:
         told = json.loads((part / "manifest.json").read_text())
         rows = pd.read_csv(part / "results.csv")
@@ -195,7 +195,7 @@ def test_cases_of_an_engine_that_a_shard_lacks_are_failed(parts: list[Path]) -> 
 
 @pytest.mark.slow
 def test_speeds_are_those_of_one_class_of_machines(parts: list[Path]) -> None:
-    """Times of another processor are left out, and that is reported; all else stays."""
+    """Times of another processor are omitted and reported; all other values are kept."""
     for part in parts:
         rows = pd.read_csv(part / "results.csv", dtype=str)
         for column in ("cpu_s", "cpu_s_low", "cpu_s_high"):
@@ -218,7 +218,7 @@ def test_speeds_are_those_of_one_class_of_machines(parts: list[Path]) -> None:
 def test_shards_that_do_not_fit_are_refused(
     fault: str, parts: list[Path], folder: Path, tmp_path: Path, expected_message: Message
 ) -> None:
-    """One line each, status 2, and nothing is written."""
+    """Each error gives one line and status 2, and nothing is written."""
     match fault:
         case "missing":
             parts = parts[:1]
@@ -243,7 +243,7 @@ def test_shards_that_do_not_fit_are_refused(
 def test_stopped_shard_is_resumed(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
 ) -> None:
-    """It ends with the tables that it would have had, and until then `merge` refuses it."""
+    """A resumed shard has the tables of an uninterrupted one; `merge` refuses an incomplete shard."""
 
     def stop(*_: Any, **__: Any) -> Path:
         raise KeyboardInterrupt
@@ -262,7 +262,7 @@ def test_stopped_shard_is_resumed(
 
 @pytest.mark.slow
 def test_shard_without_cases_is_a_shard(folder: Path, tmp_path: Path) -> None:
-    """Of more shards than studies some are empty; merged they are the run."""
+    """With more shards than studies some shards are empty, and merged they equal the run."""
     requested = replace(request(folder), scenarios=[str(folder / "mine.toml")], engines=["reference:m1"])
     run_to_folder(requested, tmp_path / "whole", no_progress)
     outs = [tmp_path / f"part-{k}" for k in range(1, 4)]
@@ -276,7 +276,7 @@ def test_shard_without_cases_is_a_shard(folder: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_shards_of_a_nightly_run_are_judged_as_one(folder: Path, tmp_path: Path) -> None:
-    """The merged run is stored in a history and compared: status 3 the first time, 0 the second."""
+    """The merged run is stored in a history and compared: the status is 3 the first time and 0 the second."""
     (tmp_path / "mine.toml").write_text((folder / "mine.toml").read_text())
     words = ["nightly", "mine.toml", "--engine", "reference:m1,reference:rk4", "--no-speed", "--quiet"]
     for k in (1, 2):

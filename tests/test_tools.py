@@ -1,4 +1,4 @@
-"""The scripts of tools/ follow the package that they measure."""
+"""The scripts of tools/ stay consistent with the package."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SCRIPTS = sorted((Path(__file__).parents[1] / "tools").glob("*.py"))
 @pytest.mark.slow
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
 def test_script_can_be_imported(script: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every name that a script imports exists; a script that needs an extra is skipped without it."""
+    """Every name that a script imports exists; a script that needs a missing extra is skipped."""
     if script.stem == "mesh_survey":
         pytest.importorskip("trimesh")
     monkeypatch.syspath_prepend(str(script.parent))

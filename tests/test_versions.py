@@ -1,4 +1,4 @@
-"""The version matrix, and the search for the release in which a measure changed, on releases of a toy."""
+"""The version matrix and the search for the release in which a measure changed, on a toy engine."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ BROKEN = "1.5"
 
 @pytest.fixture(scope="module")
 def links(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with the toy's releases: of order 1, in 1.0.5 and from 1.10 on of 4; one is broken."""
+    """Return a folder of toy releases of order 1, and of order 4 in 1.0.5 and from 1.10 on; one is broken."""
     folder = tmp_path_factory.mktemp("links")
     write_needed(folder)
     for release, method in RELEASES.items():
@@ -53,13 +53,13 @@ def links(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return where the environments are made, once for all tests."""
+    """Return the folder of the environments, which all tests share."""
     return tmp_path_factory.mktemp("home")
 
 
 @pytest.fixture
 def toy(links: Path, home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Install the toy's 2.0 here, and let uv find its releases without a network."""
+    """Install the toy's release 2.0 here, and let uv find its releases without a network."""
     try:
         uv.uv_program()
     except UnavailableError as error:
@@ -79,7 +79,7 @@ def toy(links: Path, home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 @pytest.fixture
 def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[int, str, str]]:
-    """Return a way to run a command in this process, in an empty folder."""
+    """Return a function that runs a command in this process in an empty folder."""
     monkeypatch.chdir(tmp_path)
 
     def requested(*words: str) -> tuple[int, str, str]:
@@ -97,7 +97,7 @@ CONFIGURATIONS = {"uv.toml": "{line}", "pyproject.toml": "[tool.uv]\n{line}"}
 def test_configuration_of_the_working_directory_is_ignored(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
 ) -> None:
-    """A checkout may name another index; the user's configuration counts."""
+    """Configuration files of a checkout are ignored, as they may name another index; the user's is used."""
     monkeypatch.delenv("UV_FIND_LINKS")
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     checkout, other = tmp_path / "checkout", tmp_path / "other"
@@ -116,7 +116,7 @@ def test_configuration_of_the_working_directory_is_ignored(
 @pytest.mark.slow
 @pytest.mark.usefixtures("toy")
 def test_versions_are_engines_of_their_own() -> None:
-    """Each is run with its own code and is in every table, next to the installed one."""
+    """Each version is run with its own code and appears in every table next to the installed one."""
     run = bodycheck.run(
         ["intermediate-axis"], engines=["toy==1.0", "toy == 2.0:m", "toy"], dt_s=STEPS, speed=False
     )
@@ -132,7 +132,7 @@ def test_versions_are_engines_of_their_own() -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("toy")
 def test_two_versions_are_compared_under_one_name() -> None:
-    """Every table and case uses the common name; otherwise nothing could be compared."""
+    """Every table and case uses the common name, because otherwise nothing could be compared."""
     run = bodycheck.run(["intermediate-axis"], engines=["toy==1.0"], dt_s=STEPS, speed=False)
     tables = renamed(run, {"toy==1.0": "toy"})
     assert {*tables.results["engine"]} == {*tables.methods["engine"]} == {"toy"}
@@ -142,7 +142,7 @@ def test_two_versions_are_compared_under_one_name() -> None:
 @pytest.mark.nightly
 @pytest.mark.usefixtures("toy")
 def test_speeds_are_measured_in_the_versions_environment() -> None:
-    """A case of a pinned version is timed like any other."""
+    """A case of a pinned version is timed like any other case."""
     run = bodycheck.run(["intermediate-axis"], engines=["toy==1.0"], dt_s=[1e-2])
     assert (run.results["cpu_s"] > 0.0).all()
     assert run.results["engine"].tolist() == ["toy==1.0"]
@@ -161,7 +161,7 @@ def test_speeds_are_measured_in_the_versions_environment() -> None:
 def test_unavailable_version_is_refused(
     engine: str, reported: str, command: Callable[..., tuple[int, str, str]]
 ) -> None:
-    """Status 2 and one line after the announcement of the environment; nothing is written."""
+    """The error is one line after the announcement of the environment, with status 2; nothing is written."""
     status, out, error = command("run", "intermediate-axis", "--engine", engine, "--out", "made")
     assert (status, out) == (2, "")
     *before, fault = error.splitlines()
@@ -181,7 +181,7 @@ def test_unavailable_version_is_refused(
     ],
 )
 def test_releases_are_listed_oldest_first(since: str, until: str | None, there: list[str]) -> None:
-    """Both ends count, unlisted ends stand for the range between; no pre-releases."""
+    """Both ends are included, ends that are not listed bound the range, and pre-releases are left out."""
     assert list(releases("toy", since, until)) == there
 
 
@@ -197,7 +197,7 @@ ERRORS = {"1": 1e-3, "2": 1e-3, "3": 1e-3, "4": 1e-6, "5": 1e-6, "6": 1e-6, "7":
 
 @pytest.fixture
 def reported(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Return a list that gets each release that is run: of ERRORS, without uv or an engine."""
+    """Return a list that receives the name of each release run; ERRORS replaces uv and the engine."""
     method = Method("m", "", 1, 1, "every stage", "", "")
 
     def run(_asked: object, release: str, *_: object) -> version_search._Release:
@@ -215,7 +215,7 @@ SEARCHED = ("toy", "1", None, "intermediate-axis", None, "orientation_error_rad"
 
 @pytest.mark.parametrize("every", [None, False, True])
 def test_releases_are_bisected_unless_every_one_is_requested(every: bool | None, reported: list[str]) -> None:
-    """Each is run once, the ends first; each finding is the value in its release."""
+    """Each release is run once, both ends first, and each finding is the value in its release."""
     requested = version_search.Search(*SEARCHED, **({} if every is None else {"every": every}))
     assert not requested.allow_code
     found = version_search.search(requested, RunOptions(), reported.append)
@@ -230,7 +230,7 @@ def test_releases_are_bisected_unless_every_one_is_requested(every: bool | None,
 
 
 def facts(name: str, control: Control = "dt", *, on_request: bool = False) -> Method:
-    """Return the facts of a method of the toy."""
+    """Return the facts of a toy method."""
     tolerances = (1e-6, 1e-9) if control == "tolerance" else ()
     return Method(
         *(name, "", 1, 1, "every stage", "", ""),
@@ -245,7 +245,7 @@ METHODS = [facts("m"), facts("n", "tolerance"), facts("exact", "none"), facts("s
 
 @pytest.fixture
 def selected(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Selection, dict[str, Any]]]:
-    """Return a list that gets what is run of each release: 1 lacks "n", 3 cannot be run."""
+    """Return a list that receives each selection run; release 1 lacks "n", release 3 cannot be run."""
     runs: list[tuple[Selection, dict[str, Any]]] = []
 
     def announced(names: list[str]) -> dict[str, Engine | str]:
@@ -279,7 +279,7 @@ SEARCH_FIELDS = ("engine", "since", "until", "scenario", "method", "measure", "d
 
 
 def searched(**requested: Any) -> tuple[Found, list[str]]:
-    """Return the result of a search in releases 1 to 3, and the names with which progress was shown."""
+    """Return the result of a search in releases 1 to 3, and the names passed to the progress bar."""
     shown: list[str] = []
 
     @contextmanager
@@ -295,7 +295,7 @@ def searched(**requested: Any) -> tuple[Found, list[str]]:
 def test_releases_are_run_with_all_methods_that_are_not_on_request(
     selected: list[tuple[Selection, dict[str, Any]]],
 ) -> None:
-    """At the scenario's steps, without a journal; a release that lacks a method has no value of it."""
+    """Releases are run at the scenario's steps without a journal; a missing method has no value."""
     found, shown = searched()
     assert found.failed == {"3": "toy==3 is spoilt"}
     assert [track.method for track in found.tracks] == ["m", "exact", "n"]
@@ -320,7 +320,7 @@ def test_releases_are_run_with_all_methods_that_are_not_on_request(
 
 @pytest.mark.parametrize("method", ["slow", "m"])
 def test_requested_method_is_run_alone(method: str, selected: list[tuple[Selection, dict[str, Any]]]) -> None:
-    """One that runs on request only, too, at the requested steps."""
+    """A requested method, even one that runs only on request, is run alone at the requested steps."""
     found, _ = searched(method=method, dt_s=STEPS)
     assert [[one.name for _, one in selection.methods] for selection, _ in selected] == [[method]] * 2
     assert [selection.dt_s for selection, _ in selected] == [tuple(STEPS)] * 2
@@ -330,7 +330,7 @@ def test_requested_method_is_run_alone(method: str, selected: list[tuple[Selecti
 def test_release_without_the_requested_method_is_not_run(
     selected: list[tuple[Selection, dict[str, Any]]],
 ) -> None:
-    """It has no value of it, and the change is where the method came."""
+    """That release has no value, and the change is the release that added the method."""
     found, shown = searched(method="n")
     assert shown == ["toy==2: 2"]
     assert len(selected) == 1
@@ -347,7 +347,7 @@ def test_release_without_the_requested_method_is_not_run(
 )
 @pytest.mark.usefixtures("selected")
 def test_search_for_nothing_is_refused(arguments: dict[str, Any], expected_message: ExpectedMessage) -> None:
-    """The line says what there is."""
+    """The error lists the available names."""
     with expected_message.raises(InputError):
         searched(**arguments)
 
@@ -355,7 +355,7 @@ def test_search_for_nothing_is_refused(arguments: dict[str, Any], expected_messa
 def test_search_without_a_sound_release_has_the_reason_of_each(
     selected: list[tuple[Selection, dict[str, Any]]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One line per release."""
+    """The error has one line per release."""
     monkeypatch.setattr(version_search, "announced", lambda names: {names[0]: f"{names[0]} is spoilt"})
     with pytest.raises(InputError) as refused:
         searched()
@@ -368,7 +368,7 @@ def test_search_without_a_sound_release_has_the_reason_of_each(
 def test_search_runs_code_of_a_scenario_only_if_allowed(
     allowed: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As a run does."""
+    """A search passes on the permission to run code, as a run does."""
     requested: list[bool] = []
     checked = version_search.checked_scenarios
 
@@ -386,7 +386,7 @@ def test_search_runs_code_of_a_scenario_only_if_allowed(
 def test_release_in_which_a_measure_changed_is_found(
     command: Callable[..., tuple[int, str, str]],
 ) -> None:
-    """One command finds it; a release that cannot be imported is skipped and shown."""
+    """One command finds the release; a release that cannot be imported is skipped and reported."""
     status, out, error = command("versions", "toy", "--since", "1.0", "--until", "2.0", "--dt", DT)
     assert status == 0, error
     lines = out.splitlines()
@@ -403,7 +403,7 @@ def test_release_in_which_a_measure_changed_is_found(
 @pytest.mark.nightly
 @pytest.mark.usefixtures("toy")
 def test_every_release_is_run_on_request(command: Callable[..., tuple[int, str, str]]) -> None:
-    """A change that was undone within the range is found; the releases are named together."""
+    """With --every a change that was undone within the range is found, and all its releases are named."""
     words = ("versions", "toy", "--since", "1.0", "--until", "1.9", "--method", "m", "--dt", "2e-2,1e-2")
     measure = ("--measure", "orientation_error_rad")
     status, out, error = command(*words, *measure)
@@ -429,7 +429,7 @@ def test_every_release_is_run_on_request(command: Callable[..., tuple[int, str, 
 def test_equal_ends_are_reported(
     measure: str, reported: str, command: Callable[..., tuple[int, str, str]]
 ) -> None:
-    """Both ends are equal; a change that was undone between them is not excluded."""
+    """Both ends are equal; the output warns that a change undone between them would be missed."""
     words = ("versions", "toy", "--since", "1.0", "--until", "1.1", "--measure", measure, "--dt", DT)
     status, out, error = command(*words)
     assert status == 0, error
@@ -455,7 +455,7 @@ def test_equal_ends_are_reported(
 def test_wrong_arguments_are_refused(
     words: tuple[str, ...], reported: str, command: Callable[..., tuple[int, str, str]]
 ) -> None:
-    """Status 2, and what would be right."""
+    """The status is 2, and the error states the valid form."""
     status, out, error = command("versions", "toy", *words)
     assert (status, out) == (2, "")
     assert reported in error
@@ -463,7 +463,7 @@ def test_wrong_arguments_are_refused(
 
 @pytest.mark.slow
 def test_mujocos_rk4_is_of_order_4_from_4_0_0(command: Callable[..., tuple[int, str, str]]) -> None:
-    """For the real releases, where an index can be reached: order 2 in 3.17.0, 4 in 4.0.0."""
+    """In the real releases, if an index can be reached, the order is 2 in 3.17.0 and 4 in 4.0.0."""
     try:
         between = releases("mujoco", "3.16.0", "4.0.0")
     except (InputError, UnavailableError) as error:
@@ -479,7 +479,7 @@ def test_mujocos_rk4_is_of_order_4_from_4_0_0(command: Callable[..., tuple[int, 
 def test_mujocos_4_0_0_improved_and_3_17_0_is_worse(
     command: Callable[..., tuple[int, str, str]], tmp_path: Path
 ) -> None:
-    """Two nightly runs of the real releases, compared by either command: only the downgrade fails."""
+    """Two nightly runs of the real releases are compared by both commands, and only the downgrade fails."""
     try:
         releases("mujoco", "3.17.0", "4.0.0")
     except (InputError, UnavailableError) as error:

@@ -26,7 +26,7 @@ IDIOMS = {
     r"\bnights? (before|of)\b|\btonight('s)?\b": "baseline runs, this run",
     r"\ba s\b": "per simulated second",
 }
-"""Idiom -> what to write instead."""
+"""Idiom -> its replacement."""
 
 
 @cache
@@ -37,7 +37,7 @@ def prose() -> list[tuple[str, str]]:
 
 def _prose() -> Iterator[tuple[str, str]]:
     for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))):
-        if page.name == "naming.md":  # quotes them
+        if page.name == "naming.md":  # this page quotes the idioms
             continue
         text = re.sub(r"```.*?```|`[^`\n]*`", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
         for number, line in enumerate(text.splitlines(), 1):
@@ -65,6 +65,6 @@ def _prose() -> Iterator[tuple[str, str]]:
 
 @pytest.mark.parametrize("idiom", IDIOMS)
 def test_no_idiom_is_used(idiom: str) -> None:
-    """Each has a standard term with one meaning for every reader."""
+    """No text for users contains an idiom, because each has a standard term with a single meaning."""
     found = [f"{place}: {text.strip()[:100]}" for place, text in prose() if re.search(idiom, text)]
     assert found == [], f"write {IDIOMS[idiom]}"

@@ -1,4 +1,4 @@
-"""The workflows: pinned actions, least rights, and existing commands and options only."""
+"""The workflows: pinned actions, minimal permissions, and existing commands and options only."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def jobs(file: Path) -> dict[str, Any]:
 
 @pytest.mark.parametrize("file", WORKFLOWS, ids=lambda file: file.stem)
 def test_actions_are_pinned_by_hash(file: Path) -> None:
-    """The version is next to the hash; a tag could be moved."""
+    """Each action is pinned by its hash, because a tag can be moved; the version is next to the hash."""
     used = re.findall(r"uses: *(.*)", file.read_text())
     assert used
     assert all(re.fullmatch(r"[\w.-]+/[\w.-]+@[0-9a-f]{40} # v\d+\.\d+\.\d+", line) for line in used)
@@ -34,7 +34,7 @@ def test_actions_are_pinned_by_hash(file: Path) -> None:
 
 @pytest.mark.parametrize("file", WORKFLOWS, ids=lambda file: file.stem)
 def test_rights_are_the_least(file: Path) -> None:
-    """A job declares every right beyond reading, and has a time limit or publishes."""
+    """A job declares each permission beyond reading, and has a time limit or publishes."""
     assert yaml.safe_load(file.read_text())["permissions"] == {"contents": "read"}
     for job in jobs(file).values():
         assert "timeout-minutes" in job or len(job["steps"]) == 1
@@ -42,7 +42,7 @@ def test_rights_are_the_least(file: Path) -> None:
 
 @pytest.mark.parametrize("file", WORKFLOWS, ids=lambda file: file.stem)
 def test_expressions_reach_a_script_through_its_environment(file: Path) -> None:
-    """The value of an expression must not become part of a program."""
+    """The value of an expression must not become part of a script."""
     scripts = [step["run"] for job in jobs(file).values() for step in job["steps"] if "run" in step]
     assert scripts
     assert not any("${{" in script for script in scripts)
@@ -50,7 +50,7 @@ def test_expressions_reach_a_script_through_its_environment(file: Path) -> None:
 
 @pytest.mark.parametrize("file", SCRIPTS, ids=lambda file: file.name)
 def test_commands_and_options_exist(file: Path) -> None:
-    """Each word after bodycheck is a command, and each option one of its own."""
+    """Each word after bodycheck is a command, and each option belongs to its command."""
     lines = [
         shlex.split(line.split("||")[0].split(">")[0])
         for line in re.findall(r"^[^#\n]*?(?:bodycheck|\$bodycheck\") ([a-z]+ .*)$", file.read_text(), re.M)
@@ -66,7 +66,7 @@ def test_commands_and_options_exist(file: Path) -> None:
 
 
 def test_tests_run_on_three_pythons() -> None:
-    """They are those that the package supports."""
+    """The versions are those that the package supports."""
     tests = jobs(_FOLDER / "tests.yml")["tests"]
     assert tests["strategy"]["matrix"]["python"] == ["3.11", "3.12", "3.13"]
 

@@ -1,9 +1,9 @@
-"""Measure the settings that `advise` predicts: how many meet the error, and how often it was unsure.
+"""Measure the settings that `advise` predicts: how many meet the error tolerance, and how many are unsure.
 
-Each scenario, method and error of a run is one question, and its answer is read from the run's own steps. The
-predicted steps are then measured, unless they cost more than --most-steps steps. A prediction holds where the
-measured error is at most 1.5 times the requested one. Exit status 1 if a sure prediction does not hold, or if
-more than a tenth of the predictions or of all answers are unsure or missing.
+Each scenario, method and error of a run is one question, answered from the run's own steps. The predicted
+steps are then measured, unless they cost more than --most-steps steps. A prediction holds if the measured
+error is at most 1.5 times the requested one. Exit status 1 if a prediction that is not unsure does not hold,
+or if more than a tenth of the predictions or of all answers are unsure or missing.
 
     bodycheck run standard --no-speed --out std && python tools/advice_trials.py std
 """
@@ -40,7 +40,7 @@ class Question:
 
     @property
     def dt_s(self) -> float:
-        """The predicted step."""
+        """Return the predicted step."""
         assert self.estimate.setting is not None
         return self.estimate.setting
 
@@ -50,12 +50,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("run", type=Path, help="folder of a run, whose steps are the coarse ones")
+    parser.add_argument("run", type=Path, help="folder of a run with the coarse steps")
     parser.add_argument("--quantity", default="orientation_error_rad")
-    parser.add_argument("--errors", default="1e-1,1e-2,1e-3,1e-4,1e-5,1e-6", help="the errors to ask for")
+    parser.add_argument("--errors", default="1e-1,1e-2,1e-3,1e-4,1e-5,1e-6", help="requested errors")
     parser.add_argument("--engines", default="", help="only these engines [default: all of the run]")
-    parser.add_argument("--most-steps", type=float, default=3e5, help="of a case that is measured")
-    parser.add_argument("--questions", type=int, default=None, help="a random sample of them [default: all]")
+    parser.add_argument("--most-steps", type=float, default=3e5, help="limit per measured case")
+    parser.add_argument("--questions", type=int, default=None, help="size of a random sample [default: all]")
     parser.add_argument("--seed", type=int, default=1)
     requested = parser.parse_args()
 
@@ -104,7 +104,7 @@ def main() -> int:
 def _questions(
     curves: Mapping[tuple[str, MethodKey], ErrorCurve], errors: Iterable[float], kinds: Counter[str]
 ) -> Iterable[Question]:
-    """Yield the questions whose answer is a prediction, and count the answers of all."""
+    """Yield the questions whose answer is a prediction, and count the answers of all questions."""
     for error in errors:
         for place, curve in curves.items():
             found = curve.coarsest_within(error)

@@ -1,9 +1,9 @@
 """Measure the import audit: real files, generated valid files, composites, damaged files.
 
-python tools/audit_trials.py real [FOLDER ...]      every URDF, MJCF and SDF below the folders
-python tools/audit_trials.py valid --files 500      false differences over generated files
-python tools/audit_trials.py composites --trials 200   against arithmetic of 50 digits
-python tools/audit_trials.py damaged --files 10000  one clear line each
+python tools/audit_trials.py real [FOLDER ...]      every URDF, MJCF and SDF file below the folders
+python tools/audit_trials.py valid --files 500      false differences in generated files
+python tools/audit_trials.py composites --trials 200   compared with 50-digit arithmetic
+python tools/audit_trials.py damaged --files 10000  one clear line per file
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def real(folders: list[Path], every: int) -> None:
             outcomes["refused by the reader"] += 1
             print(f"  {error}")
             continue
-        except Exception as error:  # noqa: BLE001 - what the trial looks for
+        except Exception as error:  # noqa: BLE001 - the trial searches for any exception
             faults += 1
             print(f"FAULT {path}: {type(error).__name__}: {error}")
             continue
@@ -158,7 +158,7 @@ def composites(count: int, seed: int) -> None:
 
 
 def damaged(count: int, seed: int) -> None:
-    """Read damaged files, and print what else than one clear line came of them."""
+    """Read damaged files, and print every result other than one clear line."""
     rng = random.Random(seed)
     texts = [random_urdf(np.random.default_rng(k)) for k in range(20)]
     texts += [sdf_of(text) for text in texts]
@@ -173,7 +173,7 @@ def damaged(count: int, seed: int) -> None:
             except InputError as error:
                 lines = str(error).count("\n") + 1
                 endings["one line" if lines == 1 and str(path) in str(error) else f"UNCLEAR: {error}"] += 1
-            except Exception as error:  # noqa: BLE001 - what the trial looks for
+            except Exception as error:  # noqa: BLE001 - the trial searches for any exception
                 endings[f"FAULT {type(error).__name__}: {error}"[:200]] += 1
                 path.rename(Path(tempfile.gettempdir()) / f"fault-{k}.xml")
             else:
@@ -184,7 +184,7 @@ def damaged(count: int, seed: int) -> None:
 
 
 def main() -> None:
-    """Run the part that is named."""
+    """Run the requested part."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

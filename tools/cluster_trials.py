@@ -1,12 +1,12 @@
-"""Runs in shards and on a Dask cluster, whole and with lost workers, compared with one run on this machine.
+"""Compare runs in shards and on a Dask cluster, with and without lost workers, with one run on this machine.
 
     python tools/cluster_trials.py smoke --engine mujoco,dart,reference
 
-Starts a scheduler and three workers with TLS on the loopback interface. Then: the merged tables of 8 shards,
-of a cluster run, and of a cluster run of which one worker is killed and another one stops answering, each
-compared cell by cell with one run; how many answers the journal of the last has, and how many twice; and the
-time that a case takes longer in batches through one worker than without the cluster. Ends with status 1
-where a cell differs, or an answer is missing or there twice.
+Starts a scheduler and three workers with TLS on the loopback interface. Compares with one run, cell by cell:
+the merged tables of 8 shards, a cluster run, and a cluster run of which one worker is killed and another one
+stops answering. Prints how many answers the journal of the last one has and how many of them twice, and the
+additional time per case in batches through one worker relative to a run without the cluster. Exit status 1
+if a cell differs, or if an answer is missing or present twice.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _CASES, _REPEATS = 400, 5
 
 
 def differing(one: Path, other: Path) -> int:
-    """Return in how many cells the tables of two runs differ, besides speeds and the run's id."""
+    """Return the number of cells in which the tables of two runs differ, except speeds and the run's id."""
     cells = 0
     for name in TABLES:
         a, b = (
@@ -64,7 +64,7 @@ def bodycheck(*words: str) -> None:
 
 
 def run_and_lose_two(words: list[str], out: Path, cluster: Loopback, answers: int) -> Path:
-    """Run; after so many answers kill one worker and stop another. Return a copy of the journal."""
+    """Run; after this many answers kill one worker and stop another. Return a copy of the journal."""
     journal, kept = partial_of(out) / "journal", out.with_name("journal")
     running = subprocess.Popen(
         [sys.executable, "-m", "bodycheck", *words, "--out", str(out)], stdout=subprocess.DEVNULL
@@ -88,7 +88,7 @@ def answered(journal: Path) -> list[str]:
 
 
 def overhead_ms(cluster: Loopback) -> tuple[float, float]:
-    """Return the milliseconds of a case without the cluster, and how many more it takes through it."""
+    """Return the milliseconds per case without the cluster, and the additional ones through it."""
     engine = announced(["reference"])["reference"]
     assert not isinstance(engine, str)
     case = Case(load_scenario("free-flight").scene, "rk4", Setting(dt_s=1e-3))
@@ -158,8 +158,8 @@ def trials(words: list[str], folder: Path) -> bool:
 
 
 def main() -> None:
-    """Print the figures, and exit with status 1 where something differs."""
-    parser = argparse.ArgumentParser(description="Shards and clusters compared with one run.")
+    """Print the figures; exit with status 1 if something differs."""
+    parser = argparse.ArgumentParser(description="Compare shards and clusters with one run.")
     parser.add_argument("scenarios", nargs="*", default=["smoke"])
     parser.add_argument("--engine", default="mujoco,dart,reference", help="[default: mujoco,dart,reference]")
     given = parser.parse_args()

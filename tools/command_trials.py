@@ -1,11 +1,11 @@
-"""Whatever the command line says, it is carried out or refused: no traceback, no hang, nothing half-written.
+"""Check that any command line is carried out or refused: no traceback, no hang, no incomplete output.
 
     python tools/command_trials.py --trials 1000 --seed 1
 
-Draws command lines of all commands but those that fetch packages, with sound, odd and damaged files, names
-and numbers, and carries each out in a process of its own. Prints the figures; ends with status 1 where one
-ended with a status that it may not have, wrote a line that is too long or not printable, left something
-unfinished, took too long, or more than 500 MB.
+Draws command lines of all commands except those that download packages, with valid, odd and damaged files,
+names and numbers, and runs each in a separate process. Prints the figures. Exit status 1 if a command ended
+with an invalid status, wrote a line that is too long or not printable, left something incomplete, took too
+long, or needed more than 500 MB.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from tests.helpers.scenario_texts import SCENARIO
 LIMIT_S, MAX_MEGABYTES = 60.0, 500.0
 STATUSES = {0, 1, 2, 3}
 WITHOUT_VERDICT = {"run", "truth", "judge", "body", "list", "compare", "advise", "report", "table", "plot"}
-"""The commands for which 1, a gate or a regression that failed, would be a lie."""
+"""The commands that have no gate and no regression, for which status 1 would be wrong."""
 GATES = '[[gate]]\nmeasure = "orientation_error_rad"\nupper = 1e-3\nreason = "small"\n'
 
 TOML = ("mine.toml", "bad.toml", "caf\udce9.toml", "nowhere.toml", "free-body", "separatrix/1", "x" * 300, "")
@@ -113,7 +113,7 @@ NEEDED = {
 
 
 def drawn(dice: random.Random) -> list[str]:
-    """Return one command line; most of its words are such as the command takes."""
+    """Return one command line; most of its words are valid for the command."""
     command = dice.choice(sorted(COMMANDS))
     arguments, options = COMMANDS[command]
     words = list(SOUND.get(command, ["mine.toml"]))
@@ -138,7 +138,7 @@ def drawn(dice: random.Random) -> list[str]:
 
 
 def fault_of(words: list[str], done: CompletedProcess[str], before: set[str], after: set[str]) -> str | None:
-    """Return what is wrong with how a command ended; None where nothing is."""
+    """Return what is wrong with the end of a command, or None."""
     allowed = STATUSES - {1, 3} if words[0] in WITHOUT_VERDICT else STATUSES
     if done.returncode not in allowed:
         return f"status {done.returncode}"
@@ -157,7 +157,7 @@ def fault_of(words: list[str], done: CompletedProcess[str], before: set[str], af
 
 
 def main() -> int:
-    """Make the trials and print how many ended how."""
+    """Run the trials and print the number of each kind of ending."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     options.add_argument("--trials", type=int, default=1000)
     options.add_argument("--seed", type=int, default=1)
@@ -190,7 +190,7 @@ def main() -> int:
 
 
 def prepared(folder: Path) -> Path:
-    """Return a folder with sound and damaged files of every kind."""
+    """Return a folder with valid and damaged files of every kind."""
     folder.mkdir()
     for name in ("mine.toml", "caf\udce9.toml"):
         (folder / name).write_text(SCENARIO)

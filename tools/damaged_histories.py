@@ -1,10 +1,10 @@
-"""A history of nightly runs that is damaged in some place: the next run is stored all the same, and names it.
+"""Damage a history of nightly runs in one place: the next run must be stored and must name the damaged file.
 
     python tools/damaged_histories.py --nights 30 --trials 300 --seed 1
 
-The nights are made from one run that is measured once. Each trial damages one file of one night, byte by byte
-or by its grammar, or takes it away, and stores one night more. Prints the figures; ends with status 1 where
-one was not stored, had no baseline although a sound night is there, or did not name the file.
+All nightly runs are made from one run that is measured once. Each trial damages one file of one nightly run,
+byte by byte or by its grammar, or deletes it, and stores one further run. Prints the figures. Exit status 1
+if a run was not stored, had no baseline although there is a valid one, or did not name the file.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ LIMIT_S, MAX_MEGABYTES = 60.0, 500.0
 GRAMMARS = {".json": json_value, ".csv": csv_cell, ".toml": toml_line}
 
 
-class FaultFound(Exception):  # noqa: N818 - what the trials are there to find
-    """A nightly run that was not stored and judged as it must be."""
+class FaultFound(Exception):  # noqa: N818 - the result that the trials search for
+    """A nightly run that was not stored and judged as required."""
 
 
 def damage(path: Path, dice: random.Random) -> str:
-    """Damage a file until it is another, and say how."""
+    """Damage a file until it differs, and return how it was damaged."""
     before = path.read_bytes()
     if dice.random() < 0.05:
         path.unlink()
@@ -53,7 +53,7 @@ def damage(path: Path, dice: random.Random) -> str:
 
 
 def trial(run: Run, folder: Path, number: int, damaged: Path) -> None:
-    """Store one night more, and raise FaultFound unless it is stored, judged, and names the damaged file."""
+    """Store a further nightly run; raise FaultFound unless it is judged and names the damaged file."""
     judged, night = store_nightly(as_nightly_run(run, number), History(folder))
     if History(folder).runs()[-1] != night or read_summary(night)["status"] != judged.status:
         raise FaultFound("it is not stored")
@@ -71,7 +71,7 @@ def trial(run: Run, folder: Path, number: int, damaged: Path) -> None:
 
 
 def main() -> int:
-    """Make the trials and print how many ended how."""
+    """Run the trials and print the number of each kind of ending."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     options.add_argument("--nights", type=int, default=30)
     options.add_argument("--trials", type=int, default=300)

@@ -1,11 +1,11 @@
-"""Whether the diagnosis names planted faults, on three maps and three scenarios.
+"""Check that the diagnosis names planted faults, with three maps and three scenarios.
 
     python tools/diagnosis_trials.py [--pairs 60] [--scenarios ...] [--maps ...] [--show]
 
 Plants each fault of tests/helpers/planted_faults.py in M1, M2 and Runge-Kutta 4, and counts the cases in
 which it moves the result beyond ten floors: a hit names the fault, or its class, with its parameter within
-5 %. --pairs: plants so many random pairs, too, and counts those for which a third fault is named. Ends with
-status 1 below 95 % of hits, where a third fault is named, or where a healthy map is accused.
+5 %. --pairs: also plants this many random pairs, and counts those for which a third fault is named. Exit
+status 1 below 95 % of hits, if a third fault is named, or if a healthy map is accused.
 """
 
 from __future__ import annotations
@@ -125,11 +125,11 @@ NAMES: dict[str, tuple[set[str], float | None]] = {
     "single-precision-stage": ({"single-precision-stage"}, None),
     "position-by-old-velocity": ({"position-by-old-velocity"}, None),
 }
-"""Planted fault -> the names that are right, and the first parameter."""
+"""Planted fault -> the correct names, and the first parameter."""
 INERTIA = {"smallest-moment", "middle-moment", "largest-moment", "inertia-scaled", "off-diagonals"} | {
     "inertia-axes-rotated", "inertia-axes-yzx", "inertia-sphere",
 }  # fmt: skip
-"""The faults that change the tensor alone."""
+"""The faults that change only the tensor."""
 
 
 def problem_of(name: str) -> Problem:
@@ -147,7 +147,7 @@ def motion_of(problem: Problem, base: str, faults: Sequence[Fault]) -> Trajector
 
 
 def moved(problem: Problem, one: Trajectory, other: Trajectory) -> float:
-    """Return the largest difference of two motions, over the scales, in floors of the truth."""
+    """Return the largest scaled difference of two motions in floors of the truth."""
     scales, truth = problem.scales, problem.truth
     gaps = (
         (one.rotation_matrices, other.rotation_matrices, 1.0),
@@ -162,7 +162,7 @@ def moved(problem: Problem, one: Trajectory, other: Trajectory) -> float:
 
 @dataclass(frozen=True)
 class Trial:
-    """The diagnosis of planted faults, the CPU time it took in s, and how far they move the result."""
+    """The diagnosis of planted faults, the CPU time that it took in s, and the change of the result."""
 
     scenario: str
     base: str
@@ -173,14 +173,14 @@ class Trial:
 
     @property
     def names(self) -> list[set[str]]:
-        """The names of the faults that are named first, and of those that the scene cannot tell apart."""
+        """Return the names of the faults named first, and of those that the scene cannot distinguish."""
         if self.found is None:
             return []
         return [{fault.name for fault in self.found.faults}, *(set(one) for one in self.found.alike_names)]
 
     @property
     def line(self) -> str:
-        """The trial in one line."""
+        """Return the trial in one line."""
         reported = "not examined" if self.found is None else self.found.sentence
         alike = [sorted(names) for names in self.names[1:]]
         planted = " + ".join(fault.name for fault in self.faults)
@@ -202,7 +202,7 @@ def trial(problem: Problem, base: str, faults: Sequence[Fault]) -> Trial:
 
 
 def is_hit(one: Trial) -> bool:
-    """Whether the planted fault, or its class, is named, and its parameter within 5 %."""
+    """Return whether the planted fault or its class is named with its parameter within 5 %."""
     right, value = NAMES[one.faults[0].name]
     if one.found is None or not any(len(names) == 1 and names <= right for names in one.names):
         return False
@@ -214,7 +214,7 @@ def is_hit(one: Trial) -> bool:
 
 
 def singles(scenarios: Sequence[str], maps: Sequence[str], *, show: bool) -> tuple[int, int, int]:
-    """Print the misses, and return hits, counted cases and accused healthy maps."""
+    """Print the misses, and return the numbers of hits, counted cases and accused healthy maps."""
     counted: list[tuple[Trial, bool]] = []
     accused = 0
     for scenario in scenarios:
@@ -240,7 +240,7 @@ def singles(scenarios: Sequence[str], maps: Sequence[str], *, show: bool) -> tup
 
 
 def pairs(scenarios: Sequence[str], maps: Sequence[str], count: int, *, show: bool) -> int:
-    """Print what is named for random pairs, and return how often it was a third fault."""
+    """Print the results for random pairs, and return how often a third fault was named."""
     draw = random.Random(25)
     tally: Counter[str] = Counter()
     possible = [fault for fault in FAULTS if fault.name in NAMES]
@@ -262,27 +262,27 @@ def pairs(scenarios: Sequence[str], maps: Sequence[str], count: int, *, show: bo
 
 
 def _pair_word(one: Trial) -> str:
-    """Return what is named: both faults, one of them, a third one, or none."""
+    """Return which faults are named: both, one of them, a third one, or none."""
     assert one.found is not None
     if one.found.verdict != "explained":
         return one.found.verdict
     first, second = (NAMES[fault.name][0] for fault in one.faults)
     if (first | second) <= INERTIA and {"inertia-tensor"} in one.names:
-        return "both"  # as one tensor, that of both
+        return "both"  # as one tensor, which combines both
     if any(len(names) == 2 and names & first and names & second for names in one.names):
         return "both"
     return "one of them" if any(names <= first | second for names in one.names) else "THIRD"
 
 
 def main() -> int:
-    """Print the figures, and return the exit status."""
+    """Print the figures and return the exit status."""
     requested = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     requested.add_argument("--pairs", type=int, default=60, help="number of random pairs [default: 60]")
     requested.add_argument("--scenarios", nargs="+", default=list(SCENARIOS), choices=list(SCENARIOS))
     requested.add_argument("--maps", nargs="+", default=list(BASES), choices=list(BASES))
-    requested.add_argument("--show", action="store_true", help="print each case, not misses alone")
+    requested.add_argument("--show", action="store_true", help="print each case, not only misses")
     reported = requested.parse_args()
     hits, counted, accused = singles(reported.scenarios, reported.maps, show=reported.show)
     third = (

@@ -45,7 +45,7 @@ def _cpu_s(work: Callable[[], object]) -> float:
 
 
 def kernels() -> None:
-    """Print CPU time per body of the draw, the truth with floors, the steps, and the measures."""
+    """Print the CPU time per body of the draw, the truth with floors, the steps, and the measures."""
     ensemble, n = _ensemble(1), 20_000
     template = ensemble.template
     for first in (0, n):  # the first pass compiles
@@ -79,7 +79,7 @@ def _run(engine: str, n: int) -> tuple[float, float, float]:
 
 
 def scaling() -> None:
-    """Print what ensembles of 1e3 to 1e6 bodies cost."""
+    """Print the cost of ensembles of 1e3 to 1e6 bodies."""
     for engine in ("reference:rk4", "reference:m1"):
         for n in (1000, 10_000, 100_000, 1_000_000):
             cpu_s, elapsed_s, peak_mb = _run(engine, n)
@@ -87,7 +87,7 @@ def scaling() -> None:
 
 
 def mujoco() -> None:
-    """Print the CPU time of a batch relative to that of its bare rollout, the building of models excluded."""
+    """Print the CPU time of a batch relative to that of its rollout alone, without building models."""
     from bodycheck.adapters.mujoco import MuJoCo, rollouts
 
     ensemble, n = _ensemble(1), 512
@@ -132,7 +132,7 @@ def quantiles() -> None:
 
 
 def _sketch(seed: int) -> QuantileSketch:
-    """Return the sketch of a quantity that costs no truth: how far each body is from the separatrix."""
+    """Return the sketch of a quantity that needs no truth: the distance of each body from the separatrix."""
     sketch = QuantileSketch()
     sketch.add(_ensemble(seed).bodies(0, _BODIES).separatrix_distance)
     return sketch

@@ -1,10 +1,10 @@
-"""Runs that are killed, interrupted, out of disk or locked out at random moments, and then go on.
+"""Kill or interrupt runs, fill the disk or revoke permissions at random moments, and resume the runs.
 
     python tools/fault_trials.py --trials 200 --seed 1
 
-Each trial starts a run, does it some harm, and goes on with what is left, as a user would. Afterwards nothing
-that was on disk may be missing or changed, nothing may have been requested twice, and the tables must be
-those of a run that nothing happened to. Prints the figures; ends with status 1 where a trial failed.
+Each trial starts a run, disturbs it, and continues as a user would. Afterwards nothing that was on disk may
+be missing or changed, nothing may have been requested twice, and the tables must equal those of an
+undisturbed run. Prints the figures. Exit status 1 if a trial failed.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ PATIENCE_S = 120.0
 Tables = dict[str, pd.DataFrame]
 
 
-class FaultFound(Exception):  # noqa: N818 - what the trials are there to find
-    """A trial that did not end as it must."""
+class FaultFound(Exception):  # noqa: N818 - the result that the trials search for
+    """A trial that did not end as required."""
 
 
 @dataclass
 class Trial:
-    """One run in a folder of its own, and what is known of it."""
+    """One run in a separate folder, with its state."""
 
     folder: Path
     dice: random.Random
@@ -57,16 +57,16 @@ class Trial:
 
     @property
     def out(self) -> Path:
-        """Return where the results are to be."""
+        """Return the folder of the results."""
         return self.folder / "out"
 
     @property
     def journal(self) -> Path:
-        """Return the journal of the run while it lasts."""
+        """Return the journal of the run, which exists until the run is complete."""
         return partial_of(self.out) / "journal"
 
     def start(self, *words: str, harm: Callable[[], None] = obey_file_permissions) -> subprocess.Popen[str]:
-        """Start a command in the folder; `harm` is done to its process before it begins."""
+        """Start a command in the folder; its process calls `harm` before it begins."""
         return subprocess.Popen(
             [sys.executable, "-m", "bodycheck", *words],
             cwd=self.folder,
@@ -77,12 +77,12 @@ class Trial:
         )
 
     def begin(self, harm: Callable[[], None] = obey_file_permissions) -> subprocess.Popen[str]:
-        """Start the run; one in four may take what earlier runs have found."""
+        """Start the run; one in four may reuse results of earlier runs."""
         fresh = [] if self.dice.random() < 0.25 else ["--fresh"]
         return self.start(*WORDS, *fresh, "--out", "out", harm=harm)
 
     def wait_for_a_moment(self, process: subprocess.Popen[str], most_lines: int) -> None:
-        """Wait until some lines are in the journal and a little longer, or for any time at all."""
+        """Wait until some lines are in the journal and a little longer, or for a random time."""
         end = time.monotonic() + self.dice.uniform(0.0, 5.0)
         if self.dice.random() < 0.7:
             lines = self.dice.randint(0, most_lines)
@@ -93,7 +93,7 @@ class Trial:
             time.sleep(0.002)
 
     def lines(self) -> int:
-        """Return how many lines the journal has."""
+        """Return the number of lines in the journal."""
         try:
             return self.journal.read_bytes().count(b"\n")
         except OSError:
@@ -101,7 +101,7 @@ class Trial:
 
 
 def ended(process: subprocess.Popen[str], statuses: set[int]) -> str:
-    """Wait for a command and return what it said on standard error; no traceback is among it."""
+    """Wait for a command and return its standard error, which must not contain a traceback."""
     _, printed = process.communicate(timeout=PATIENCE_S)
     if process.returncode not in statuses or "Traceback" in printed or "unexpected error" in printed:
         raise FaultFound(f"ended with status {process.returncode}: {printed[-2000:]}")
@@ -111,7 +111,7 @@ def ended(process: subprocess.Popen[str], statuses: set[int]) -> str:
 
 
 def kill_run(trial: Trial, most_lines: int) -> None:
-    """SIGKILL the run at a random moment."""
+    """Kill the run with SIGKILL at a random moment."""
     process = trial.begin()
     trial.wait_for_a_moment(process, most_lines)
     process.kill()
@@ -119,7 +119,7 @@ def kill_run(trial: Trial, most_lines: int) -> None:
 
 
 def kill_workers(trial: Trial, most_lines: int) -> None:
-    """SIGKILL a worker at a random moment, which costs nothing but the time to start another."""
+    """Kill a worker with SIGKILL at a random moment; another one must be started."""
     process = trial.begin()
     trial.wait_for_a_moment(process, most_lines)
     kill_one_worker(trial, process)
@@ -129,7 +129,7 @@ def kill_workers(trial: Trial, most_lines: int) -> None:
 
 
 def kill_both(trial: Trial, most_lines: int) -> None:
-    """SIGKILL a worker, and the run a little later."""
+    """Kill a worker with SIGKILL, and the run a little later."""
     process = trial.begin()
     trial.wait_for_a_moment(process, most_lines)
     kill_one_worker(trial, process)
@@ -139,7 +139,7 @@ def kill_both(trial: Trial, most_lines: int) -> None:
 
 
 def kill_one_worker(trial: Trial, process: subprocess.Popen[str]) -> None:
-    """SIGKILL one of the workers that a run has, if it has any."""
+    """Kill one of the workers of a run with SIGKILL, if there is one."""
     if found := sorted(workers_of(process.pid)):
         with suppress(ProcessLookupError):
             os.kill(trial.dice.choice(found), signal.SIGKILL)
@@ -152,17 +152,17 @@ def interrupt(trial: Trial, most_lines: int) -> None:
 
 
 def terminate(trial: Trial, most_lines: int) -> None:
-    """End the run as a batch system does at the end of its time."""
+    """End the run as a batch system does at its time limit."""
     stop_by(signal.SIGTERM, trial, most_lines)
 
 
 def hang_up(trial: Trial, most_lines: int) -> None:
-    """Close the terminal that the run was started from."""
+    """Close the terminal from which the run was started."""
     stop_by(signal.SIGHUP, trial, most_lines)
 
 
 def stop_by(number: signal.Signals, trial: Trial, most_lines: int) -> None:
-    """Send a signal at a random moment; a run that is not yet imported is ended by it without a word."""
+    """Send a signal at a random moment; it ends a run that is still importing without a message."""
     process = trial.begin()
     trial.wait_for_a_moment(process, most_lines)
     process.send_signal(number)
@@ -171,8 +171,8 @@ def stop_by(number: signal.Signals, trial: Trial, most_lines: int) -> None:
         raise FaultFound(f"does not say how to go on: {printed}")
 
 
-def fill_disk(trial: Trial, most_lines: int) -> None:  # noqa: ARG001 - every harm is called alike
-    """Let no file grow beyond a random size."""
+def fill_disk(trial: Trial, most_lines: int) -> None:  # noqa: ARG001 - every harm has the same signature
+    """Limit the size of every file to a random number of bytes."""
     size = int(10.0 ** trial.dice.uniform(1.0, 6.7))
 
     def harm() -> None:
@@ -185,7 +185,7 @@ def fill_disk(trial: Trial, most_lines: int) -> None:  # noqa: ARG001 - every ha
 
 
 def lock_out(trial: Trial, most_lines: int) -> None:
-    """Take the right to write from one of the folders while the run goes on."""
+    """Remove the write permission of one of the folders during the run."""
     process = trial.begin()
     trial.wait_for_a_moment(process, most_lines)
     place = trial.dice.choice([trial.folder, partial_of(trial.out)])
@@ -208,7 +208,7 @@ HARMS = (fill_disk, lock_out, kill_both, kill_run, kill_workers, interrupt, term
 
 
 def go_on(trial: Trial) -> None:
-    """Do what a user does who finds a run stopped: resume it, or run it again where nothing was kept."""
+    """Continue like a user whose run has stopped: resume it, or run it again if nothing was stored."""
     if trial.out.exists():
         trial.notes["complete all the same"] += 1
         if partial_of(trial.out).exists():
@@ -237,14 +237,14 @@ def go_on(trial: Trial) -> None:
 
 
 def whole_lines(journal: Path) -> list[bytes]:
-    """Return the lines of a journal that are whole."""
+    """Return the complete lines of a journal."""
     if not journal.exists():
         return []
     return [line for line in journal.read_bytes().splitlines(keepends=True) if opened(line) is not None]
 
 
 def tables(folder: Path) -> Tables:
-    """Return the tables of a run as text, without its name and whether answers were reused (some are)."""
+    """Return the tables of a run as text, without its id and the columns on reused answers."""
     found = {name: pd.read_csv(folder / f"{name}.csv", dtype=str) for name in ("results", "methods")}
     return {name: table.drop(columns=["run_id", "reused"], errors="ignore") for name, table in found.items()}
 
@@ -262,7 +262,7 @@ def check(trial: Trial, expected: Tables) -> None:
 
 
 def main() -> int:
-    """Make the trials and print how many ended how."""
+    """Run the trials and print the number of each kind of ending."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     options.add_argument("--trials", type=int, default=200)
     options.add_argument("--seed", type=int, default=1)
@@ -298,7 +298,7 @@ def main() -> int:
 
 
 def prepared(folder: Path, dice: random.Random) -> Trial:
-    """Return a trial in a new folder with the scenario in it."""
+    """Return a trial in a new folder that contains the scenario."""
     folder.mkdir()
     (folder / "mine.toml").write_text(SCENARIO, encoding="utf-8")
     return Trial(folder, dice)

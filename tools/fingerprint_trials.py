@@ -1,7 +1,7 @@
-"""Measure fingerprints and laws: every method of the installed engines, and releases given as NAME==VERSION.
+"""Measure fingerprints and laws of every method of the installed engines, and of releases NAME==VERSION.
 
-Prints the known map of each method, its agreement, how many times farther the runner-up is, the largest ratio
-of a break to its tolerance over all laws that a method must obey, and the processor time.
+Prints the known map of each method, its agreement, the distance of the runner-up relative to it, the largest
+ratio of a break to its tolerance over all laws that a method must obey, and the processor time.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""Whether a run accuses any healthy method, over random scenarios with every kind of load.
+"""Check that a run accuses no healthy method, over random scenarios with every kind of load.
 
     python tools/healthy_trials.py --scenarios 200 --seed 1
 
-Runs every method of every installed engine on the scenarios of tests/helpers/random_scenarios.py; where links
+Runs every method of every installed engine on the scenarios of tests/helpers/random_scenarios.py; if links
 are off the centre of mass also the methods for these, and in turn those that run on request. Prints each
-finding with its command and counts them by kind. Bullet's default damping and clamp are departures: what is
-found of pybullet's @defaults is counted apart. Ends with status 1 where a healthy method is accused; a case
+finding with its command and counts them by kind. Bullet's default damping and clamp are departures, so
+findings on pybullet's @defaults are counted separately. Exit status 1 if a healthy method is accused; a case
 that is unstable has grown beyond all bounds, which is a fact and not a verdict.
 """
 
@@ -43,8 +43,8 @@ _TRUE = ("property", "unstable")
 def main() -> int:
     """Run the trials; return the exit status."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--scenarios", type=int, default=200, help="how many scenarios [default: 200]")
-    parser.add_argument("--seed", type=int, default=1, help="of the first scenario [default: 1]")
+    parser.add_argument("--scenarios", type=int, default=200, help="number of scenarios [default: 200]")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the first scenario [default: 1]")
     asked = parser.parse_args()
     begin = time.perf_counter()
     found: Counter[tuple[bool, str]] = Counter()

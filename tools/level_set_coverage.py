@@ -1,14 +1,14 @@
-"""How often the 95 % intervals of estimated solids hold the exact numbers: they should in 93 to 97 %.
+"""Measure how often the 95 % intervals of estimated solids contain the exact numbers; goal: 93 to 97 %.
 
     python tools/level_set_coverage.py --seeds 100 --columns 10,12 --jobs 2
 
-Estimates level sets whose mass properties are known in closed form: a smooth solid (a turned ellipsoid), a
-tilted box, and shells thick and thin, the thinnest a hundredth of a cell of the grid.
-Counts, over the seeds, how often the intervals of mass, centre and inertia (ten numbers) hold the exact ones.
-Prints a row per solid and number of columns: the coverage of the mass and of all ten together, each with its
-own standard error over the seeds; the median half width of the mass's interval over the mass; and the scatter
-of the mass over the seeds, in standard errors, which should be 1. Status 1 where the coverage of all ten is
-outside 93 to 97 %. Set OMP_NUM_THREADS=1, or the jobs compete for the cores.
+Estimates level sets whose mass properties are known in closed form: a smooth solid (a rotated ellipsoid), a
+tilted box, and thick and thin shells, the thinnest a hundredth of a cell of the grid.
+Counts, over the seeds, how often the intervals of mass, centre and inertia (ten numbers) contain the exact
+ones. Prints a row per solid and number of columns: the coverage of the mass and of all ten together, each
+with its own standard error over the seeds; the median half width of the mass's interval relative to the mass;
+and the scatter of the mass over the seeds, in standard errors, which should be 1. Exit status 1 if the
+coverage of all ten is outside 93 to 97 %. Set OMP_NUM_THREADS=1, or the jobs compete for the cores.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _TURN = _TURN * np.linalg.det(_TURN)
 
 
 class Solid(NamedTuple):
-    """f <= 0 within the cube of half an edge so long, and the exact numbers."""
+    """The level set f <= 0 in a cube with this half edge, and the exact numbers."""
 
     function: Callable[[Array], Array]
     reach: float
@@ -89,7 +89,7 @@ def trial(name: str, columns_log2: int, seed: int) -> tuple[Array, Array]:
 
 
 def coverage(name: str, columns_log2: int, seeds: int, run: Any) -> float:
-    """Print a row, and return the share of intervals that hold the exact number."""
+    """Print a row, and return the fraction of intervals that contain the exact number."""
     errors, halves = map(np.array, zip(*run(partial(trial, name, columns_log2), range(seeds)), strict=True))
     held = np.abs(errors) <= halves
     mass = SOLIDS[name].exact.mass
@@ -112,7 +112,7 @@ def main() -> int:
     """Run the trials and print their figures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--seeds", type=int, default=100)
-    parser.add_argument("--columns", default="10,12", help="powers of two, like 10,12")
+    parser.add_argument("--columns", default="10,12", help="numbers of columns as powers of two, like 10,12")
     parser.add_argument("--solid", action="append", choices=list(SOLIDS), help="only this one; repeatable")
     parser.add_argument("--jobs", type=int, default=2)
     requested = parser.parse_args()

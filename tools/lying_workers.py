@@ -1,11 +1,11 @@
-"""Whatever a worker says costs a case or its engine, and never the run.
+"""Check that an invalid message from a worker fails a case or its engine, but never the run.
 
     python tools/lying_workers.py --trials 200 --seed 1
 
-Each trial runs a scenario by a worker that says one thing wrong, in one of many ways, and by the reference.
-The run must end with status 0 and the reference's rows as they are without the other engine, or with status
-2 and a line that names the engine; whole or not at all, within its time, in at most 500 MB. Prints the
-figures; ends with status 1 where a trial failed, or where no worker got as far as a case.
+Each trial runs a scenario by a worker whose messages have one of many faults, and by the reference. The run
+must end with status 0 and the reference's rows as without the other engine, or with status 2 and a line that
+names the engine; with complete output or none, within its time limit, in at most 500 MB. Prints the figures.
+Exit status 1 if a trial failed, or if no worker received a case.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ from tests.helpers.scenario_texts import RUN_SPECIFIC_COLUMNS, SCENARIO
 TIMEOUT_S, START_S, LIMIT_S, MAX_MEGABYTES = 2.0, 10.0, 120.0, 500.0
 
 
-class FaultFound(Exception):  # noqa: N818 - what the trials are there to find
-    """A run that did not end as it must."""
+class FaultFound(Exception):  # noqa: N818 - the result that the trials search for
+    """A run that did not end as required."""
 
 
 def trial(folder: Path, seed: str, engines: str, timeout_s: float = TIMEOUT_S) -> str:
-    """Return how a run by these engines ended; raise FaultFound where it must not end so."""
+    """Return how a run by these engines ended; raise FaultFound if that is not allowed."""
     (folder / "mine.toml").write_text(SCENARIO)
     words = [
         "run",
@@ -97,13 +97,13 @@ def _popen(seed: str) -> Any:
 
 
 def reference_rows(folder: Path) -> pd.DataFrame:
-    """Return the rows of the reference, but for what is measured anew."""
+    """Return the rows of the reference without the columns that differ between equal runs."""
     rows = pd.read_csv(folder / "out/results.csv", dtype=str)
     return rows[rows["engine"] == "reference"].drop(columns=RUN_SPECIFIC_COLUMNS).reset_index(drop=True)
 
 
 def main() -> int:
-    """Make the trials and print how many ended how."""
+    """Run the trials and print the number of each kind of ending."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     options.add_argument("--trials", type=int, default=200)
     options.add_argument("--seed", type=int, default=1)
@@ -113,7 +113,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="lying-workers-") as place:
         sound = Path(place, "sound")
         sound.mkdir()
-        # long enough to compile the reference, so that no trial has to
+        # a time limit that includes compiling the reference, so that no trial has to compile it
         run_in_child(lambda: trial(sound, "sound", "reference:m1", LIMIT_S), 10 * LIMIT_S)
         expected = reference_rows(sound)
         if set(expected["outcome"]) != {"ok"}:

@@ -1,22 +1,22 @@
-"""Every mesh of pybullet_data: each refusal checked by another reader, each solid by rational arithmetic.
+"""Check every mesh of pybullet_data: each refusal by another reader, each solid by rational arithmetic.
 
     python tools/mesh_survey.py --most-triangles 20000 --json survey.json
 
-Reads all .stl, .obj and .ply files of pybullet_data. What is accepted is integrated again in whole numbers
-(every double is one over a power of two), from the triangles that were accepted: mass, centre and inertia
-must agree to 1e-15 (relative to the mass, the largest distance, the largest moment). What is refused is read
-again by trimesh, which joins corners closer than 1e-8, and explained:
+Reads all .stl, .obj and .ply files of pybullet_data. The accepted triangles are integrated again in integers
+(every double is an integer over a power of two): mass, centre and inertia must agree to 1e-15 (relative to
+the mass, the largest distance, the largest moment). A refused file is read again by trimesh, which joins
+corners closer than 1e-8, and explained:
 
-  open      trimesh finds edges of one triangle too, and its own hole test says that the mesh is not closed
+  open      trimesh finds edges of one triangle too, and its own hole test reports a mesh that is not closed
   not a surface   trimesh finds edges of more than two triangles too
   overlapping  a computation in fractions finds an edge of one part that passes through the inside of a
              triangle of another
   unreadable trimesh cannot read it either, or has coordinates that are not finite
 
-A refusal without such an explanation is called wrong. With --overlap count-twice, what overlaps is accepted;
-its mass must be trimesh's volume of the whole mesh or, where parts were turned, the sum of the volumes of its
-closed parts, to 1e-8. Needs pybullet, and trimesh from the extra "bench". Prints a row per kind; status 1
-where a refusal is wrong or an error too large.
+A refusal without such an explanation is wrong. With --overlap count-twice, overlapping parts are accepted;
+the mass must be trimesh's volume of the whole mesh or, if parts were reversed, the sum of the volumes of its
+closed parts, to 1e-8. Needs pybullet, and trimesh from the extra "bench". Prints a row per kind. Exit status
+1 if a refusal is wrong or an error too large.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ from bodycheck.scenarios.mesh_files import MESH_SUFFIXES, open_mesh, parse_mesh
 _TOLERANCE = 1e-15
 
 _OTHER_READER = 1e-8
-"""trimesh joins corners that are so near to each other, in the unit of the file."""
+"""trimesh joins corners that are closer than this, in the unit of the file."""
 
 
 class Row(NamedTuple):
-    """What became of a file: accepted or a kind of refusal, its explanation, and the largest error."""
+    """The result for a file: accepted or a kind of refusal, its explanation, and the largest error."""
 
     file: str
     kind: str
@@ -57,7 +57,7 @@ class Row(NamedTuple):
 
 
 def survey(path: Path, name: str, most: int) -> Row:
-    """Read a file and say what became of it."""
+    """Read a file and return its result."""
     try:
         with open_mesh(path) as file:
             vertices, triangles = parse_mesh(path, file)
@@ -72,13 +72,13 @@ def survey(path: Path, name: str, most: int) -> Row:
 
 
 def _error(mesh: Mesh) -> float:
-    """Return the largest error against rational arithmetic."""
+    """Return the largest error relative to rational arithmetic."""
     found = polyhedron(mesh.vertices, mesh.triangles)
     return float(exact_solid(mesh.vertices, mesh.triangles).error(found))
 
 
 def _refused(path: Path, name: str, vertices: Any, triangles: Any, why: str) -> Row:
-    """Ask another reader about a mesh that was refused."""
+    """Check a refused mesh with another reader."""
     other = _loaded(path)
     match why:
         case _ if "is not finite" in why:
@@ -100,7 +100,7 @@ def _loaded(path: Path) -> Any:
         mesh = trimesh.load(path, force="mesh", process=False)
         mesh.merge_vertices(merge_tex=True, merge_norm=True)
         mesh.update_faces(mesh.nondegenerate_faces(height=None))
-    except Exception as error:  # noqa: BLE001 - whatever it raises, it cannot read the file
+    except Exception as error:  # noqa: BLE001 - any error means that it cannot read the file
         print(f"  trimesh: {path.name}: {error}")
         return None
     return mesh
@@ -118,7 +118,7 @@ def _edge_counts(mesh: Any) -> Counter[int]:
 
 
 def _overlapping(name: str, vertices: Any, triangles: Any, other: Any) -> Row:
-    """Check that parts really share room, and that counting it twice gives the sum of the parts."""
+    """Check that parts really overlap, and that counting the overlap twice gives the sum of the parts."""
     proof = "an edge passes through a triangle" if _parts_cross(other) else "no crossing found"
     try:
         mesh = checked_mesh(vertices, triangles, "count-twice")
@@ -132,7 +132,7 @@ def _overlapping(name: str, vertices: Any, triangles: Any, other: Any) -> Row:
 
 
 def _parts_cross(mesh: Any) -> bool:
-    """Say whether an edge of one part passes through a triangle of another, without rounding."""
+    """Return whether an edge of one part passes through a triangle of another, in exact arithmetic."""
     parts = mesh.split(only_watertight=False, repair=False)
     boxes = np.array([part.bounds for part in parts])
     for i, one in enumerate(parts):
@@ -143,7 +143,7 @@ def _parts_cross(mesh: Any) -> bool:
 
 
 def _pierces(one: Any, other: Any) -> bool:
-    """Say whether an edge of one passes through the inside of a triangle of the other, without rounding."""
+    """Return whether an edge of one passes through the inside of a triangle of the other, exactly."""
     lower, upper = other.triangles.min(axis=1), other.triangles.max(axis=1)
     ends = one.vertices[one.edges_unique]
     low, high = ends.min(axis=1), ends.max(axis=1)
@@ -159,7 +159,7 @@ def _rational(points: Any) -> list[list[Fraction]]:
 
 
 def _through(p: Any, q: Any, a: Any, b: Any, c: Any) -> bool:
-    """Say whether the segment pq passes through the inside of the triangle abc."""
+    """Return whether the segment pq passes through the inside of the triangle abc."""
     if _volume(a, b, c, p) * _volume(a, b, c, q) >= 0:
         return False
     around = [_volume(p, q, a, b), _volume(p, q, b, c), _volume(p, q, c, a)]
@@ -167,7 +167,7 @@ def _through(p: Any, q: Any, a: Any, b: Any, c: Any) -> bool:
 
 
 def _volume(a: Any, b: Any, c: Any, d: Any) -> Any:
-    """Return the sign of the volume of abcd, as 6 times it."""
+    """Return the sign of the volume of abcd, from 6 times the volume."""
     (u1, u2, u3), (v1, v2, v3), (w1, w2, w3) = (
         [x - y for x, y in zip(point, a, strict=True)] for point in (b, c, d)
     )
@@ -175,10 +175,10 @@ def _volume(a: Any, b: Any, c: Any, d: Any) -> Any:
 
 
 def main() -> int:
-    """Survey all files and print what became of them."""
+    """Survey all files and print the results."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--most-triangles", type=int, default=20000, help="integrated in whole numbers")
-    parser.add_argument("--every", type=int, default=1, help="only each so many-th file of random_urdfs")
+    parser.add_argument("--most-triangles", type=int, default=20000, help="limit for the exact integrals")
+    parser.add_argument("--every", type=int, default=1, help="only every n-th file of random_urdfs")
     parser.add_argument("--json", type=Path, help="write all rows to this file")
     requested = parser.parse_args()
     logging.disable(logging.WARNING)
@@ -197,7 +197,7 @@ def main() -> int:
 
 
 def _summed_up(rows: list[Row]) -> int:
-    """Print a row per kind, and return 1 where something is wrong."""
+    """Print a row per kind, and return 1 if something is wrong."""
     print(f"{'kind':40} files unexplained  checked by fractions  largest error")
     for kind, count in sorted(Counter(row.kind for row in rows).items()):
         of_kind = [row for row in rows if row.kind == kind]

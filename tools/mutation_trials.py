@@ -1,11 +1,11 @@
-"""Small faults planted at random in the code that measures and judges: how many of them the tests see.
+"""Plant small random faults in the code that measures and judges, and count how many the tests detect.
 
     python tools/mutation_trials.py --mutants 200 --seed 1
     python tools/mutation_trials.py --module reports/gates/verdict.py --mutants 50
 
 A mutant is a copy of the package with one operator, constant, condition, return value or argument changed. It
-is killed when one of the tests that belong to its module fails, or takes several times its usual time. Prints
-the mutants that survive and how many were killed; ends with status 1 where that is less than 85 %.
+is killed if one of the tests of its module fails, or takes several times its usual time. Prints the mutants
+that survive and the number that were killed. Exit status 1 if fewer than 85 % were killed.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 MIN_KILLED = 0.85
 SLACK = 5.0
-"""How many times the usual processor time the tests may take, and 5 s beside."""
+"""The tests may take this many times the usual processor time, plus 5 s."""
 
 _MEASURES = ("measures", "scales", "invariants", "case")
 _SPLINES = "test_energy_balance.py::test_integral_of_a_spline_is_exact_for_its_polynomials"
@@ -153,7 +153,7 @@ TESTS: dict[str, tuple[str, ...]] = {
 }
 """Module -> the tests under tests/reports that belong to it, fastest first.
 
-Of a file those that are not slow; a test named by itself may be slow: a push runs it too.
+A file stands for its tests that are not slow; a test named by itself may be slow, if it runs at each push.
 """
 
 ONLY = {
@@ -165,7 +165,7 @@ ONLY = {
         "summary_cells",
     },
 }
-"""Of these modules only these functions are meant."""
+"""For these modules only these functions are changed."""
 
 EQUIVALENT: dict[tuple[str, str, str], str] = {
     (
@@ -267,14 +267,14 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
 }
 """Module, line of its source, `before -> after` -> why no test can tell that mutant from the code."""
 
-# one and the same each time, as kernels are cached by their path
+# always the same folder, because kernels are cached by their path
 _FOLDER = Path(tempfile.gettempdir()) / "bodycheck-mutants"
 _OUTPUT = _FOLDER / "output.txt"
-_MAX_MEMORY = 8 * 2**30  # bytes of a mutant that never ends
+_MAX_MEMORY = 8 * 2**30  # bytes, in case a mutant never ends
 
 _OPTIONS = (
     *("-x", "-q", "-n0", "-p", "no:cacheprovider", "--hypothesis-seed=0"),
-    *("--tb=short", "--assert=plain"),  # asserts of pytest's own making would precede all imports
+    *("--tb=short", "--assert=plain"),  # pytest's assertion rewriting would precede all imports
 )
 _HEAVY = (
     "hypothesis.stateful",
@@ -321,7 +321,7 @@ _OTHER: dict[type[ast.AST], tuple[Any, ...]] = {
 
 @dataclass(frozen=True)
 class Mutant:
-    """One change of one module: what stood at a line of it, what stands there instead, and all of it."""
+    """One change of one module: the code of a line before and after, and the whole source."""
 
     module: str
     line: int
@@ -332,7 +332,7 @@ class Mutant:
 
     @property
     def key(self) -> tuple[str, str, str]:
-        """What EQUIVALENT names it by."""
+        """Return the name of the mutant in EQUIVALENT."""
         return self.module, self.text, f"{self.before} -> {self.after}"
 
     def __str__(self) -> str:
@@ -371,7 +371,7 @@ def main() -> int:
 
 
 def summed_up(judged: Sequence[Mutant], survived: Sequence[Mutant]) -> int:
-    """Print how many were killed, of each module and in all; return the exit status."""
+    """Print how many were killed per module and in total; return the exit status."""
     amounts, left = (Counter(mutant.module for mutant in some) for some in (judged, survived))
     for module, amount in amounts.items():
         print(f"{amount - left[module]:4} of {amount:4} killed  {module}")
@@ -382,20 +382,20 @@ def summed_up(judged: Sequence[Mutant], survived: Sequence[Mutant]) -> int:
 
 
 def copied(place: Path) -> Path:
-    """Return a copy of the package and its tests, the only one that is imported from now on."""
+    """Return a copy of the package and its tests, from which everything is imported from now on."""
     for name in ("bodycheck", "tests"):
         shutil.copytree(ROOT / name, place / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("pyproject.toml", "README.md"):
         shutil.copy(ROOT / name, place)
-    # by the hash of the source: a mutant may have the size and the second of another
+    # by the hash of the source, because a mutant may have the size and the time of another
     compileall.compile_dir(place / "bodycheck", quiet=1, invalidation_mode=PycInvalidationMode.CHECKED_HASH)
     os.chdir(place)
     os.environ["PYTHONPATH"] = str(place)
     sys.path.insert(0, str(place))
-    # what no mutant changes is imported once, and inherited by the processes of the trials
+    # modules that no mutant changes are imported once and inherited by the processes of the trials
     for heavy in _HEAVY:
         importlib.import_module(heavy)
-    for name in _FORGOTTEN:  # these were needed to find the kernels, and are mutated themselves
+    for name in _FORGOTTEN:  # needed to find the kernels, but mutated themselves
         package, _, module = name.rpartition(".")
         del sys.modules[name]
         delattr(sys.modules[package], module)
@@ -405,7 +405,7 @@ def copied(place: Path) -> Path:
 
 
 def tried(place: Path, mutants: Sequence[Mutant]) -> list[Mutant]:
-    """Run the tests on each mutant, those of one module one after the other; return the survivors."""
+    """Run the tests on each mutant, module by module; return the survivors."""
     survived, usual_s = list[Mutant](), dict[tuple[str, ...], float]()
     for mutant in mutants:
         tests, file = TESTS[mutant.module], place / "bodycheck" / mutant.module
@@ -421,8 +421,8 @@ def tried(place: Path, mutants: Sequence[Mutant]) -> list[Mutant]:
 
 
 def usual(tests: Sequence[str]) -> float:
-    """Return the processor time in s that tests take without a mutant; they have to pass."""
-    for _ in range(2):  # the first compiles what the second does not
+    """Return the processor time in s that the tests take without a mutant; they must pass."""
+    for _ in range(2):  # the first pass compiles
         start = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
         if not passed(tests, 600.0):
             raise SystemExit(f"without a mutant they fail: {', '.join(tests)}\n{_OUTPUT.read_text()}")
@@ -430,10 +430,10 @@ def usual(tests: Sequence[str]) -> float:
 
 
 def passed(tests: Sequence[str], limit_s: float) -> bool:
-    """Whether tests pass within so much processor time, in a process of their own."""
+    """Return whether tests pass within this processor time, in a separate process."""
     trial = multiprocessing.get_context("fork").Process(target=_test, args=(tests, limit_s))
     trial.start()
-    trial.join(20.0 * limit_s)  # of a process that waits, and of a machine that is busy
+    trial.join(20.0 * limit_s)  # allows for a process that waits and for a busy machine
     with suppress(ProcessLookupError):
         os.killpg(trial.pid or 0, signal.SIGKILL)  # with all its workers
     trial.join()
@@ -473,20 +473,20 @@ def mutants_of(module: str) -> Iterator[Mutant]:
 
 
 def _spans(tree: ast.Module, names: set[str]) -> list[tuple[int, int]]:
-    """Return the first and the last line of functions."""
+    """Return the first and the last line of each function."""
     found = [one for one in tree.body if isinstance(one, ast.FunctionDef) and one.name in names]
     return [(one.lineno, one.end_lineno or one.lineno) for one in found]
 
 
 def _places(node: ast.AST, line: int) -> Iterator[tuple[ast.AST, str, int | None, int]]:
-    """Yield parent, field, place in the field's list and line of all code within a node."""
+    """Yield parent, field, index in the field's list and line of all code within a node."""
     for field, value in ast.iter_fields(node):
         if field in ("annotation", "returns", "decorator_list", "format_spec"):
             continue
         for place, child in enumerate(value) if isinstance(value, list) else ((None, value),):
             if not isinstance(child, ast.AST) or _says_only(node, child):
                 continue
-            # before Python 3.12 what stands within an f-string has no line of its own
+            # before Python 3.12 the parts of an f-string have no line of their own
             quoted = isinstance(node, ast.JoinedStr | ast.FormattedValue)
             at = line if quoted else getattr(child, "lineno", line)
             yield node, field, place, at
@@ -494,7 +494,7 @@ def _places(node: ast.AST, line: int) -> Iterator[tuple[ast.AST, str, int | None
 
 
 def _says_only(parent: ast.AST, child: ast.AST) -> bool:
-    """Whether something is for readers, or for the type checker, and changes nothing that is measured."""
+    """Return whether a node is for readers or the type checker and changes nothing that is measured."""
     match child:
         case ast.Expr(value=ast.Constant()) | ast.Raise() | ast.Assert() | ast.Import() | ast.ImportFrom():
             return True
@@ -508,7 +508,7 @@ def _says_only(parent: ast.AST, child: ast.AST) -> bool:
 
 
 def _instead(old: Any, field: str) -> Iterator[ast.AST | None]:
-    """Yield what may stand instead of a piece of code; None: it is left out."""
+    """Yield the replacements of a piece of code; None deletes it."""
     if field in ("test", "ifs") and not _has_an_opposite(old):
         yield ast.UnaryOp(ast.Not(), old)
     match old:
@@ -539,7 +539,7 @@ def _instead(old: Any, field: str) -> Iterator[ast.AST | None]:
 
 
 def _has_an_opposite(test: ast.AST) -> bool:
-    """Whether a condition is negated by another operator already."""
+    """Return whether a condition is already negated by another operator."""
     match test:
         case ast.UnaryOp(ast.Not()):
             return True

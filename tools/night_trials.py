@@ -1,14 +1,14 @@
-"""Nights that are killed, that change nothing, and whose speeds are what this machine made of them.
+"""Trials of nightly runs: killed ones, ones without a change, and ones with speeds of this machine.
 
     python tools/night_trials.py --kills 50 --unchanged 20 --measured 31 --sequences 100 --seed 1
 
 Kills: `bodycheck nightly` is killed with all its workers at random moments; afterwards the history must be
-readable, what was stored before unchanged, and the next night succeed. Unchanged: so many nights of a real
-engine, none of which may tell anything of accuracy. Measured: so many nights with speeds, of the smoke suite
-in all engines and the reference's rk4, one after the other. Neither as they came, nor in any of the sequences
-of 30 nights that are drawn from them at random, may a speed be told; where one engine takes a fifth longer
-from some night on, be it in the nights as they came or in those drawn, that has to be told within five
-nights. Prints the figures; status 1 where a trial failed.
+readable, earlier runs unchanged, and the next nightly run successful. Unchanged: this many nightly runs of a
+real engine, none of which may report a change of accuracy. Measured: this many successive nightly runs with
+speeds, of the smoke suite in all engines and the reference's rk4. No change of speed may be reported, neither
+in the measured order nor in any of the sequences of 30 runs drawn from them at random. If one engine takes a
+fifth longer from some run on, in the measured order or in drawn runs, that must be reported within five runs.
+Prints the figures. Exit status 1 if a trial failed.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def main() -> int:
     parser.add_argument("--sequences", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(
-        "--keep", type=Path, help="the history of the nights that are measured, made or gone on with"
+        "--keep", type=Path, help="history of the measured nightly runs, created or continued"
     )
     requested = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
@@ -70,7 +70,7 @@ def main() -> int:
 
 
 def begin(folder: Path, history: Path, words: list[str]) -> subprocess.Popen[str]:
-    """Start a night in a session of its own, so that all of it can be killed at once."""
+    """Start a nightly run in a separate session, so that all its processes can be killed at once."""
     return subprocess.Popen(
         [sys.executable, "-m", "bodycheck", "nightly", *words, "--history", str(history)],
         cwd=folder,
@@ -82,7 +82,7 @@ def begin(folder: Path, history: Path, words: list[str]) -> subprocess.Popen[str
 
 
 def digests(history: Path) -> dict[str, str]:
-    """Return the hash of every file of every night that is stored."""
+    """Return the hash of every file of every stored nightly run."""
     files = (file for night in History(history).runs() for file in night.iterdir())
     return {
         f"{file.parent.name}/{file.name}": hashlib.sha256(file.read_bytes()).hexdigest() for file in files
@@ -90,10 +90,10 @@ def digests(history: Path) -> dict[str, str]:
 
 
 def killed(folder: Path, kills: int, seed: int) -> int:
-    """Kill nights at random moments, half of them while they are stored; return how many trials failed."""
+    """Kill nightly runs at random moments, half of them while they are stored; return the failed trials."""
     history, chance = folder / "killed", random.Random(seed)
     lengths, failed, stored = [], 0, 0
-    for _ in range(2):  # the first compiles what the second does not
+    for _ in range(2):  # the first one compiles
         start = time.monotonic()
         begin(folder, history, _QUICK).communicate()
         lengths.append(time.monotonic() - start)
@@ -128,7 +128,7 @@ def killed(folder: Path, kills: int, seed: int) -> int:
 
 
 def unchanged(folder: Path, nights: int) -> int:
-    """Run the same night again and again; return on how many nights anything was told."""
+    """Repeat the same nightly run; return the number of wrong exit statuses and reported changes."""
     history, reported = folder / "unchanged", 0
     for night in range(nights + 1):
         process = begin(folder, history, _QUICK)
@@ -142,7 +142,7 @@ def unchanged(folder: Path, nights: int) -> int:
 
 
 def measure(folder: Path, kept: Path, nights: int) -> None:
-    """Store nights of the smoke suite, with their speeds, until there are so many."""
+    """Store nightly runs of the smoke suite with their speeds until there are this many."""
     words = [
         sys.executable,
         "-m",
@@ -161,18 +161,18 @@ def measure(folder: Path, kept: Path, nights: int) -> None:
 
 
 def measured_nights(kept: Path) -> pd.DataFrame:
-    """Return relative_cpu, a row for each case that every night has, a column for each night."""
+    """Return relative_cpu with a row for each case that every run has, and a column for each run."""
     cases = recorded_cases(History(kept).runs())
     return cases.set_index([*_CASE, "run"])["relative_cpu"].unstack("run").dropna()
 
 
 def engines_of(nights: pd.DataFrame) -> list[str]:
-    """Return the engines that can become slower: all but the one that is the reference."""
+    """Return the engines that can become slower: all except the reference."""
     return sorted(set(nights.index.get_level_values("engine")) - {"reference"})
 
 
 def as_they_came(nights: pd.DataFrame) -> int:
-    """Judge the nights in their order, then with each engine slower from each night on; count the faults."""
+    """Judge the runs in order, then with each engine slower from each run on; return the number of faults."""
     count = nights.shape[1]
     reported = alarms(judged(nights))
     print(f"{count} nights as they came, speeds told: {reported or 'none'}", flush=True)
@@ -183,7 +183,7 @@ def as_they_came(nights: pd.DataFrame) -> int:
 
 
 def simulated(nights: pd.DataFrame, sequences: int, seed: int) -> int:
-    """Draw sequences from the nights that were measured; return how many were judged wrongly."""
+    """Draw sequences from the measured runs; return how many were judged wrongly."""
     chance = np.random.default_rng(seed)
     sample = judged(drawn(nights, chance, 30))
     usual = pooled_spread(sample.series.decades, list(sample.steps.values()))
@@ -200,7 +200,7 @@ def simulated(nights: pd.DataFrame, sequences: int, seed: int) -> int:
 
 
 def report(delays: list[int | None]) -> int:
-    """Print in which run an engine that became slower was reported; return how often not in time."""
+    """Print the run in which a slower engine was reported; return how often it was too late."""
     late = sum(each is None or each > _WITHIN for each in delays)
     print(f"one engine {_SLOWER} times as slow: {len(delays)}, not reported within {_WITHIN} runs: {late}")
     if reported := [each for each in delays if each is not None]:
@@ -210,13 +210,13 @@ def report(delays: list[int | None]) -> int:
 
 
 def drawn(nights: pd.DataFrame, chance: np.random.Generator, count: int) -> pd.DataFrame:
-    """Return so many of the nights, each drawn at random from all."""
+    """Return this many runs, each drawn at random from all."""
     picked = nights.iloc[:, chance.integers(0, nights.shape[1], count)]
     return picked.set_axis([f"night {number:03d}" for number in range(count)], axis=1)
 
 
 def slowed(nights: pd.DataFrame, engine: str, first: int) -> pd.DataFrame:
-    """Return the nights with an engine slower from the first on."""
+    """Return the runs with an engine slower from the run `first` on."""
     factor = np.ones(nights.shape)
     factor[np.ix_(nights.index.get_level_values("engine") == engine, np.arange(nights.shape[1]) >= first)] = (
         _SLOWER
@@ -225,13 +225,13 @@ def slowed(nights: pd.DataFrame, engine: str, first: int) -> pd.DataFrame:
 
 
 def judged(nights: pd.DataFrame) -> Speeds:
-    """Return the speeds of nights, judged as a night judges them."""
+    """Return the speeds of runs, judged as a nightly run judges them."""
     cases = nights.melt(var_name="run", value_name="relative_cpu", ignore_index=False).reset_index()
     return speeds_of(list(nights.columns), cases)
 
 
 def delay(nights: pd.DataFrame, engine: str, first: int) -> int | None:
-    """Return on which night of an engine's being slower that was told, 1 the first; None: not at all."""
+    """Return the number of slower runs until the change was reported, or None if it was not."""
     reported = [
         at for (who, _), at, size in alarms(judged(nights)) if who == engine and size > 0.0 and at >= first
     ]
@@ -239,7 +239,7 @@ def delay(nights: pd.DataFrame, engine: str, first: int) -> int | None:
 
 
 def alarms(speeds: Speeds) -> list[tuple[tuple[str, str], int, float]]:
-    """Return method, night and size of each reported step."""
+    """Return method, run and size of each reported step."""
     return [(method, step.detected_at, step.size) for method, steps in speeds.steps.items() for step in steps]
 
 

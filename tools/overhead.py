@@ -1,12 +1,12 @@
-"""What a case costs beside its stepping: asking a worker, building, reading, measuring.
+"""Measure the cost of a case in addition to its stepping: messages to a worker, building, reading, measuring.
 
     python tools/overhead.py standard
 
-Each method's case at its coarsest step goes through a run's own code with a worker, one at a time and
-nothing cached; then the same case is stepped in this process, and that time alone is taken away. Workers are
-started, and their kernels loaded, before. Truths, and searches for the largest stable step, are left out.
-Prints milliseconds of processor time, the run's and the worker's, the lowest tenth of fifty passes: other
-work on the machine only adds.
+Each method's case at its coarsest step goes through a run's own code with a worker, one at a time and without
+a cache; then the same case is stepped in this process, and that time alone is subtracted. Workers are started
+and their kernels loaded before. Truths and searches for the largest stable step are left out. Prints
+milliseconds of processor time, the run's and the worker's, as the lowest tenth of fifty passes, because other
+work on the machine can only increase it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _PASSES = 50
 
 
 class Stepped:
-    """An adapter, and the seconds that its simulations and solvers spent stepping."""
+    """An adapter that measures the seconds its simulations and solvers spend stepping."""
 
     def __init__(self, adapter: Adapter) -> None:
         self._adapter, self.seconds = adapter, 0.0
@@ -75,7 +75,7 @@ def stepping(adapter: Adapter, case: Case) -> float:
 
 
 def _undisturbed(passes: list[float]) -> float:
-    """Return the lowest tenth; not the least: now and then Linux counts a part of one pass with the next."""
+    """Return the lowest tenth, not the minimum: Linux sometimes counts a part of one pass with the next."""
     return float(np.quantile(passes, 0.1))
 
 
@@ -86,7 +86,7 @@ def spent(engine_pool: EnginePool, engine: Engine) -> float:
 
 
 def overheads(scenarios: list[str], engines: list[str] | None) -> dict[str, list[tuple[float, float]]]:
-    """Return, by engine, for each case the milliseconds beside its stepping: all, and asking's part of it."""
+    """Return the milliseconds per case in addition to its stepping, by engine: all, and those of messages."""
     selection = select(scenarios, engines)
     engine_pool, answers = EnginePool(), Answers(None, None, 120.0)
     found: dict[str, list[tuple[float, float]]] = {}
@@ -105,7 +105,7 @@ def overheads(scenarios: list[str], engines: list[str] | None) -> dict[str, list
                 setting = selection.settings(scenario, engine, method)[0]
                 passes = []
                 requested.clear()
-                for _ in range(1 + _PASSES):  # the first starts the worker and loads its kernels
+                for _ in range(1 + _PASSES):  # the first pass starts the worker and loads its kernels
                     begin = spent(engine_pool, engine)
                     result = run_case(problem, engine, method, setting, ask)
                     passes.append(spent(engine_pool, engine) - begin)
@@ -123,8 +123,8 @@ def overheads(scenarios: list[str], engines: list[str] | None) -> dict[str, list
 
 
 def main() -> None:
-    """Print a line for each engine, and one for all."""
-    parser = argparse.ArgumentParser(description="What a case costs beside its stepping, in ms.")
+    """Print one line per engine, and one for all."""
+    parser = argparse.ArgumentParser(description="Measure the cost of a case without its stepping, in ms.")
     parser.add_argument("scenarios", nargs="*", default=["standard"])
     parser.add_argument("--engine", help="separated by commas [default: all]")
     given = parser.parse_args()

@@ -1,10 +1,10 @@
-"""Which planted faults a run with default options reports, and by what.
+"""Print which planted faults a run with default options reports, and by which quantity.
 
     python tools/planted_fault_table.py [SUITE_OR_SCENARIO ...]
 
 Runs each faulty method of tests/helpers/planted_faults.py, smoke by default, and prints one row per fault and
-base: what reports it, quantity and size. Ends with status 1 where a fault that could be seen is not reported,
-or where a sound base is accused.
+base: how it is reported, quantity and size. Exit status 1 if a detectable fault is not reported, or if a base
+without a fault is accused.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from tests.helpers.reported_results import reported_results
 
 
 def described(results: Sequence[Result]) -> str:
-    """Return how many results of each kind there are, and the worst of each."""
+    """Return the number of results of each kind, and the worst of each."""
     worst = {one.kind: one for one in reversed(results)}
     counts = Counter(one.kind for one in results)
     return "; ".join(f"{kind} ({counts[kind]}): {one.sentence}" for kind, one in reversed(worst.items()))

@@ -1,16 +1,16 @@
-"""How well the floors of the reference's float32 methods are predicted, and whether casts are detected.
+"""Measure how well the floors of the reference's float32 methods are predicted, and if casts are detected.
 
     python tools/precision_trials.py
     python tools/precision_trials.py --engine rapier:semi-implicit --dt 2e-3,1e-3,5e-4
 
 Runs rk4-f32 and m1-f32 on the suite `standard`, and prints for each scenario the best step, its orientation
-error, and the predicted floor where the floor was reached. Then it fits both branches of the error to all
-steps but the two finest, and predicts these. An error on the floor scatters by a factor of 1.8 between steps
-that differ by a hundredth, so the fit is made of single cases and of the geometric means of five neighbouring
-steps. Then it rounds one quantity of one stage of a float64 rk4 to float32, and checks what the probe says.
-Ends with status 1 where a method is invalid or accused, or a figure misses its target.
+error, and the predicted floor if the floor was reached. Then it fits both branches of the error to all
+steps except the two finest, and predicts these. An error on the floor scatters by a factor of 1.8 between
+steps that differ by a hundredth, so the fit uses single cases and the geometric means of five neighbouring
+steps. Then it rounds one quantity of one stage of a float64 rk4 to float32, and checks the probe's result.
+Exit status 1 if a method is invalid or accused, or if a figure misses its target.
 
-With --engine, prints the floors of these methods only, and their rounding bias: the median over the scenarios
+With --engine, prints only the floors of these methods and their rounding bias: the median over the scenarios
 of the least mean rounding error of omega per step that explains an error at the floor, (e / u - S) / (R N).
 """
 
@@ -47,16 +47,16 @@ from tests.helpers.single_stages import PARTS, STAGES, rk4_with_a_single_stage
 _METHODS = {"rk4-f32": 4, "m1-f32": 1}
 _LADDER = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 _NEIGHBOURS = (-2, -1, 0, 1, 2)
-_MIN_FIT = 2  # steps besides the two that are predicted
+_MIN_FIT = 2  # steps, in addition to the two that are predicted
 _SHARE = 0.9
 _TRUE = ("property", "unstable")
-_WITHOUT_EFFECT = ("velocity", "position")  # a constant acceleration, and a position nothing depends on
+_WITHOUT_EFFECT = ("velocity", "position")  # a constant acceleration, and a position on which nothing depends
 
 
 def main() -> int:
     """Print the figures; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--engine", help="methods as NAME:METHOD,...; only their floors and biases")
+    parser.add_argument("--engine", help="methods as NAME:METHOD,...; print only their floors and biases")
     parser.add_argument("--dt", help="steps in s, separated by commas [default: those of each scenario]")
     requested = parser.parse_args()
     steps = None if requested.dt is None else [float(step) for step in requested.dt.split(",")]
@@ -100,7 +100,7 @@ def _floors(engines: list[str], steps: list[float] | None) -> bool:
 
 
 def _bias(run: Run, row: dict[str, Any]) -> float:
-    """Return the bias that explains the error of a method at the finest step that ended well."""
+    """Return the bias that explains the error of a method at the finest successful step."""
     problem = next(one for one in run.problems if one.scenario.name == row["scenario"])
     formula = RoundOff.of(problem, ORIENTATION, "float32")
     steps = problem.scenario.duration_s / row["finest_dt_s"]
@@ -130,7 +130,7 @@ def _predictions() -> bool:
 
 
 def _predicted(problem: Problem, method: str, order: int, neighbours: Sequence[int]) -> list[float] | None:
-    """Return measured over predicted error at the two finest steps; None where no others can be fitted."""
+    """Return measured over predicted error at the two finest steps, or None if no others can be fitted."""
     interval = problem.scenario.scene.sample_interval_s
     listed = {round(interval / step) for step in problem.scenario.steps}
     strides = sorted(listed | {n for n in _LADDER if n < max(listed)})

@@ -1,10 +1,10 @@
-"""Whatever a file holds, its reader takes it or refuses it: no traceback, no hang, no memory without end.
+"""Check that a reader accepts or refuses any file: no traceback, no hang, no unlimited memory.
 
     python tools/reader_trials.py --trials 20000 --seed 1
 
-Damages sound files of every kind that bodycheck reads, half of them by their grammar, so that the damage
-passes the first parser, and reads each. Prints the figures by reader; ends with status 1 where a reader
-raised anything but bodycheck's own errors, took more than 10 s, or the process held more than 500 MB.
+Damages valid files of every kind that bodycheck reads, about half of them by their grammar, so that the
+damage passes the first parser, and reads each. Prints the figures by reader. Exit status 1 if a reader
+raised anything but bodycheck's own errors or took more than 10 s, or the process held more than 500 MB.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ reason = "it does"
 
 @dataclass(frozen=True)
 class Reader:
-    """A sound file, and who reads it: `read` is given the path of the damaged one.
+    """A valid file and its reader: `read` is given the path of the damaged file.
 
     kind: of the grammar, for `passes`; weight: how often it is tried.
     """
@@ -108,7 +108,7 @@ class Reader:
 
 
 def all_readers(sound: Path) -> list[Reader]:
-    """Write a sound file of every kind, and return who reads it."""
+    """Write a valid file of every kind, and return its readers."""
     (sound / "mine.toml").write_text(SCENARIO)
     run = bodycheck.run([sound / "mine.toml"], engines=["reference:m1", "reference:rk4"], jobs=1)
     bodycheck.write_run(run, sound / "run")
@@ -118,7 +118,7 @@ def all_readers(sound: Path) -> list[Reader]:
 
 
 def _inputs(sound: Path) -> list[Reader]:
-    """Scenarios, gates, meshes, and what was asked of a run that was stopped."""
+    """Return the readers of scenarios, gates, meshes, and the request of a run that was stopped."""
     library = Path(bodycheck.__file__).parent / "scenarios/library"
     whole = "\n".join((library / f"{name}.toml").read_text() for name in ("spring-pendulum",))
     (sound / "rich.toml").write_text(whole)
@@ -151,7 +151,7 @@ def _mesh(path: Path) -> None:
 
 
 def _trajectories(sound: Path) -> list[Reader]:
-    """What `judge` reads."""
+    """Return the readers that `judge` uses."""
     npz = next((sound / "run/trajectories").rglob("reference_m1*.npz"))
     with np.load(npz) as arrays:
         rows = np.column_stack([arrays["t_s"], arrays["quaternion"]])
@@ -185,7 +185,7 @@ def _recorded(path: Path) -> None:
 
 
 def _recordings(sound: Path) -> list[Reader]:
-    """Recordings in every format that needs no further package, and a map."""
+    """Return the readers of recordings in every format without an extra package, and of a map."""
     table = pd.read_csv(sound / "judged.csv")
     (sound / "judged.parquet").write_bytes(as_parquet(table))
     (sound / "judged.jsonl").write_text(json.dumps(table.to_dict("records")[0]) + "\n")
@@ -203,7 +203,7 @@ def _recordings(sound: Path) -> list[Reader]:
 
 
 def _run_files(sound: Path) -> list[Reader]:
-    """The files of a stored run, each damaged among the sound others."""
+    """Return the readers of a stored run, each with one damaged file among the valid ones."""
     other = read_tables(sound / "run")
 
     def tables_of(path: Path) -> None:
@@ -239,7 +239,7 @@ def _run_files(sound: Path) -> list[Reader]:
 
 
 def _night_files(sound: Path, manifest: dict[str, Any]) -> list[Reader]:
-    """The files of a past nightly run, with their sums, and of one from before there were sums."""
+    """Return the readers of a past nightly run with hashes, and of an older one without hashes."""
     unsealed = sound / "unsealed"
     shutil.copytree(sound / "history", unsealed)
     for run in History(unsealed).runs():
@@ -271,7 +271,7 @@ def _night_files(sound: Path, manifest: dict[str, Any]) -> list[Reader]:
 
 
 def _messages(sound: Path) -> list[Reader]:
-    """What a worker says, a file a message."""
+    """Return the readers of a worker's messages, with one file per message."""
     scene = load_scenario(sound / "mine.toml").scene
     reference = Reference()
     case = Case(scene, "m1", Setting(dt_s=0.01))
@@ -312,7 +312,7 @@ def _messages(sound: Path) -> list[Reader]:
 
 
 def _caches(sound: Path) -> list[Reader]:
-    """What is kept to be used again: nothing that is damaged may be believed."""
+    """Return the readers of cached results, of which nothing damaged may be used."""
     cache = Cache(sound / "cache")
     key = "ab" + 62 * "0"
     cache.put(key, {"value": [1, 2, 3]})
@@ -350,7 +350,7 @@ def _caches(sound: Path) -> list[Reader]:
 
 @dataclass
 class Tried:
-    """What came of one mutation: accepted, refused, or a fault with its traceback."""
+    """The result of one mutation: accepted, refused, or a fault with its traceback."""
 
     reader: str
     ending: str
@@ -361,7 +361,7 @@ class Tried:
 
 
 class Hang(BaseException):
-    """A reader that took longer than it may."""
+    """A reader that exceeded its time limit."""
 
 
 def _late(*_: object) -> None:
@@ -369,7 +369,7 @@ def _late(*_: object) -> None:
 
 
 def tried(reader: Reader, folder: Path, sound: Path, seed: str) -> Tried:
-    """Damage a copy of the reader's file, read it, and put the sound content back."""
+    """Damage a copy of the reader's file, read it, and restore the valid content."""
     dice = random.Random(seed)
     content = reader.file.read_bytes()
     damaged = (reader.by_grammar if dice.random() < 0.6 else any_bytes)(content, dice)
@@ -385,7 +385,7 @@ def tried(reader: Reader, folder: Path, sound: Path, seed: str) -> Tried:
         lines = printable_lines(str(error)).split("\n")
         if not str(error) or any(len(line) > LONGEST_LINE for line in lines):
             ending, fault = "fault", f"unclear: {lines}"
-    except BaseException as error:  # noqa: BLE001 - whatever it is, it is what is looked for
+    except BaseException as error:  # noqa: BLE001 - the trial searches for any exception
         import traceback
 
         ending = "hang" if isinstance(error, Hang) else "fault"
@@ -398,18 +398,18 @@ def tried(reader: Reader, folder: Path, sound: Path, seed: str) -> Tried:
 
 
 def _together(batch: list[tuple[Reader, str]], folder: Path, sound: Path) -> ChildResult:
-    """Try some mutations in a child of their own."""
+    """Try some mutations in a separate child process."""
     return run_in_child(
         lambda: [tried(reader, folder, sound, seed) for reader, seed in batch], 2 * LONGEST_S * len(batch)
     )
 
 
 def main() -> int:
-    """Make the trials and print how many ended how."""
+    """Run the trials and print the number of each kind of ending."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     options.add_argument("--trials", type=int, default=20_000)
     options.add_argument("--seed", type=int, default=1)
-    options.add_argument("--only", help="a reader by its name")
+    options.add_argument("--only", help="name of the only reader to try")
     requested = options.parse_args()
     signal.signal(signal.SIGALRM, _late)
     begin = time.monotonic()
@@ -423,7 +423,7 @@ def main() -> int:
         intact = run_in_child(
             lambda: [one.read(folder / one.file.relative_to(sound)) for one in readers], 600.0
         )
-        if intact.error is not None:  # it also compiles the kernels, which takes longer than a reader may
+        if intact.error is not None:  # includes compiling the kernels, which takes longer than a reader may
             raise RuntimeError(f"an intact file is refused: {intact.error}")
         total = sum(reader.weight for reader in readers)
         seeds = [
@@ -438,7 +438,7 @@ def main() -> int:
             if ended.error is None:
                 results += ended.value
                 continue
-            for one in batch:  # which of them it was
+            for one in batch:  # find out which of them failed
                 alone = _together([one], folder, sound)
                 died = Tried(one[0].name, "died", True, alone.seconds, one[1], str(alone.error))
                 results += [died] if alone.error is not None else alone.value
@@ -447,7 +447,7 @@ def main() -> int:
 
 
 def report(results: list[Tried], megabytes: float, seconds: float, seed: int) -> int:
-    """Print a line a reader and the sums; return the status."""
+    """Print one line per reader and the totals; return the status."""
     heads = f"{'tried':>6s} {'passed':>7s} {'taken':>6s} {'refused':>8s} {'faults':>7s} {'slowest':>8s}"
     print(f"{'reader':26s} {heads}")
     for name in dict.fromkeys(one.reader for one in results):

@@ -1,12 +1,13 @@
-"""Whether truths lie within their bounds of fifty digits, over random motions of every kind.
+"""Check that truths lie within their bounds of fifty digits, over random motions of every kind.
 
     python tools/truth_trials.py --free 400 --forced 300
 
-Free bodies of any shape: three in four over some twenty radians, one in four at a time up to 1e9 s. Forced
-ones under each kind of load, as tests/helpers/random_motions.py makes them. All starts have a quaternion that
-is not quite a unit, half of them omega in world axes. The independent solutions are a Taylor series in
-integers, Gauss's method of order 24 in decimals, and the period of omega; none shares code with bodycheck.
-Prints the worst error over its bound of each kind and quantity; exits with 1 if one is above 1.
+Free bodies have any shape: three in four move over about twenty radians, one in four to a time up to 1e9 s.
+Forced ones move under each kind of load, as tests/helpers/random_motions.py makes them. All starts have a
+quaternion whose norm is not exactly 1, half of them omega in world axes. The independent solutions are a
+Taylor series in integers, Gauss's method of order 24 in decimals, and the period of omega; none shares code
+with bodycheck. Prints the worst error over its bound of each kind and quantity.
+Exit status 1 if a ratio exceeds 1.
 """
 
 from __future__ import annotations
@@ -50,8 +51,8 @@ def _trials(free: int, forced: int) -> Iterator[tuple[str, int, Scene, list[floa
 def main() -> int:
     """Run the trials; return the exit status."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--free", type=int, default=400, help="how many free motions [default: 400]")
-    parser.add_argument("--forced", type=int, default=300, help="how many forced motions [default: 300]")
+    parser.add_argument("--free", type=int, default=400, help="number of free motions [default: 400]")
+    parser.add_argument("--forced", type=int, default=300, help="number of forced motions [default: 300]")
     requested = parser.parse_args()
     begin, worst, counts, wrong = time.perf_counter(), {}, {}, []
     for kind, seed, scene, times in _trials(requested.free, requested.forced):

@@ -1,11 +1,11 @@
-"""The distribution built and checked, and its wheel at work in an empty environment of each Python.
+"""Build and check the distribution, and test its wheel in an empty environment of each Python.
 
     python tools/wheel_trials.py python3.11 python3.12 python3.13
 
-Builds the sdist, and the wheel from it; each must please `twine check --strict`. For each Python named, the
-wheel alone is installed in a new environment, with a cache of its own; help, completion and the lists must
-answer, and the smoke suite must end with a report and without a case that failed. Prints a line each; the
-status is 1 where one did not. Needs twine beside the test extra, and an index to install from.
+Builds the sdist, and the wheel from it; each must pass `twine check --strict`. For each Python given, only
+the wheel is installed in a new environment with its own cache; help, completion and the lists must work, and
+the smoke suite must end with a report and without a failed case. Prints one line each. Exit status 1 if a
+check failed. Needs twine in addition to the test extra, and a package index.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ ROOT = Path(__file__).parents[1]
 UNWANTED = shutil.ignore_patterns(
     ".*", "build", "dist", "_build", "*.egg-info", "__pycache__", "bodycheck-runs"
 )
-COMPLETION = "bodycheck --show-completion; exit $?"  # two commands: bash must stay, to be known as the shell
+COMPLETION = "bodycheck --show-completion; exit $?"  # with one command bash would be replaced by it
 ENDED_WELL = {"ok", "unsupported"}
 
 
-class NotAsItShould(Exception):  # noqa: N818 - what the trials are there to find
-    """A command that did not do what it must."""
+class NotAsItShould(Exception):  # noqa: N818 - the result that the trials search for
+    """A command that did not do what is required."""
 
 
 def printed(*words: str | Path, folder: Path, **environment: str) -> str:
-    """Run a command and return what it printed; what ends otherwise than with 0 raises."""
+    """Run a command and return its output; raise an error if its status is not 0."""
     reported = {
         name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")
     }
@@ -49,7 +49,7 @@ def printed(*words: str | Path, folder: Path, **environment: str) -> str:
 
 
 def must(held: bool, what: str) -> None:
-    """Raise where something does not hold."""
+    """Raise an error if a condition does not hold."""
     if not held:
         raise NotAsItShould(what)
 
@@ -66,7 +66,7 @@ def built(folder: Path) -> Path:
 
 
 def tried(python: str, wheel: Path, folder: Path) -> str:
-    """Install the wheel in an empty environment and let it work; return what there is to say."""
+    """Install the wheel in an empty environment and test it; return a summary."""
     folder.mkdir()
     printed(python, "-m", "venv", folder / "env", folder=folder)
     programs = folder / "env" / "bin"
@@ -102,7 +102,7 @@ def tried(python: str, wheel: Path, folder: Path) -> str:
 
 
 def main() -> int:
-    """Try every Python named."""
+    """Test every Python that is given."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     options.add_argument("python", nargs="+")
     failed = 0

@@ -1,11 +1,11 @@
-"""Whether a program of any language is a worker as docs/workers.md has it, and how right its engine is.
+"""Check whether a program in any language is a worker as defined in docs/workers.md, and how accurate it is.
 
     python tools/worker_trials.py --scenarios smoke ./my-worker
 
-starts the program, says to it what a run says, and measures its motions as a run does. Prints a line a case,
-with the error of orientation, then a line a rule of the protocol. The status is 1 where a rule is not kept, a
-case failed or was invalid, or none ended well; 2 where there is no such program or scenario. Nothing limits
-its memory or its time.
+Starts the program, sends it the messages of a run, and measures its motions as a run does. Prints one line
+per case with the error of orientation, then one line per rule of the protocol. The status is 1 if a rule is
+violated, a case failed or was invalid, or none was successful; 2 if the program or a scenario does not exist.
+Its memory and its time are not limited.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from bodycheck.runs.selection import Selection, checked_scenarios
 
 
 class Program:
-    """The worker, which is asked one thing after the other.
+    """A worker process, to which requests are sent one at a time.
 
-    Raises OSError where there is no such program, ProtocolError where it announces no engine.
+    Raises OSError if the program does not exist, ProtocolError if it announces no engine.
     """
 
     def __init__(self, command: list[str]) -> None:
@@ -47,13 +47,13 @@ class Program:
         self.engine, _ = received_messages.engine_of(message)
 
     def ask(self, engine: str, request: Message, timeout_s: float) -> Message:
-        """Return the answer; what is none is one that failed, and says why."""
+        """Return the answer; an invalid answer is returned as a failed one with the reason."""
         del engine, timeout_s
         self._asked += 1
         return self.reported(protocol.line_of({"id": self._asked, **request}), self._asked)
 
     def reported(self, line: bytes, number: int | None) -> Message:
-        """Return the answer to a line, which has to be of this number."""
+        """Return the answer to a line, which must have this id."""
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(line)
@@ -73,13 +73,13 @@ class Program:
         return protocol.message_of(line)
 
     def end(self) -> int:
-        """Close its input, and return the status with which it ends."""
+        """Close its input, and return its exit status."""
         self._process.communicate()
         return self._process.returncode
 
 
 def cases(program: Program, scenarios: list[str]) -> Iterator[tuple[CaseResult, Case]]:
-    """Yield each case at the steps that the scenarios list, measured as a run measures it."""
+    """Yield each case at the steps that the scenarios list, measured as in a run."""
     engine, answers = program.engine, Answers(None, None, 0.0)
     methods = tuple((engine, method) for method in engine.methods.values())
     selection = Selection(tuple(checked_scenarios(scenarios)), methods, {}, None, None)
@@ -95,7 +95,7 @@ def cases(program: Program, scenarios: list[str]) -> Iterator[tuple[CaseResult, 
 
 
 def rules(program: Program, good: Case | None) -> Iterator[tuple[str, str]]:
-    """Yield each rule beside what was wrong, empty where it was kept; good: a case that ended well."""
+    """Yield each rule with its violation, empty if there is none; good: a successful case."""
     for what, line in [("a line that is no JSON", b"hm\n"), ("a line that is no object", b"[1]\n")]:
         yield f"{what} has failed, under the id null", _refused(program.reported(line, None))
     yield "a case ends well", "" if good else "nothing was measured"
@@ -136,7 +136,7 @@ def _searched(answer: Message) -> str:
 def main() -> None:
     """Print the cases and the rules."""
     parser = argparse.ArgumentParser(
-        description="Whether a program is a worker, and how right its engine is."
+        description="Check whether a program is a worker, and how accurate its engine is."
     )
     parser.add_argument("--scenarios", default="smoke", help="names, suites and files, separated by commas")
     parser.add_argument("command", nargs=argparse.REMAINDER, help="the program and its arguments")

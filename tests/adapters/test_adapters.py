@@ -24,22 +24,22 @@ from tests.helpers.first_order_maps import SpinStep, explicit_step, implicit_gyr
 
 ENGINES = ("mujoco", "pybullet", "dart")
 
-# Which of the maps below a method is, and each of its variants; rk4 is not one of them.
+# The maps below, by method; each applies to all variants of the method. No map describes rk4.
 EXPLICIT = ("mujoco:euler", "pybullet:multibody", "dart:semi-implicit")
 IMPLICIT = ("mujoco:implicit", "mujoco:implicitfast", "mujoco:discrete")
 IMPLICIT_GYROSCOPIC = ("pybullet:maximal",)
 
 
 def methods(*, but: tuple[str, ...] = ()) -> list[Any]:
-    """Return a test parameter (adapter, method) for each method of the engines that import.
+    """Return a test parameter (adapter, method) for each method of the engines that can be imported.
 
-    but: parts of the names of those left out; those with untouched defaults are, too.
+    but: parts of the names to leave out; methods with untouched defaults are left out too.
     """
     return engine_methods(ENGINES, lambda _, method: not any(part in method for part in (*but, DEFAULTS)))
 
 
 every_method = pytest.mark.parametrize(("adapter", "method"), methods())
-# unaligned and without a link a body is built as it is aligned: test_link_variants.py has those with one
+# without a link an unaligned body is built like an aligned one; test_link_variants.py tests links
 first_order_methods = pytest.mark.parametrize(("adapter", "method"), methods(but=("rk4", "@unaligned")))
 
 
@@ -93,7 +93,7 @@ def scene_of(
     loads: tuple[ConstantLoad, ...] = (),
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Scene:
-    """Return a scene that starts off the origin, turned and moving."""
+    """Return a scene with an initial position, rotation and motion that are not zero."""
     quaternion = np.array([0.5, -0.1, 0.7, 0.3])
     initial = State(
         position=np.array([3.0, -2.0, 1.0]),
@@ -105,12 +105,12 @@ def scene_of(
 
 
 def wrench_of_all(scene: Scene) -> Wrench:
-    """Return the wrench of loads that last from the start to the end."""
+    """Return the wrench of loads that act from the start to the end."""
     return wrench_between(scene, 0.0, scene.duration_s)
 
 
 def packed(reading: Reading) -> Array:
-    """Return all that a reading holds, in one array."""
+    """Return all values of a reading in one array."""
     parts = [getattr(reading, name) for name in Reading.__dataclass_fields__]
     return np.concatenate([np.ravel(part) for part in parts if part is not None])
 
@@ -127,13 +127,13 @@ def test_method_states_its_facts(adapter: Adapter, method: str) -> None:
     assert adapter.version
 
 
-# ------------------------------------------------------------------------------- what is simulated
+# ---------------------------------------------------------------------------------- the simulated scene
 
 
 @every_method
 @pytest.mark.parametrize("body", BODIES.values(), ids=BODIES.keys())
 def test_engine_reads_back_the_scene(adapter: Adapter, method: str, body: RigidBody) -> None:
-    """Mass, inertia, step, gravity and initial state are read back from the engine as they were given."""
+    """Mass, inertia, step, gravity and initial state are read back from the engine as given."""
     scene = scene_of(body, gravity=(0.1, -0.2, -9.81))
     with built(adapter, scene, method, 1.0 / 300.0) as simulation:
         assert read_back_mismatch(scene, 1.0 / 300.0, simulation.read_back()) is None
@@ -157,29 +157,29 @@ def test_engine_reads_back_any_initial_state(adapter: Adapter, method: str) -> N
 
 
 def heavier(scene: Scene) -> Scene:
-    """Add a part in 1e12 to the mass."""
+    """Increase the mass by a factor of 1 + 1e-12."""
     return replace(scene, body=replace(scene.body, mass=scene.body.mass * (1.0 + 1e-12)))
 
 
 def stouter(scene: Scene) -> Scene:
-    """Add a part in 1e11 to the inertia."""
+    """Increase the inertia by a factor of 1 + 1e-11."""
     return replace(scene, body=replace(scene.body, inertia=scene.body.inertia * (1.0 + 1e-11)))
 
 
 def mirrored(scene: Scene) -> Scene:
-    """Give the products of inertia the other sign."""
+    """Change the sign of the products of inertia."""
     products = scene.body.inertia * (1.0 - np.eye(3))
     return replace(scene, body=replace(scene.body, inertia=scene.body.inertia - 2.0 * products))
 
 
 def faster(scene: Scene) -> Scene:
-    """Add a part in 1e13 to omega."""
+    """Increase omega by a factor of 1 + 1e-13."""
     omega = scene.initial.omega_body * (1.0 + 1e-13)
     return replace(scene, initial=replace(scene.initial, omega_body=omega))
 
 
 def lighter(scene: Scene) -> Scene:
-    """Take a part in 1e13 off gravity."""
+    """Reduce gravity by a factor of 1 - 1e-13."""
     return replace(scene, gravity=scene.gravity * (1.0 - 1e-13))
 
 
@@ -191,7 +191,7 @@ def lighter(scene: Scene) -> Scene:
 def test_wrong_scene_in_the_engine_is_reported(
     adapter: Adapter, method: str, plant: Callable[[Scene], Scene], named: str
 ) -> None:
-    """An engine built with a wrong mass, inertia, omega or gravity is reported, with the quantity."""
+    """If an engine is built with a wrong mass, inertia, omega or gravity, the quantity is reported."""
     scene = scene_of(gravity=(0.0, 0.0, -9.81))
     with built(adapter, plant(scene), method, 1e-3) as simulation:
         assert named in str(read_back_mismatch(scene, 1e-3, simulation.read_back()))
@@ -199,7 +199,7 @@ def test_wrong_scene_in_the_engine_is_reported(
 
 @every_method
 def test_wrong_step_in_the_engine_is_reported(adapter: Adapter, method: str) -> None:
-    """An engine built with a wrong step is reported."""
+    """If an engine is built with a wrong step, the step is reported."""
     scene = scene_of()
     with built(adapter, scene, method, 1e-3 * (1.0 + 1e-13)) as simulation:
         assert "step" in str(read_back_mismatch(scene, 1e-3, simulation.read_back()))
@@ -261,7 +261,7 @@ def test_n_steps_in_one_call_equal_n_calls(adapter: Adapter, method: str, kind: 
 
 @every_method
 def test_wrench_acts_until_the_next_replaces_it(adapter: Adapter, method: str) -> None:
-    """Legs of constant wrenches end where a loop that sets the wrench at each step ends, within 1e-12."""
+    """Legs of constant wrenches end within 1e-12 of a loop that sets the wrench at each step."""
     loads = tuple(
         replace(load, from_s=0.01 * first, until_s=0.01 * (first + 9))
         for first, load in enumerate(LOADS["everything"], start=3)
@@ -281,7 +281,7 @@ def test_wrench_acts_until_the_next_replaces_it(adapter: Adapter, method: str) -
 
 @every_method
 def test_simulations_are_independent(adapter: Adapter, method: str) -> None:
-    """A run is bit for bit the same while another simulation exists, and after others were closed twice."""
+    """A run is bit for bit the same next to another simulation, and after others were closed twice."""
     scene = scene_of(loads=LOADS["body torque"], gravity=(0.0, 0.0, -9.81))
     other = scene_of(BODIES["plate"], gravity=(0.0, 1.0, 0.0))
     with built(adapter, scene, method, 1e-2) as alone:
@@ -299,7 +299,7 @@ def test_simulations_are_independent(adapter: Adapter, method: str) -> None:
 
 @every_method
 def test_readings_are_copies(adapter: Adapter, method: str) -> None:
-    """A reading keeps its values while the engine continues."""
+    """A reading keeps its values when the engine continues."""
     with built(adapter, scene_of(), method, 1e-2) as simulation:
         reading = simulation.read()
         before = packed(reading).copy()
@@ -339,7 +339,7 @@ def force_and_body_torque(scene: Scene, q: Array) -> tuple[Array, Array]:
     return force, torque
 
 
-@cache  # methods that make the same steps are held to the same motion
+@cache  # methods with the same map share its motion
 def mapped(
     body: str,
     kind: str,
@@ -349,9 +349,9 @@ def mapped(
     steps: int,
     substeps: int,
 ) -> tuple[Array, Array, Array, Array]:
-    """Return position, velocity, rotation and omega_body after so many steps of the map.
+    """Return position, velocity, rotation and omega_body after these steps of the map.
 
-    Within the substeps of a step the loads stay as they were at its start, in world axes.
+    Within the substeps of a step the loads are constant in world axes.
     """
     scene = scene_of(BODIES[body], LOADS[kind], gravity)
     initial = scene.initial
@@ -380,7 +380,7 @@ def state_of(reading: Reading) -> tuple[Array, Array, Array, Array]:
 
 
 def spin_step_of(adapter: Adapter, method: str) -> SpinStep:
-    """Return how the method steps omega_body."""
+    """Return the function by which the method steps omega_body."""
     name = f"{adapter.name}:{method.partition(VARIANT)[0]}"
     if name in EXPLICIT:
         return explicit_step
@@ -391,7 +391,7 @@ def spin_step_of(adapter: Adapter, method: str) -> SpinStep:
 
 
 def substeps_of(method: str) -> int:
-    """Return how many steps of the map the method makes in one of its own."""
+    """Return the number of steps of the map in one step of the method."""
     return 4 if method.endswith("@substeps") else 1
 
 
@@ -418,7 +418,7 @@ def test_step_equals_its_map(
 def test_semi_implicit_fall_is_ahead_by_half_a_step(adapter: Adapter, method: str) -> None:
     """After 10 s of free fall the position error is g h T / 2, within 1e-9 m.
 
-    With substeps h is the length of one.
+    With substeps h is the length of a substep.
     """
     gravity = np.array([0.0, 0.0, -9.81])
     scene = scene_of(gravity=(0.0, 0.0, -9.81))
@@ -431,7 +431,7 @@ def test_semi_implicit_fall_is_ahead_by_half_a_step(adapter: Adapter, method: st
 
 
 def true_motion(scene: Scene) -> tuple[Array, Array, Array, Array]:
-    """Solve the equations of motion with a relative tolerance of 1e-13; the same tuple as state_of."""
+    """Solve the equations of motion with a relative tolerance of 1e-13; return the tuple of state_of."""
 
     def rate(_: float, y: Array) -> Array:
         q, w = y[6:10], y[10:]

@@ -69,14 +69,14 @@ METHODS = [
 
 @pytest.fixture
 def functions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Put the module loads_to_ask into the working directory."""
+    """Write the module loads_to_ask to the working directory."""
     (tmp_path / "loads_to_ask.py").write_text(LOADS)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
 
 
 def case_with(function: str, method: str) -> Case:
-    """Return one second of a body under a function of loads_to_ask, in steps of 0.1 s."""
+    """Return a case of one second, in steps of 0.1 s, with a function of loads_to_ask as its load."""
     name = f"loads_to_ask:{function}"
     load = CallbackLoad(name, UserWrench(name, user_function(name, allow_code=True)))
     start = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.ones(3), np.array([0.3, 1.0, -0.2]))
@@ -85,7 +85,7 @@ def case_with(function: str, method: str) -> Case:
 
 
 def adapter_of(engine: str, class_name: str) -> Adapter:
-    """Return the engine, or skip."""
+    """Return the engine, or skip the test."""
     pytest.importorskip({"dart": "dartpy", "reference": "numpy"}.get(engine, engine))
     adapter: Adapter = getattr(importlib.import_module(f"bodycheck.adapters.{engine}"), class_name)()
     return adapter
@@ -94,7 +94,7 @@ def adapter_of(engine: str, class_name: str) -> Adapter:
 @pytest.mark.usefixtures("functions")
 @pytest.mark.parametrize(("engine", "class_name", "method"), METHODS)
 def test_failing_function_fails_only_its_case(engine: str, class_name: str, method: str) -> None:
-    """The message names the function, its error and the time; the worker's next case equals the first."""
+    """The message names the function, its error and the time; the worker's next case is correct."""
     desk = RequestHandler(adapter_of(engine, class_name))
     valid = {"do": "record", "case": case_message(case_with("valid", method))}
     first = desk.answer(valid)
@@ -111,7 +111,7 @@ def test_failing_function_fails_only_its_case(engine: str, class_name: str, meth
 def test_diverging_body_is_unstable_and_not_a_function_error(
     engine: str, class_name: str, method: str
 ) -> None:
-    """Functions are not evaluated at states that are not finite: the case is unstable."""
+    """A function is not evaluated at a state that is not finite, so the case is unstable."""
     with np.errstate(over="ignore", invalid="ignore"):
         answer = record(adapter_of(engine, class_name), case_with("explosive", method))
     assert answer.outcome == "ok"

@@ -38,7 +38,7 @@ from tests.helpers.first_order_maps import SpinStep, explicit_step, implicit_gyr
 
 
 def stepping(adapter: Adapter, method: str) -> bool:
-    """Return whether a method is run by default and has a step."""
+    """Return whether a method runs by default and has a step."""
     facts = adapter.methods[method]
     return facts.control == "dt" and not facts.on_request
 
@@ -79,7 +79,7 @@ PIVOT = np.array([0.1, -0.2, -0.7])
 
 
 def scene_of(loads: tuple[Load, ...] = (), pivot: Array | None = None) -> Scene:
-    """Return a scene of one second in gravity."""
+    """Return a scene of one second under gravity."""
     quaternion = np.array([0.5, -0.1, 0.7, 0.3])
     start = State(
         position=np.array([0.3, -0.2, 0.1]),
@@ -94,7 +94,7 @@ def scene_of(loads: tuple[Load, ...] = (), pivot: Array | None = None) -> Scene:
 
 
 def supports(adapter: Adapter, scene: Scene, method: str) -> bool:
-    """Return whether the method supports the scene; otherwise it has a reason."""
+    """Return whether the method supports the scene; otherwise it must have a reason."""
     reason = adapter.unsupported(scene, method)
     assert reason is None or len(reason) > 10
     return reason is None
@@ -102,7 +102,7 @@ def supports(adapter: Adapter, scene: Scene, method: str) -> bool:
 
 @contextmanager
 def built(adapter: Adapter, scene: Scene, method: str, dt_s: float) -> Iterator[Simulation]:
-    """Build a simulation on which all loads act, and close it."""
+    """Build a simulation with all loads applied, and close it."""
     simulation = adapter.build(scene, method, dt_s)
     simulation.apply(wrench_between(scene, 0.0, scene.duration_s))
     try:
@@ -128,7 +128,7 @@ def state_of(reading: Reading) -> Motion:
 
 
 def gap(one: Motion, other: Motion) -> float:
-    """Return the largest difference of any component."""
+    """Return the largest difference in any component."""
     return max(float(np.max(np.abs(a - b))) for a, b in zip(one, other, strict=True))
 
 
@@ -184,7 +184,7 @@ def accelerations(scene: Scene, t: float, x: Array, r: Array, v: Array, w: Array
 
 
 def seen(scene: Scene, x: Array, r: Array, v: Array, w: Array) -> tuple[Array, Array]:
-    """Return position and velocity of the centre of mass: a pivoted body's are those of its turning."""
+    """Return position and velocity of the centre of mass, which the rotation determines at a pivot."""
     if scene.pivot is None:
         return x, v
     arm = r @ -scene.pivot
@@ -193,7 +193,7 @@ def seen(scene: Scene, x: Array, r: Array, v: Array, w: Array) -> tuple[Array, A
 
 
 def test_loads_contain_every_continuous_kind() -> None:
-    """Each kind of continuous load is among those of these tests."""
+    """The loads of these tests include each kind of continuous load."""
     kinds = {kind for kind, load in load_kinds().items() if issubclass(load, ContinuousLoad)}
     assert {load.kind for loads in LOADS.values() for load in loads} >= kinds
 
@@ -216,11 +216,11 @@ PIVOTED: dict[str, SpinStep] = {
 }
 
 
-@cache  # methods that make the same steps are held to the same motion
+@cache  # methods with the same map share its motion
 def mapped(
     loads: tuple[Load, ...], spin_step: SpinStep, h: float, steps: int, *, pivoted: bool = False
 ) -> Motion:
-    """Return where so many steps of a semi-implicit map lead, the loads held from each step's start."""
+    """Return the state after these steps of a semi-implicit map, with loads constant over each step."""
     scene = scene_of(loads, PIVOT if pivoted else None)
     start, inertia = scene.initial, moment_of_inertia(scene)
     x, v, w = start.position, start.velocity, start.omega_body
@@ -236,7 +236,7 @@ def mapped(
 
 
 def mapped_methods(maps: dict[str, SpinStep]) -> pytest.MarkDecorator:
-    """Return the mark for the methods whose map is known."""
+    """Return the mark for the methods with a known map."""
     known = [case for case in METHODS if case.id in maps or case.values[0] is None]
     return pytest.mark.parametrize(("adapter", "method"), known)
 
@@ -246,7 +246,7 @@ def mapped_methods(maps: dict[str, SpinStep]) -> pytest.MarkDecorator:
 def test_step_under_zero_order_hold_equals_its_map(
     adapter: Adapter, method: str, loads: tuple[Load, ...]
 ) -> None:
-    """100 steps of 1e-2 s end within 1e-12 of the map with all loads evaluated at each step's start."""
+    """100 steps of 1e-2 s end within 1e-12 of the map with all loads evaluated at the start of each step."""
     scene = scene_of(loads)
     with built(adapter, scene, method, 1e-2) as simulation:
         simulation.advance(60)
@@ -258,7 +258,7 @@ def test_step_under_zero_order_hold_equals_its_map(
 @mapped_methods(PIVOTED)
 @every_load
 def test_step_about_a_pivot_equals_its_map(adapter: Adapter, method: str, loads: tuple[Load, ...]) -> None:
-    """On a pivot the map is that of the rotation about it, with the moments of all loads and the weight."""
+    """With a pivot the map is that of the rotation about it, with the moments of all loads and the weight."""
     scene = scene_of(loads, PIVOT)
     if supports(adapter, scene, method):
         with built(adapter, scene, method, 1e-2) as simulation:
@@ -273,7 +273,7 @@ def test_step_about_a_pivot_equals_its_map(adapter: Adapter, method: str, loads:
 def test_callback_load_equals_the_loads_it_computes(
     adapter: Adapter, method: str, pivot: Array | None
 ) -> None:
-    """Loads of every kind computed by a callback move a body as they do directly, to round-off."""
+    """A callback that computes loads of every kind moves a body as the loads themselves do, to round-off."""
     kinds = [name for name in LOADS if not (pivot is not None and name == "gravity gradient")]
     scene = scene_of(tuple(load for name in kinds[:-1] for load in LOADS[name]), pivot)
     weightless = replace(scene, loads=scene.continuous_loads, gravity=np.zeros(3))
@@ -283,7 +283,7 @@ def test_callback_load_equals_the_loads_it_computes(
 
     hidden = replace(scene, loads=(CallbackLoad("loads:function", function), *scene.piecewise_constant_loads))
     if (adapter.name, method) == ("reference", "euler"):
-        return  # its R leaves the rotations, where two formulas for one load part
+        return  # its R does not stay a rotation, so two formulas for one load differ
     if not (supports(adapter, scene, method) and supports(adapter, hidden, method)):
         return
     ends = []
@@ -321,11 +321,11 @@ def solved(scene: Scene) -> Motion:
 
 @cache
 def solved_under(name: str, *, pivoted: bool) -> Motion:
-    """Solve the scene under these loads, once for all methods."""
+    """Solve the scene under these loads once for all methods."""
     return solved(scene_of(LOADS[name], PIVOT if pivoted else None))
 
 
-# by the order: the numbers of steps tried
+# order -> the numbers of steps
 REFINEMENTS: dict[int, tuple[int, ...]] = {
     1: (128, 256, 512),
     2: (64, 128, 256),
@@ -408,7 +408,7 @@ def test_heavy_top_has_the_measured_error(engine: str, method: str, expected: fl
 
 @pytest.mark.parametrize("engine", ["mujoco", "reference"])
 def test_heavy_top_by_rk4_is_exact_to_1e_11(engine: str) -> None:
-    """A method that rotates the weight's moment at each stage is right to 1e-11 at 1e-3 s."""
+    """A method that rotates the weight's moment at each stage is accurate to 1e-11 at 1e-3 s."""
     pytest.importorskip({"reference": "numpy"}.get(engine, engine))
     adapter = adapter_of(engine)
     with built(adapter, TOP, "rk4", 1e-3) as simulation:
@@ -417,7 +417,7 @@ def test_heavy_top_by_rk4_is_exact_to_1e_11(engine: str) -> None:
     assert gap(found, solved(TOP)) < 1e-11
 
 
-# ------------------------------------------------------------------------------- what must not matter
+# ------------------------------------------------------------------------------------------ invariance
 
 ANY_TURN = Rotation.from_rotvec([0.4, -1.1, 0.6]).as_quat(scalar_first=True)
 LINKS = {
@@ -435,7 +435,7 @@ LINKS = {
 def test_link_frame_does_not_matter(
     adapter: Adapter, method: str, kind: str, pivot: Array | None, link: Link
 ) -> None:
-    """Built in any frame of the body, an engine holds and moves the same scene to round-off.
+    """An engine built in any frame of the body reads back and moves the same scene to round-off.
 
     Free bodies that are stepped with their link's origin are in test_link_variants.py.
     """
@@ -482,15 +482,15 @@ def test_pivot_stays_where_it_is(adapter: Adapter, method: str) -> None:
     np.testing.assert_allclose(position + r @ PIVOT, place, rtol=0, atol=1e-14)
     if (
         method != "euler" or adapter.name != "reference"
-    ):  # its R leaves the rotations, and turns omega no more
+    ):  # its R does not stay a rotation and no longer rotates omega
         np.testing.assert_allclose(velocity, r @ np.cross(omega, -PIVOT), rtol=0, atol=1e-13)
 
 
-# --------------------------------------------------------------------------- engines as they come
+# ------------------------------------------------------------------------------ engines by default
 
 
 def untouched(engine: str) -> Adapter:
-    """Return the engine, or skip."""
+    """Return the engine, or skip the test."""
     pytest.importorskip({"dart": "dartpy"}.get(engine, engine))
     adapter: Adapter = adapter_of(engine)
     return adapter
@@ -506,7 +506,7 @@ UNTOUCHED = [
 
 @pytest.mark.parametrize(("engine", "method"), UNTOUCHED)
 def test_engine_with_its_defaults_holds_and_moves_the_scene(engine: str, method: str) -> None:
-    """With its defaults an engine reads back the scene and, but for damping, moves it alike."""
+    """With its defaults an engine reads back the scene and, except for damping, moves it in the same way."""
     adapter, scene = untouched(engine), scene_of(LOADS["with constant ones"])
     ends = []
     for name in (method, f"{method}@defaults"):

@@ -33,7 +33,7 @@ def built(scene: Scene, dt_s: float = 1e-2) -> DartSimulation:
 
 
 def in_a_world(simulation: DartSimulation) -> Any:
-    """Put the skeleton of a simulation into a world of the same gravity and step."""
+    """Put the skeleton of a simulation into a world with the same gravity, and step it."""
     world = dartpy.simulation.World()
     world.setGravity(simulation._skeleton.getGravity())
     world.setTimeStep(simulation._skeleton.getTimeStep())
@@ -65,7 +65,7 @@ def test_no_body_is_put_to_sleep() -> None:
 
 
 def test_lost_state_reads_as_nan_and_stops_stepping(capfd: pytest.CaptureFixture[str]) -> None:
-    """Where DART replaces a lost rotation by the identity, NaN is read, and stepping stops."""
+    """If DART replaces a lost rotation by the identity, NaN is read and stepping stops."""
     scene = scene_of()
     fast = replace(scene, initial=replace(scene.initial, omega_body=np.array([10.0, 200.0, 10.0])))
     simulation = built(fast, 0.5)
@@ -84,7 +84,7 @@ def test_lost_state_reads_as_nan_and_stops_stepping(capfd: pytest.CaptureFixture
 
 @pytest.mark.parametrize("planted", ["mass", "inertia", "step", "gravity"])
 def test_read_back_reads_the_engine(planted: str) -> None:
-    """A value changed in the engine changes what is read back."""
+    """A value that is changed in the engine changes the value read back."""
     scene = scene_of()
     simulation = built(scene)
     assert read_back_mismatch(scene, 1e-2, simulation.read_back()) is None

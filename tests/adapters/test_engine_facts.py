@@ -33,7 +33,7 @@ def test_mujoco_ignores_iquat_without_ipos() -> None:
 
 
 def test_mujoco_poses_are_one_step_old() -> None:
-    """After mj_step qpos is new, and xpos is that of the step before."""
+    """After mj_step qpos is new, and xpos is that of the previous step."""
     mujoco = pytest.importorskip("mujoco")
     model = mujoco_body()
     data = mujoco.MjData(model)
@@ -44,7 +44,7 @@ def test_mujoco_poses_are_one_step_old() -> None:
 
 @pytest.mark.parametrize("off", [["SPRING"], ["DAMPER"], ["SPRING", "DAMPER"]])
 def test_mujoco_calls_back_only_with_springs_or_dampers(off: list[str]) -> None:
-    """The passive-force callback is called with either of them enabled, and not with both disabled."""
+    """The passive-force callback is called if springs or dampers are enabled, but not if neither is."""
     mujoco = pytest.importorskip("mujoco")
     model = mujoco_body()
     model.opt.disableflags = sum(int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}")) for name in off)
@@ -58,7 +58,7 @@ def test_mujoco_calls_back_only_with_springs_or_dampers(off: list[str]) -> None:
 
 
 def dart_body() -> tuple[Any, Any, Any]:
-    """Return a skeleton of a free body, its joint and its body, a quarter turn about z from the start."""
+    """Return a skeleton of a free body, its joint and its body, rotated by a quarter turn about z."""
     dartpy = pytest.importorskip("dartpy")
     skeleton = dartpy.dynamics.Skeleton("body")
     joint, body = skeleton.createFreeJointAndBodyNodePair()
@@ -99,7 +99,7 @@ def test_dart_stores_external_torques_in_body_axes(given: str) -> None:
 
 @pytest.fixture
 def bullet() -> Iterator[Any]:
-    """Give PyBullet with an empty world of its own."""
+    """Return PyBullet with a separate, empty world."""
     pybullet = pytest.importorskip("pybullet")
     from pybullet_utils.bullet_client import BulletClient
 
@@ -127,9 +127,9 @@ UNCLAMPED = {**MOMENTS, "maxJointVelocity": 1e9}
 
 
 def link_of(bullet: Any, *changes: dict[str, Any], turned: tuple[float, ...] = UNTURNED) -> int:
-    """Put a body on a spherical joint at its centre, which nothing drives, and change it in turn.
+    """Put a body without external loads on a spherical joint at its centre, and change it in place.
 
-    turned: how its inertial frame is turned in the link.
+    turned: the rotation of its inertial frame in the link.
     """
     place = (0.0, 0.0, 0.0)
     body = bullet.createMultiBody(
@@ -154,12 +154,12 @@ def link_of(bullet: Any, *changes: dict[str, Any], turned: tuple[float, ...] = U
 
 
 def push_joint(bullet: Any, body: int, torque: tuple[float, ...]) -> None:
-    """Let a torque of the joint act in the next step, in the link's axes."""
+    """Apply a torque of the joint in the next step, in the link's axes."""
     bullet.setJointMotorControlMultiDof(body, 0, bullet.TORQUE_CONTROL, force=torque)
 
 
 def omega_after_a_step(bullet: Any, body: int) -> np.ndarray[Any, Any]:
-    """Return omega of the link in its own axes."""
+    """Return omega of the link in its own axes after one step."""
     bullet.stepSimulation()
     return np.array(bullet.getJointStateMultiDof(body, 0)[1])
 
@@ -176,9 +176,9 @@ def omega_after_a_step(bullet: Any, body: int) -> np.ndarray[Any, Any]:
 def test_pybullet_inertia_depends_on_what_is_set_with_it(
     bullet: Any, changes: list[dict[str, Any]], answer: tuple[float, ...]
 ) -> None:
-    """On a link without a shape a velocity limit spoils the first inertia, and the mass a later one.
+    """On a link without a shape a velocity limit changes the first inertia, and the mass a later one.
 
-    Seen in the angular acceleration under a torque of (1, 1, 1) N m.
+    The angular acceleration under a torque of (1, 1, 1) N m shows it.
     """
     body = link_of(bullet, *changes)
     push_joint(bullet, body, (1.0, 1.0, 1.0))

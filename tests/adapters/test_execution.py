@@ -1,4 +1,4 @@
-"""Execution of a case: what is built for a case is freed, however the case ends."""
+"""Execution of a case: everything built for a case is closed, however the case ends."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SCENE = Scene(RigidBody(1.0, np.diag([1.0, 2.0, 2.5])), START, (), np.zeros(3), 
 
 
 class FailsWhenTimed(Reference):
-    """Builds soundly, raises as soon as anything moves, and counts what is closed."""
+    """The reference, which raises an error when a motion starts and counts closed simulations."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -25,14 +25,14 @@ class FailsWhenTimed(Reference):
         self.closed += 1
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
-        """Make a simulation that raises when it is reset."""
+        """Build a simulation that raises an error when it is reset."""
         simulation = super().build(scene, method, dt_s)
         simulation.reset = self._fail  # type: ignore[method-assign]
         simulation.close = self._close  # type: ignore[method-assign]
         return simulation
 
     def solver(self, scene: Scene, method: str, tolerance: float | None) -> Solver:
-        """Make a solver that raises when it is to solve."""
+        """Build a solver that raises an error when it solves."""
         solver = super().solver(scene, method, tolerance)
         solver.solve = self._fail  # type: ignore[assignment]
         solver.close = self._close  # type: ignore[method-assign]
@@ -44,7 +44,7 @@ class FailsWhenTimed(Reference):
 
 @pytest.mark.parametrize(("method", "dt_s"), [("m1", 0.1), ("exact", None)])
 def test_engine_that_fails_in_the_untimed_pass_is_closed(method: str, dt_s: float | None) -> None:
-    """An engine that fails in the pass that is not timed is closed."""
+    """An engine that fails in the untimed pass is closed."""
     adapter = FailsWhenTimed()
     with pytest.raises(RuntimeError, match="singular"):
         stopwatch(adapter, Case(SCENE, method, Setting(dt_s)))

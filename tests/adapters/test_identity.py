@@ -1,4 +1,4 @@
-"""The build identity: unchanged where nothing changed, different where anything that affects results did."""
+"""The build identity: equal if nothing relevant changed, different if anything that affects results did."""
 
 from __future__ import annotations
 
@@ -42,21 +42,21 @@ print(json.dumps([vars(first), later and vars(later)]))
 
 @pytest.fixture
 def site(tmp_path: Path) -> Path:
-    """Return a folder with the package of the shaky engine."""
+    """Return a folder with the package of the engine `shaky`."""
     write_shaky(tmp_path / "site")
     return tmp_path / "site"
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _one_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Have all tests remember hashes in one folder: those of numba and others take a second."""
+    """Let all tests share one cache of hashes, because hashing numba and others takes a second."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("BODYCHECK_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
         yield
 
 
 def builds(engine: str, site: Path, then: str = "", **variables: str) -> list[Any]:
-    """Return the builds of an engine in a new process, before and after running a piece of code."""
+    """Return the builds of an engine in a new process, before and after it runs a piece of code."""
     path = os.pathsep.join((str(site), *filter(None, sys.path)))
     ended = subprocess.run(
         [sys.executable, "-P", "-c", ANNOUNCED, engine, then],
@@ -71,7 +71,7 @@ def builds(engine: str, site: Path, then: str = "", **variables: str) -> list[An
 
 
 def touched(site: Path) -> None:
-    """Give a file another time and leave it as it is."""
+    """Change the time of a file and nothing else."""
     os.utime(site / "shaky" / "table.dat", (1e9, 1e9))
 
 
@@ -85,7 +85,7 @@ UNCHANGED: dict[str, tuple[Callable[[Path], object], dict[str, str]]] = {
 
 
 def another_numba(site: Path) -> None:
-    """Put another numba before the one that is installed."""
+    """Put another numba before the installed one."""
     (site / "numba").mkdir()
     (site / "numba/__init__.py").write_text("__version__ = '99'\n")
 
@@ -145,7 +145,7 @@ def test_identity_changes_with_each_part(what: str, site: Path) -> None:
     ],
 )
 def test_code_loaded_later_from_elsewhere_changes_the_identity(then: str, counts: bool, site: Path) -> None:
-    """Modules and libraries from other folders count; those of Python and the package do not."""
+    """Modules and libraries from other folders count; those of Python and of the package do not."""
     (site / "shaky/third.py").touch()
     (site / "elsewhere.py").touch()
     (site / "a folder").mkdir()
@@ -161,7 +161,7 @@ def test_code_loaded_later_from_elsewhere_changes_the_identity(then: str, counts
 
 @needs_a_compiler
 def test_lazy_module_is_not_imported_by_the_identity(site: Path) -> None:
-    """Inspecting the imported modules imports no other module."""
+    """Computing the identity inspects the imported modules but imports no other module."""
     lazy = (
         "import sys, types\nclass Lazy(types.ModuleType):\n"
         "    def __getattr__(self, name):\n        raise ImportError(name)\n"
@@ -175,7 +175,7 @@ def test_lazy_module_is_not_imported_by_the_identity(site: Path) -> None:
 @needs_a_compiler
 @needs_proc
 def test_library_replaced_while_loaded_has_no_identity(site: Path) -> None:
-    """The file on the disk is not the loaded one, so no answer can be stored."""
+    """The file on disk is not the loaded one, so no answer can be stored."""
     shutil.copy(site / "shaky/libshaky.so", site / "libelsewhere.so")
     place = str(site / "libelsewhere.so")
     load = f"import ctypes, os; ctypes.CDLL({place!r}); os.unlink({place!r})"
@@ -186,7 +186,7 @@ def test_library_replaced_while_loaded_has_no_identity(site: Path) -> None:
 
 @needs_a_compiler
 def test_file_changed_during_import_leaves_no_identity(site: Path) -> None:
-    """The imported code may be older than the hashed file."""
+    """There is no identity, because the imported code may be older than the hashed file."""
     text = (site / "shaky/__init__.py").read_text()
     slow = "import bodycheck.adapters.workers.build_identity\n"
     slow += "(Path(__file__).parent / 'table.dat').write_text('4 5 6')\n"
@@ -198,11 +198,11 @@ def test_file_changed_during_import_leaves_no_identity(site: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet", "dart", "reference"])
 def test_installed_engine_lists_its_parts(engine: str, tmp_path: Path) -> None:
-    """The build names Python, libraries, processor, bodycheck's code and the engine's distribution."""
+    """The build lists Python, libraries, processor, bodycheck's code and the engine's distribution."""
     name = {"dart": "dartpy"}.get(engine, engine)
     if engine != "reference":
         pytest.importorskip(name)
-    # what is installed beside an engine that is installed itself is taken to be as it was installed
+    # packages installed next to an installed engine are assumed to be unmodified
     first, later = builds(engine, tmp_path, "import jinja2.sandbox")
     assert later is None
     assert first["kind"] == "installed"
@@ -213,7 +213,7 @@ def test_installed_engine_lists_its_parts(engine: str, tmp_path: Path) -> None:
     assert first["parts"].get("distribution", "").startswith("" if engine == "reference" else f"{name} ")
     # the other engines are single files
     assert ("engine" in first["parts"]) is (engine == "mujoco")
-    # the adapter is a part of bodycheck, and few engines come with libraries beside their package
+    # the adapter belongs to bodycheck, and few engines have libraries outside their package
     assert "adapter" not in first["parts"]
     libraries = engine != "reference" and Path(str(distribution(name).locate_file(f"{name}.libs"))).is_dir()
     assert ("engine libraries" in first["parts"]) is libraries
@@ -231,7 +231,7 @@ def test_installed_engine_lists_its_parts(engine: str, tmp_path: Path) -> None:
 def test_editable_engine_is_a_development_build(
     record: str | None, kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its code may change at any time; a record that cannot be read counts as one of such an install."""
+    """An editable install may change at any time; an unreadable record counts as an editable install."""
     installed = SimpleNamespace(read_text=lambda _: record, locate_file=distribution("numpy").locate_file)
     monkeypatch.setattr(build_identity, "distribution_of", lambda _: "numpy")
     monkeypatch.setattr(build_identity, "_distribution", lambda _: installed)
@@ -246,7 +246,7 @@ def test_editable_engine_is_a_development_build(
 def test_packages_that_numba_imports_do_not_change_a_plug_in(
     package: str, counts: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """numba imports them if they are installed, sooner or later; they change no result."""
+    """Packages that numba imports if they are installed do not count, because they do not change results."""
     loaded = build_identity.Loaded(Reference(), handed_over=True)
     module = ModuleType("made_up_module")
     module.__file__ = str(Path(sysconfig.get_path("purelib"), package, "made_up.py"))
@@ -258,7 +258,7 @@ def test_packages_that_numba_imports_do_not_change_a_plug_in(
 def test_file_newer_than_the_process_leaves_no_identity(
     time: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """To the nanosecond; a file of the very time at which the process began is not newer."""
+    """Times are compared to the nanosecond, and a file as old as the process is not newer."""
     (tmp_path / "a.py").touch()
     if time == "changed":
         os.utime(tmp_path / "a.py", (1e9, 1e9))
@@ -275,7 +275,7 @@ def test_file_newer_than_the_process_leaves_no_identity(
 
 
 def test_files_behind_a_link_are_recognised(tmp_path: Path) -> None:
-    """The system names a mapped library by its real path, and Python a module by the path of its folder."""
+    """A linked folder is recognised by both paths: Python uses that of the link, /proc the real one."""
     (tmp_path / "site").mkdir()
     (tmp_path / "link").symlink_to("site")
     link, site = (f"{tmp_path / name}{os.sep}" for name in ("link", "site"))
@@ -284,7 +284,7 @@ def test_files_behind_a_link_are_recognised(tmp_path: Path) -> None:
 
 
 def test_own_package_is_hashed_by_its_sources() -> None:
-    """So that no module of it counts as loaded from elsewhere."""
+    """The identity covers the folder of the package, so its modules do not count as loaded from elsewhere."""
     assert build_identity._own_package() == str(Path(bodycheck.__file__).parent)
 
 
@@ -302,7 +302,7 @@ MAPS = b"""\
 @pytest.mark.slow
 @pytest.mark.parametrize("room", ["_util", "reference_impl", "adapters"])
 def test_identity_changes_with_each_room_of_bodycheck(room: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Another adapter, integrator or helper is another build, even of an installed bodycheck."""
+    """A change to an adapter, integrator or helper changes the identity, even in an installed bodycheck."""
     before = build_identity.Loaded(Reference()).build
     digest_of = registry.digest_of
     monkeypatch.setattr(
@@ -318,7 +318,7 @@ def test_identity_changes_with_each_room_of_bodycheck(room: str, monkeypatch: py
 
 
 def test_libraries_are_the_mapped_files_with_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One of the name of another has its path in its name; without /proc there are none."""
+    """A library with the name of another one is listed with its path; without /proc there are none."""
     (tmp_path / "maps").write_bytes(MAPS)
     loaded = build_identity.Loaded(Reference())
     monkeypatch.setattr(build_identity, "_imported", lambda: ())
@@ -331,7 +331,7 @@ def test_libraries_are_the_mapped_files_with_code(tmp_path: Path, monkeypatch: p
 
 @pytest.mark.parametrize("installed", [True, False])
 def test_files_of_python_and_of_the_system_are_trusted(installed: bool) -> None:
-    """Those of other packages only for an installed engine; files elsewhere never."""
+    """Files of other packages are trusted only for an installed engine, and files elsewhere never."""
     loaded = build_identity.Loaded(Reference(), handed_over=not installed)
     site, standard = sysconfig.get_path("purelib"), sysconfig.get_path("stdlib")
     assert loaded.build.kind == ("installed" if installed else "handed over")
@@ -344,7 +344,7 @@ def test_files_of_python_and_of_the_system_are_trusted(installed: bool) -> None:
 
 @needs_proc
 def test_each_loaded_library_is_counted_once(tmp_path: Path) -> None:
-    """Of all that were loaded, also by other libraries."""
+    """The count increases by one for each library, whoever loaded it."""
     before = build_identity._libraries_ever_loaded()
     assert before >= len(dict(build_identity._mapped())) > 0
     for number in (1, 2):
@@ -354,7 +354,7 @@ def test_each_loaded_library_is_counted_once(tmp_path: Path) -> None:
 
 
 def test_variables_start_with_the_name_of_the_engine() -> None:
-    """In capitals, with an underscore in place of a hyphen; the names of its package count too."""
+    """Prefixes are in capitals with underscores for hyphens, for the engine's name and its package's."""
     assert build_identity._variables_of("my-engine") == ("MY_ENGINE_*",)
     assert build_identity._variables_of("dart") == ("DART_*", "DARTPY_*")
 
@@ -363,7 +363,7 @@ def test_variables_start_with_the_name_of_the_engine() -> None:
 def test_installed_engine_is_found_through_a_link(
     linked: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """lib64 is often a link to lib; what lies behind it is installed all the same."""
+    """lib64 is often a link to lib, and packages behind the link are installed too."""
     site, link = tmp_path / "site", tmp_path / "link"
     (site / "made_up_engine-1.dist-info").mkdir(parents=True)
     facts = "Metadata-Version: 2.1\nName: made_up_engine\nVersion: 1\n"
@@ -414,7 +414,7 @@ def test_editable_engine_is_not_installed(
 
 
 def test_every_variable_has_a_reason() -> None:
-    """Each environment variable of the list has the reason why it counts."""
+    """Each environment variable of the list has a reason why it counts."""
     assert all(reason.strip() for reason in VARIABLES.values())
     assert {"OMP_*", "MKL_*", "OPENBLAS_*", "NUMBA_*", "LD_PRELOAD", "LD_LIBRARY_PATH"} <= VARIABLES.keys()
 
@@ -435,7 +435,7 @@ print(get_adapter("{engine}").version)
     ("engine", "package"), [("dart", "dartpy"), ("mujoco", "mujoco"), ("pybullet", "pybullet")]
 )
 def test_engine_announces_the_version_of_its_package(engine: str, package: str) -> None:
-    """The version is read from the installed package, not written down in the adapter."""
+    """The version is read from the installed package and is not a constant of the adapter."""
     pytest.importorskip(package)
     program = VERSION.format(engine=engine, package=package)
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)

@@ -50,7 +50,7 @@ LOADS: dict[str, tuple[Load, ...]] = {
 
 
 def scene_of(loads: tuple[Load, ...] = (), link: Link | None = LINKS["unturned"]) -> Scene:
-    """Return a scene of two seconds in gravity, with a link 0.27 m off the centre of mass."""
+    """Return a scene of two seconds under gravity, with a link 0.27 m off the centre of mass."""
     quaternion = np.array([0.5, -0.1, 0.7, 0.3])
     start = State(
         position=np.array([0.3, -0.2, 0.1]),
@@ -64,7 +64,7 @@ def scene_of(loads: tuple[Load, ...] = (), link: Link | None = LINKS["unturned"]
 
 @contextmanager
 def built(name: str, scene: Scene, dt_s: float) -> Iterator[Simulation]:
-    """Build ENGINE:METHOD, the loads acting, and close it; skip where there is no such engine."""
+    """Build ENGINE:METHOD with its loads applied, and close it; skip the test if the engine is missing."""
     engine, method = name.split(":")
     pytest.importorskip({"dart": "dartpy"}.get(engine, engine))
     adapter = adapter_of(engine)
@@ -166,7 +166,7 @@ def errors(name: str, scene: Scene, dt_s: float) -> list[float]:
 
 @pytest.mark.parametrize("name", [*BY_THE_ORIGIN, *RK4])
 def test_centre_of_mass_drifts_at_the_order_of_the_method(name: str) -> None:
-    """A free body without gravity leaves its straight line at the method's order."""
+    """The error of a free body without gravity has the order of the method."""
     scene = replace(scene_of(), gravity=np.zeros(3))
     coarse, fine = (errors(name, scene, dt_s) for dt_s in (1e-2, 5e-3))
     order = 4.0 if name in RK4 else 1.0
@@ -176,7 +176,7 @@ def test_centre_of_mass_drifts_at_the_order_of_the_method(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["mujoco:euler", "mujoco:implicit", "mujoco:discrete"])
 def test_aligned_body_moves_straight(name: str) -> None:
-    """With the default changed as `changed_defaults` states, the body stays on its line to round-off."""
+    """With the default changed as `changed_defaults` states, the body moves straight to round-off."""
     scene = replace(scene_of(), gravity=np.zeros(3))
     assert max(errors(name, scene, 1e-2)[:2]) < 1e-13
 
@@ -200,7 +200,7 @@ PLANTED: dict[str, tuple[str, Any]] = {
 
 @pytest.mark.parametrize("planted", PLANTED)
 def test_read_back_reads_the_welded_child(planted: str) -> None:
-    """A value of the child changed in the compiled model changes what is read back."""
+    """A changed value of the child in the compiled model changes the value read back."""
     scene = scene_of(link=LINKS["turned"])
     with built("mujoco:euler@welded", scene, 1e-2) as simulation:
         assert read_back_mismatch(scene, 1e-2, simulation.read_back()) is None
@@ -227,7 +227,7 @@ def test_reset_repeats_the_run_bitwise(name: str) -> None:
 @pytest.mark.parametrize("method", ["euler", "implicit", "implicitfast", "discrete", "rk4"])
 @pytest.mark.parametrize("link", LINKS)
 def test_mass_in_a_welded_child_moves_as_mass_in_the_body(method: str, link: str) -> None:
-    """One body in two descriptions ends the same to 1e-13, under constant loads of every kind."""
+    """Two descriptions of one body give the same state to 1e-13, under constant loads of every kind."""
     scene = scene_of(LOADS["constant"], LINKS[link])
     ends = []
     for build in BUILDS:

@@ -1,4 +1,4 @@
-"""The typed check of a worker's messages knows every field of the contract."""
+"""The typed check of a worker's messages has every field of the contract."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bodycheck.adapters.workers.received_messages import MethodMessage, ReadBack
 
 
 def test_check_knows_every_field_of_the_contract() -> None:
-    """A field that only one of the two has would be refused or lost."""
+    """A field that exists on one side only would be refused or lost."""
     assert {field.name for field in fields(Method)} == MethodMessage.model_fields.keys()
     assert {field.name for field in fields(ReadBack)} == ReadBackMessage.model_fields.keys()
 

@@ -1,4 +1,4 @@
-"""What an engine holds of omega where its state is the angular momentum."""
+"""What an engine stores of omega if its state is the angular momentum."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bodycheck.reference_impl.scene import RigidBody, Scene, State
 
 
 def needle(seed: int) -> Scene:
-    """Return a body whose least moment is up to 1e4 times smaller than the others, its axes turned."""
+    """Return a body with rotated axes whose least moment is up to 1e4 times smaller than the others."""
     draw = np.random.default_rng(seed)
     axes = exp_matrix(draw.normal(size=3))
     inertia = axes @ np.diag([10.0 ** draw.uniform(-4.0, -1.0), 1.0, 1.0]) @ axes.T
@@ -25,7 +25,7 @@ def needle(seed: int) -> Scene:
 
 @pytest.mark.parametrize("method", [m.name for m in INTEGRATORS.values() if m.spin == "angular_momentum"])
 def test_omega_out_of_the_momentum_is_no_mismatch(method: str) -> None:
-    """I^-1 (I omega) has the round-off of the condition of I; a part in a million is a mismatch still."""
+    """I^-1 (I omega) has the round-off of the condition of I; a difference of 1e-6 is still a mismatch."""
     for seed in range(30):
         scene = needle(seed)
         held = Reference().build(scene, method, 0.1).read_back()

@@ -27,7 +27,7 @@ mujoco = pytest.importorskip("mujoco")
 
 from bodycheck.adapters.mujoco import MuJoCo, MuJoCoSimulation  # noqa: E402 - it imports the engine
 
-BEYOND_THE_LIMIT = np.array([1.0, 2.0, np.nextafter(3.0, 4.0)])  # a plate, by a round-off more than flat
+BEYOND_THE_LIMIT = np.array([1.0, 2.0, np.nextafter(3.0, 4.0)])  # a plate with one round-off too much
 
 
 def scene_of(inertia: Array, loads: tuple[ConstantLoad, ...] = (), *, mass: float = 1.0) -> Scene:
@@ -49,7 +49,7 @@ def model_arrays(simulation: MuJoCoSimulation) -> dict[str, Array]:
 
 
 def test_every_integrator_of_the_installed_version_is_a_method() -> None:
-    """A new integrator of MuJoCo makes this fail until its facts are entered."""
+    """Each integrator of the installed MuJoCo is a method with facts; a new one makes this test fail."""
     names = {name.removeprefix("mjINT_").lower() for name in mujoco.mjtIntegrator.__members__}
     assert {name for name, facts in MuJoCo.methods.items() if not facts.on_request} == names
 
@@ -79,7 +79,7 @@ def test_setting_the_moments_afterwards_changes_nothing_else() -> None:
 
 
 def test_mass_matrix_follows_the_moments_set_afterwards() -> None:
-    """Where real and compiled moments differ by 10 %, the response to a torque from rest is the real one."""
+    """If real and compiled moments differ by 10 %, a torque from rest has the effect of the real ones."""
     impossible = scene_of(np.diag([1.0, 2.0, 3.3]), (Torque("body", np.array([0.1, 0.2, 0.3])),))
     impossible = replace(impossible, initial=replace(impossible.initial, omega_body=np.zeros(3)))
     simulation = built(impossible)
@@ -103,7 +103,7 @@ def test_mass_matrix_follows_the_moments_set_afterwards() -> None:
 def test_model_has_only_the_actuators_that_the_loads_need(
     loads: tuple[ConstantLoad, ...], actuators: int
 ) -> None:
-    """There is one actuator for all body-fixed forces, one per point of a world force, and no other."""
+    """There is one actuator for all body-fixed forces and one per point of a world force, and no other."""
     assert built(scene_of(np.eye(3), loads))._model.nu == actuators
 
 
@@ -118,7 +118,7 @@ def test_force_at_a_point_without_actuator_is_refused(expected_message: Expected
     "planted", ["body_mass", "body_inertia", "body_iquat", "opt.timestep", "opt.gravity"]
 )
 def test_read_back_reads_the_engine(planted: str) -> None:
-    """A value changed in the compiled model changes what is read back."""
+    """A value that is changed in the compiled model changes the value read back."""
     scene = scene_of(np.array([[1.0, 0.1, 0.2], [0.1, 2.0, 0.3], [0.2, 0.3, 2.5]]))
     simulation = built(scene)
     assert read_back_mismatch(scene, 1e-2, simulation.read_back()) is None
@@ -144,7 +144,7 @@ def test_unstable_body_is_not_reset_to_rest() -> None:
 
 
 def test_large_acceleration_alone_is_not_an_error() -> None:
-    """A spin with |omega|^2 above 1e10, which MuJoCo warns of, keeps its angular momentum to 1e-5."""
+    """A spin with |omega|^2 above 1e10, for which MuJoCo warns, keeps its angular momentum to 1e-5."""
     scene = scene_of(np.diag([1.0, 2.0, 3.0]))
     spinning = replace(scene, initial=replace(scene.initial, omega_body=np.array([2e5, 1e5, 2e5])))
     simulation = built(spinning, "rk4", dt_s=1e-7)
@@ -169,7 +169,7 @@ def test_warning_of_altered_numbers_is_raised() -> None:
 def test_warnings_are_neither_printed_nor_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """An unstable run prints and writes nothing, and the user's own handler stays in place."""
+    """An unstable run prints and writes nothing, and the user's own handler stays installed."""
     monkeypatch.chdir(tmp_path)
     messages: list[str] = []
     before = mujoco.get_mju_user_warning()
@@ -186,7 +186,7 @@ def test_warnings_are_neither_printed_nor_written(
 
 @pytest.mark.parametrize("scene", [scene_of(np.eye(3), mass=1e-16), scene_of(1e-16 * np.eye(3))])
 def test_body_below_the_compilers_minimum_is_unsupported(scene: Scene) -> None:
-    """A mass or moment below mjMINVAL is refused with the reason, as by the compiler."""
+    """A mass or moment below mjMINVAL is unsupported with the reason, as the compiler would refuse it."""
     assert "1e-15" in str(MuJoCo().unsupported(scene, "euler"))
     with pytest.raises(ValueError, match="mjMINVAL"):
         built(scene)
@@ -201,7 +201,7 @@ def loaded_by_a_sine() -> Scene:
 
 
 def test_callback_is_removed_after_each_call() -> None:
-    """Between two calls MuJoCo has no callback of bodycheck, however the last call ended."""
+    """Between two calls MuJoCo has no callback of bodycheck, even if the last call raised an error."""
     simulation = built(loaded_by_a_sine())
     simulation.advance(3)
     assert mujoco.get_mjcb_passive() is None
@@ -213,7 +213,7 @@ def test_callback_is_removed_after_each_call() -> None:
 
 
 def test_callback_acts_on_its_own_model_only() -> None:
-    """Stepping a model while another one's loads are set applies none of them."""
+    """Stepping a model without loads applies no load of another model."""
     loaded, free = built(loaded_by_a_sine()), built(loaded_by_a_sine())
     passive_loads = loaded._continuous
     assert passive_loads is not None

@@ -1,4 +1,4 @@
-"""What a push tests of the engines that run only on request, without any of them."""
+"""Tests at each push of the engines that run only on request; none of them needs to be installed."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def scene_under(loads: tuple[Load, ...]) -> Scene:
 
 
 def by_the_reference(scene: Scene) -> Answer:
-    """Return the motion by the reference's map M1."""
+    """Return the motion computed by the reference's map M1."""
     return record(Reference(), Case(scene, "m1", Setting(dt_s=0.02)))
 
 
@@ -136,7 +136,7 @@ class _M1Engine:
 
 @pytest.mark.parametrize("loads", LOADS)
 def test_loads_between_steps_are_those_of_the_map(loads: tuple[Load, ...]) -> None:
-    """A body that gets every load between steps moves as the reference's map under that load."""
+    """A body whose loads are applied between steps moves like the reference's map under these loads."""
     scene = scene_under(loads)
     case = Case(scene, "m1", Setting(dt_s=0.02))
     expected = by_the_reference(scene)
@@ -180,7 +180,7 @@ def answer_to(process: subprocess.Popen[str], **request: object) -> dict[str, ob
 
 
 def test_javascript_protocol_announces_what_its_facts_state(node_worker: subprocess.Popen[str]) -> None:
-    """The announcement is valid, and has the version of the installed package; loads are those of the map."""
+    """The announcement is valid with the version of the installed package, and loads act as in the map."""
     assert node_worker.stdout is not None
     engine, _ = received_messages.engine_of(json.loads(node_worker.stdout.readline()))
     assert (engine.name, engine.version) == ("stand-in", "1.2.3")
@@ -201,12 +201,12 @@ def test_javascript_protocol_announces_what_its_facts_state(node_worker: subproc
     assert answer_to(node_worker, do="something")["outcome"] == "failed"
 
 
-# ------------------------------------------------------------------------------------ what runs, and where
+# ------------------------------------------------------------------------ selection and environments
 
 
 @pytest.mark.slow
 def test_optional_engines_run_only_if_named() -> None:
-    """A run without --engine has none of them, and their names are known."""
+    """A run without --engine contains none of them, although their names are known."""
     assert set(default_engines()).isdisjoint(optional_engines())
     assert set(optional_engines()) <= set(engine_names())
     selection = select(["free-flight"])
@@ -214,7 +214,7 @@ def test_optional_engines_run_only_if_named() -> None:
 
 
 def test_stating_the_facts_imports_no_engine() -> None:
-    """The facts of all optional engines are read without importing one of them."""
+    """The facts of all optional engines can be read without importing any of them."""
     code = (
         "import sys\n"
         "from bodycheck.adapters.registry import optional_engines, stated_by\n"
@@ -240,7 +240,7 @@ def test_stating_the_facts_imports_no_engine() -> None:
 
 
 def test_extras_are_the_requirements_of_the_adapters() -> None:
-    """`bodycheck[NAME]` installs what the adapter states, for every engine from PyPI but SciPy."""
+    """`bodycheck[NAME]` installs the requirements of the adapter, for every engine on PyPI except SciPy."""
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     for name in optional_engines():
         stated = stated_by(name)
@@ -250,7 +250,7 @@ def test_extras_are_the_requirements_of_the_adapters() -> None:
 
 @pytest.mark.parametrize("name", optional_engines())
 def test_facts_of_an_optional_engine_are_complete(name: str) -> None:
-    """Each has a package to pin and a fair method; a method of the defaults changes none."""
+    """Each engine has a package to pin and a fair method; a method with @defaults changes no default."""
     stated = stated_by(name)
     assert stated.name == name
     assert registry.distribution_of(name) == stated.distribution
@@ -274,12 +274,12 @@ def test_facts_of_an_optional_engine_are_complete(name: str) -> None:
 def test_pin_selects_the_release_of_the_engine(
     name: str, version: str | None, requirements: list[str]
 ) -> None:
-    """A pinned version replaces the requirement of the engine's package, and leaves the others."""
+    """A pin replaces the requirement of the engine's package and keeps the others."""
     assert environments.requirements_of(Pin(name, version)) == requirements
 
 
 def test_javascript_engine_runs_its_worker_by_node(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With the folder of its packages; an engine in Python has no program."""
+    """Node gets the worker and the folder of its packages; an engine in Python has no program."""
     monkeypatch.setattr(environments, "_made", lambda pin: Path("/made") / pin.name)
     program = environments.program_in(Pin("cannon-es", None))
     assert program is not None
@@ -318,7 +318,7 @@ class Needy:
 
 @pytest.fixture
 def needy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """Install a plug-in here whose engine is only in a folder of wheels, and return that folder."""
+    """Install a plug-in whose engine is only in a folder of wheels, and return that folder."""
     wheels, here = tmp_path / "wheels", tmp_path / "here"
     wheels.mkdir()
     write_needed(wheels)
@@ -347,7 +347,7 @@ def needy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def test_plug_in_is_installed_from_where_it_is(
     origin: str | None, requirements: list[str], folder: str | None, needy: Path
 ) -> None:
-    """A plug-in of a local folder is built there, without extras; any other one comes from the index."""
+    """A plug-in from a local folder is built there without extras; any other comes from the index."""
     facts = next((needy.parent / "here").glob("*.dist-info"))
     if origin is not None:
         (facts / "direct_url.json").write_text(json.dumps({"url": origin}))
@@ -361,7 +361,7 @@ def test_plug_in_is_installed_from_where_it_is(
 
 @pytest.mark.slow
 def test_plug_in_runs_in_an_environment_of_its_own(needy: Path) -> None:
-    """An engine that its adapter requires is installed into an environment, which is listed and removable."""
+    """The engine that an adapter requires is installed into an environment that is listed and removable."""
     for release in ("1.0", "2.5"):
         write_wheel(needy, "toy_engine", release, {"toy_engine.py": f"VERSION = '{release}'\n"})
     engine = announced(["needy"])["needy"]
@@ -388,7 +388,7 @@ def test_plug_in_runs_in_an_environment_of_its_own(needy: Path) -> None:
 def test_engine_that_cannot_be_installed_is_unavailable_with_the_reason(
     expected_message: ExpectedMessage,
 ) -> None:
-    """Requesting it is an error in one line that names the missing package."""
+    """Requesting the engine is an error of one line that names the missing package."""
     with expected_message.raises(InputError) as error:
         select(["free-flight"], ["needy"])
     assert "\n" not in str(error.value)

@@ -23,7 +23,7 @@ from tests.helpers.in_process_cli import run_bodycheck
 
 
 def test_pin_is_written_as_for_pip() -> None:
-    """NAME==VERSION is a pin and is printed the same; a name alone is not a pin."""
+    """NAME==VERSION is a pin and is printed unchanged; a name alone is not a pin."""
     assert pin_of("mujoco==3.6.0") == Pin("mujoco", "3.6.0")
     assert Pin("mujoco", "3.6.0").name == "mujoco==3.6.0"
     assert pin_of("mujoco") is None
@@ -31,7 +31,7 @@ def test_pin_is_written_as_for_pip() -> None:
 
 
 def test_program_is_valid_where_it_exists() -> None:
-    """Else the line says what is missing."""
+    """An existing program has no fault; for any other the fault names what is missing."""
     assert engine_fault("cmd:true") is None
     assert engine_fault("cmd:./no-such-worker") == "cmd:./no-such-worker: no such program: ./no-such-worker"
 
@@ -50,7 +50,7 @@ def test_program_is_valid_where_it_exists() -> None:
     ],
 )
 def test_invalid_pin_is_refused(name: str, expected_message: ExpectedMessage) -> None:
-    """A pattern, a range, an unknown engine and one without a package are refused in one line."""
+    """A pattern, a range, an unknown engine and an engine without a package are refused in one line."""
     fault = engine_fault(name)
     assert fault is not None
     expected_message(fault)
@@ -60,7 +60,7 @@ def test_invalid_pin_is_refused(name: str, expected_message: ExpectedMessage) ->
     "name", ["mujoco", "mujoco==3.6.0", "dart==6.19.5", "pybullet==3.2.7", "mujoco==4.0.0rc1"]
 )
 def test_valid_names_are_accepted(name: str) -> None:
-    """An engine as installed and in one release are both accepted."""
+    """An engine is accepted as installed or in one release."""
     assert engine_fault(name) is None
 
 
@@ -81,7 +81,7 @@ def test_valid_names_are_accepted(name: str) -> None:
 def test_orders_of_mujoco_depend_on_the_version(
     release: str, rk4: int, implicit: int, implicitfast: int
 ) -> None:
-    """The orders are those measured of each release; versions are compared as numbers."""
+    """The orders are those measured in each release, and versions are compared as numbers."""
     orders = {name: method.order for name, method in methods_of(release).items()}
     assert orders == {
         "euler": 1,
@@ -104,7 +104,7 @@ install.index-url='https://d.example/simple'
 
 
 def test_uv_gets_the_settings_of_pip(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Indexes, links and certificates follow pip's order of precedence; no other setting is passed."""
+    """Indexes, links and certificates follow pip's order of precedence; no other setting is passed on."""
     for name in (*uv._UV_INDEXES, *uv._PIP_TO_UV.values()):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(uv, "_pip_config", lambda: LISTED)
@@ -119,7 +119,7 @@ def test_uv_gets_the_settings_of_pip(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("name", uv._UV_INDEXES)
 def test_settings_of_uv_take_precedence(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where uv has an index of its own, pip's settings are ignored."""
+    """If uv has its own index, pip's settings are ignored."""
     monkeypatch.setattr(uv, "_pip_config", lambda: LISTED)
     monkeypatch.setenv(name, "https://e.example/simple")
     assert pip_settings() == {}
@@ -140,7 +140,7 @@ def _no_module(name: str) -> None:
 
 
 class FakeUv:
-    """Makes environments without a registry; it refuses a word of a command, or a constraint."""
+    """Creates environments without an index; it refuses one word of a command or of the constraints."""
 
     def __init__(self) -> None:
         self.refuses = "nothing"
@@ -148,7 +148,7 @@ class FakeUv:
         self.constraints: list[str] = []
 
     def __call__(self, *words: str, downloads: bool = False) -> str:
-        """Do as uv would; the Python is the current one, which is never downloaded."""
+        """Do what uv does; Python is the current one, which is never downloaded."""
         assert not downloads
         self.commands.append(words)
         if "-c" in words:
@@ -163,7 +163,7 @@ class FakeUv:
 
 @pytest.fixture
 def fake(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeUv:
-    """Put a fake in uv's place, and the environments into a folder of the test."""
+    """Replace uv by a fake, and put the environments into a folder of the test."""
     made = FakeUv()
     monkeypatch.setattr(environments, "uv", made)
     monkeypatch.setattr(environments, "cache_dir", lambda: tmp_path)
@@ -174,7 +174,7 @@ PIN = Pin("mujoco", "3.6.0")
 
 
 def test_environment_is_created_once(fake: FakeUv) -> None:
-    """A second request uses the existing environment; another version gets another one."""
+    """A second request uses the existing environment, and another version has its own."""
     python = environments.python_of(PIN)
     made = len(fake.commands)
     assert environments.python_of(PIN) == python
@@ -189,7 +189,7 @@ def test_environment_is_created_once(fake: FakeUv) -> None:
 def test_engine_whose_packages_are_installed_needs_no_environment(
     requires: tuple[str, ...], pin: Pin | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """pip has checked their versions."""
+    """Installed packages that meet the requirements suffice, because pip has checked their versions."""
     monkeypatch.setattr(environments, "stated_by", lambda _: SimpleNamespace(requires=requires))
     assert environments.needed_environment("any") == pin
 
@@ -197,7 +197,7 @@ def test_engine_whose_packages_are_installed_needs_no_environment(
 def test_environment_has_the_python_that_the_adapter_requires(
     fake: FakeUv, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """uv may download it, and the environment for another Python is another one."""
+    """uv may download the required Python, and each Python has its own environment."""
     requested: list[tuple[str, bool]] = []
 
     def uv_of_any_python(*words: str, downloads: bool = False) -> str:
@@ -216,7 +216,7 @@ def test_environment_has_the_python_that_the_adapter_requires(
 def test_other_requirements_of_an_adapter_make_another_environment(
     fake: FakeUv, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of the same release; the requirement of the engine's package is that release."""
+    """Other requirements need another environment; the pin replaces that of the engine's own package."""
     places = []
     for requires in (("mujoco>=3", "jax"), ("mujoco>=3", "jax>=0.9"), ("mujoco>=3.1", "jax>=0.9")):
         stated = SimpleNamespace(requires=requires)
@@ -232,7 +232,7 @@ def test_other_requirements_of_an_adapter_make_another_environment(
 def test_index_that_cannot_be_reached_is_no_reason_for_older_libraries(
     fake: FakeUv, monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
 ) -> None:
-    """The environment is not tried again without constraints."""
+    """If the index cannot be reached, the environment is not created again without constraints."""
 
     def unreachable(*words: str, downloads: bool = False) -> str:
         fake(*words, downloads=downloads)
@@ -247,7 +247,7 @@ def test_index_that_cannot_be_reached_is_no_reason_for_older_libraries(
 
 
 def test_uv_installs_wheels_of_the_release_only(fake: FakeUv) -> None:
-    """uv gets this Python, no builds, the worker's imports and no bodycheck from an index."""
+    """uv gets this Python, no builds, the worker's imports, and no bodycheck from an index."""
     python = environments.python_of(PIN)
     venv, install = fake.commands
     assert venv[:3] == ("venv", "--python", sys.executable)
@@ -263,7 +263,7 @@ def test_uv_installs_wheels_of_the_release_only(fake: FakeUv) -> None:
 def test_environment_of_another_python_or_library_is_another_one(
     fake: FakeUv, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """An update of either makes a new environment, as compiled packages may not fit the old one."""
+    """An update of either needs a new environment, because compiled packages may not fit the old one."""
     places = [environments.python_of(PIN)]
     for name in ("version", "base_prefix"):
         facts = {"version": sys.version, "base_prefix": sys.base_prefix, name: "another"}
@@ -307,7 +307,7 @@ def test_plug_in_is_installed_with_its_engine(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """In its release, or from its folder, without its extras and without checking its requirements again."""
+    """A plug-in comes in its release, or from its folder without extras and without dependency resolution."""
     facts = tmp_path / "site" / "made_up_plugin-0.1.dist-info"
     facts.mkdir(parents=True)
     needs = ("toy-engine>=2", "scipy", "pytest; extra == 'tests'")
@@ -337,7 +337,7 @@ def test_cache_folder_is_created(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 def test_environment_is_announced_before_it_is_created(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """One line on standard error precedes the download; nothing is printed if it exists."""
+    """One line on standard error precedes the creation; nothing is printed if the environment exists."""
     reported: list[str] = []
     monkeypatch.setattr(environments, "_make", lambda _pin, place: _make_now(place, reported, capsys))
     environments.python_of(PIN)
@@ -347,7 +347,7 @@ def test_environment_is_announced_before_it_is_created(
 
 
 def _make_now(place: Path, reported: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    """Create an environment; the announcements before it are kept."""
+    """Create an environment and store the announcements before it."""
     reported.append(capsys.readouterr().err)
     (place / "bin").mkdir(parents=True)
     (place / "bin" / "python").touch()
@@ -366,7 +366,7 @@ def test_concurrent_requests_create_one_environment(fake: FakeUv) -> None:
 def test_incomplete_environment_is_never_used(
     fake: FakeUv, tmp_path: Path, expected_message: ExpectedMessage
 ) -> None:
-    """An environment whose packages failed is removed, and one that was cut off is replaced."""
+    """An environment whose packages failed is removed, and an interrupted one is replaced."""
     fake.refuses = "mujoco==3.6.0"
     with expected_message.raises(UnavailableError):
         environments.python_of(PIN)
@@ -379,7 +379,7 @@ def test_incomplete_environment_is_never_used(
 
 
 def test_old_engine_gets_older_libraries(fake: FakeUv) -> None:
-    """An engine that refuses the present numpy and numba gets those that it accepts."""
+    """An engine that is incompatible with the current numpy and numba gets compatible ones."""
     fake.refuses = "numpy=="
     assert environments.python_of(PIN).exists()
     as_here, as_it_takes = fake.constraints
@@ -404,7 +404,7 @@ SOURCES = (
 @pytest.mark.usefixtures("fake")
 @pytest.mark.parametrize("name", SOURCES)
 def test_another_index_makes_another_environment(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same version from another index may differ, so it has its own environment."""
+    """The same version from another index may differ, so each index has its own environment."""
     monkeypatch.setattr(uv, "_pip_config", lambda: "")
     monkeypatch.delenv(name, raising=False)
     places = [environments.python_of(PIN)]
@@ -417,7 +417,7 @@ def test_another_index_makes_another_environment(name: str, monkeypatch: pytest.
 
 @pytest.fixture
 def users(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """Return where the user's configuration of uv is looked for, and the system's nowhere."""
+    """Return the path of the user's uv configuration, and let the system have none."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     monkeypatch.delenv("UV_CONFIG_FILE", raising=False)
     monkeypatch.setattr(uv, "_SYSTEM_FILES", (tmp_path / "system.toml",))
@@ -429,7 +429,7 @@ def users(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 def test_user_configuration_precedes_the_systems(
     users: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A file named by a variable precedes both; without it uv looks for no other."""
+    """A file named by a variable precedes both, and without any file uv does not search for one."""
     assert uv._users_configuration() == {"UV_NO_CONFIG": "1"}
     for file in (tmp_path / "system.toml", users, tmp_path / "named.toml"):
         file.write_text("")
@@ -440,7 +440,7 @@ def test_user_configuration_precedes_the_systems(
 
 @pytest.mark.usefixtures("fake")
 def test_another_user_configuration_makes_another_environment(users: Path) -> None:
-    """It may name another index in the same file."""
+    """The changed configuration may name another index, so it has its own environment."""
     places = [environments.python_of(PIN)]
     for text in ("no-index = true\n", "no-index = false\n"):
         users.write_text(text)
@@ -450,7 +450,7 @@ def test_another_user_configuration_makes_another_environment(users: Path) -> No
 
 @pytest.mark.usefixtures("fake")
 def test_environments_are_listed_and_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each is listed with engine, version, size and source without password, incomplete ones too."""
+    """Each environment, even an incomplete one, has engine, version, size and source without the password."""
     monkeypatch.setattr(uv, "_pip_config", lambda: "")
     monkeypatch.setenv("UV_INDEX_URL", "https://me:secret@one.example/simple")
     assert environments.environments() == []
@@ -471,7 +471,7 @@ def test_environments_are_listed_and_removed(tmp_path: Path, monkeypatch: pytest
 
 @pytest.mark.usefixtures("fake")
 def test_environment_commands_list_and_remove(tmp_path: Path, expected_message: ExpectedMessage) -> None:
-    """There is one line per environment; a name removes all its versions; no argument is refused."""
+    """`list` prints one line per environment; `remove` needs a name or --all and refuses other arguments."""
     places = [environments.python_of(pin).parents[1] for pin in (PIN, Pin("mujoco", "3.7.0"))]
     listed = run_bodycheck(tmp_path, "environments", "list").stdout.splitlines()
     lines = [line for line in listed if not line.startswith(" ")]
@@ -490,7 +490,7 @@ def test_environment_commands_list_and_remove(tmp_path: Path, expected_message: 
 
 @pytest.mark.parametrize(("status", "printed"), [(0, LISTED), (1, "")])
 def test_folder_named_pip_is_not_imported(status: int, printed: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A folder `pip` in the working directory is ignored; without pip nothing is configured."""
+    """A folder `pip` in the working directory is ignored, and without pip there are no settings."""
     requested: list[list[str]] = []
 
     def run(words: list[str], **_: object) -> CompletedProcess[str]:
@@ -510,7 +510,7 @@ def test_settings_are_those_that_pip_prints(
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    """pip's output is read as text and not shown; a pip that fails configures nothing."""
+    """pip's output is captured as text, and a pip that fails gives no settings."""
     (tmp_path / "pip.py").write_text(f"import sys\nprint(\"global.cert='/own.pem'\")\nsys.exit({status})\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     assert uv._pip_config.__wrapped__() == printed
@@ -518,7 +518,7 @@ def test_settings_are_those_that_pip_prints(
 
 
 def test_output_of_uv_is_one_line_of_limited_length() -> None:
-    """The marks of its tree are removed, and a text above 400 characters is cut off."""
+    """The tree characters are removed, and a text above 400 characters is truncated."""
     assert uv.in_one_line("error: no such package\n  ╰─▶ cause: it was withdrawn\n") == (
         "no such package it was withdrawn"
     )
@@ -527,7 +527,7 @@ def test_output_of_uv_is_one_line_of_limited_length() -> None:
 
 
 class FakeNpm:
-    """Makes folders of JavaScript packages without a registry, or fails."""
+    """Creates folders of JavaScript packages without an index, or fails."""
 
     def __init__(self, status: int = 0) -> None:
         self.status = status
@@ -536,7 +536,7 @@ class FakeNpm:
     def __call__(
         self, command: list[str], *, capture_output: bool, text: bool, check: bool, cwd: Path
     ) -> CompletedProcess[str]:
-        """Do as npm would: its message is read as text, and its status by the caller."""
+        """Do what npm does: the caller reads its message as text and checks its status."""
         assert (capture_output, text, check) == (True, True, False)
         assert json.loads((cwd / "package.json").read_text()) == {"private": True}
         self.commands.append(command)
@@ -546,7 +546,7 @@ class FakeNpm:
 
 @pytest.fixture
 def npm(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeNpm:
-    """Put a fake in npm's place, and the environments into a folder of the test."""
+    """Replace npm by a fake, and put the environments into a folder of the test."""
     made = FakeNpm()
     monkeypatch.setattr(environments.shutil, "which", lambda name: f"/bin/{name}")
     monkeypatch.setattr(environments.subprocess, "run", made)
@@ -558,7 +558,7 @@ CANNON = Pin("cannon-es", "0.20.0")
 
 
 def test_javascript_engine_is_a_program_of_node(npm: FakeNpm) -> None:
-    """Its worker finds the packages by a variable; the folder is made once and listed like the others."""
+    """The worker finds its packages by a variable; the folder is created once and listed like the others."""
     assert not environments.is_made(CANNON)
     program = environments.program_in(CANNON)
     assert program is not None
@@ -578,7 +578,7 @@ def test_javascript_engine_is_a_program_of_node(npm: FakeNpm) -> None:
 
 
 def test_engine_of_python_packages_is_no_program(fake: FakeUv) -> None:
-    """Nothing is made to find that out."""
+    """An engine with Python packages has no program, and finding this out creates nothing."""
     assert environments.program_in(PIN) is None
     assert fake.commands == []
 
@@ -586,7 +586,7 @@ def test_engine_of_python_packages_is_no_program(fake: FakeUv) -> None:
 def test_failed_npm_leaves_no_environment(
     npm: FakeNpm, tmp_path: Path, expected_message: ExpectedMessage
 ) -> None:
-    """What npm prints is the reason, in one line."""
+    """The reason is the output of npm in one line."""
     npm.status = 1
     with expected_message.raises(UnavailableError):
         environments.program_in(CANNON)
@@ -594,7 +594,7 @@ def test_failed_npm_leaves_no_environment(
 
 
 def test_javascript_engine_always_needs_an_environment() -> None:
-    """Its packages are none of Python, even where one of the same name is installed."""
+    """A JavaScript engine never uses Python packages, even if one of the same name is installed."""
     assert environments.needed_environment("cannon-es") == Pin("cannon-es", None)
     assert environments.needed_environment("cannon-es==0.20.0") == CANNON
     assert environments.needed_environment("mujoco") is None
@@ -604,7 +604,7 @@ def test_javascript_engine_always_needs_an_environment() -> None:
 def test_javascript_engine_needs_node_and_npm(
     missing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
 ) -> None:
-    """The line names the program that is missing, and nothing is written."""
+    """The error names the missing program, and nothing is written."""
     monkeypatch.setattr(
         environments.shutil, "which", lambda name: None if name == missing else f"/bin/{name}"
     )

@@ -26,7 +26,7 @@ WORKERS = Path(__file__).parents[2] / "docs/workers"
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """Yield the working directory, which has a scenario; engines registered by the test are removed."""
+    """Yield the working directory, which contains a scenario; remove engines that the test registered."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.toml").write_text(tumbling())
     with registered():
@@ -52,7 +52,7 @@ def test_engine_and_method_are_split_where_the_method_begins(name: str, parts: t
 
 
 def test_command_is_not_a_pin() -> None:
-    """Two equals signs in a command line are not the version of an engine."""
+    """Two equals signs in a command line do not specify a version of an engine."""
     assert pin_of("cmd:./worker a==b") is None
 
 
@@ -71,7 +71,7 @@ FILES = (
 def test_wrong_file_of_engines_is_refused_in_one_line(
     text: str, folder: Path, expected_message: ExpectedMessage
 ) -> None:
-    """The line names the file and the key."""
+    """The error is one line with the file and the key."""
     (folder / "engines.toml").write_text(text)
     with expected_message.raises(InputError) as refused:
         program_of("a")
@@ -90,7 +90,7 @@ def test_wrong_file_of_engines_is_refused_in_one_line(
 def test_program_that_does_not_exist_is_refused_before_anything_runs(
     name: str, expected_message: ExpectedMessage
 ) -> None:
-    """The line names the program."""
+    """The error names the program."""
     with expected_message.raises(InputError):
         select(["mine.toml"], engines=[name])
 
@@ -152,7 +152,7 @@ FAULTS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
 def test_program_that_does_not_announce_itself_costs_its_own_cases(fault: str, folder: Path) -> None:
-    """The other engines are measured, and the manifest has the reason; alone it is an error."""
+    """The other engines are measured and the manifest has the reason; requested alone it is an error."""
     (folder / "worker.py").write_text(FAULTS[fault])
     program = f"cmd:{sys.executable} worker.py"
     run = bodycheck.run(["mine.toml"], engines=[program, "reference:m1"], dt_s=[0.02], speed=False)
@@ -180,7 +180,7 @@ input()
     [("sys.exit(1)", "failed"), ("print('x', flush=True)", "failed"), ("time.sleep(99)", "timeout")],
 )
 def test_program_that_ends_in_a_case_costs_that_case(end: str, outcome: str, folder: Path) -> None:
-    """It has an outcome of its own; its claim to be an installed release is not believed."""
+    """The case has its own outcome, and the program's claim to be an installed release is ignored."""
     (folder / "worker.py").write_text(DYING.format(end))
     (folder / "engines.toml").write_text(f"[engines.x]\ncommand = ['{sys.executable}', 'worker.py']\n")
     run = bodycheck.run(["mine.toml"], engines=["x", "reference:m1"], dt_s=[0.02], speed=False, timeout_s=5.0)
@@ -190,7 +190,7 @@ def test_program_that_ends_in_a_case_costs_that_case(end: str, outcome: str, fol
 
 
 def test_program_gets_its_variables(folder: Path) -> None:
-    """engines.toml adds to the environment of the run."""
+    """Variables from engines.toml are added to the environment of the run."""
     (folder / "engines.toml").write_text(
         f"[engines.x]\ncommand = ['{sys.executable}', '-c', 'import os; print(os.environ[\"COLOUR\"])']\n"
         "environment = { COLOUR = 'blue' }\n"
@@ -238,7 +238,7 @@ again = rk4
 
 
 def _shortened(name: str, folder: Path) -> Path:
-    """Return the file of a built-in scenario that ends ten times as early, as Python steps slowly."""
+    """Return the file of a built-in scenario shortened to a tenth, because steps in Python are slow."""
     text = (Path(bodycheck.__file__).parent / f"scenarios/library/{name}.toml").read_text()
     path, before = folder / f"{name}.toml", tomllib.loads(text)
     after = {"duration_s": before["duration_s"] / 10.0, "samples": 11}
@@ -275,7 +275,7 @@ def test_step_function_of_a_module_gets_all_that_an_engine_gets(folder: Path) ->
 
 
 def test_code_of_a_module_runs_only_where_allowed(folder: Path, expected_message: ExpectedMessage) -> None:
-    """The line names the function and the option; a module that is not there is an unknown engine."""
+    """The error names the function and the option --allow-code; a missing module is an unknown engine."""
     (folder / "own_code.py").write_text("import pathlib\npathlib.Path('ran').touch()\n")
     with expected_message.raises(InputError):
         select(["mine.toml"], engines=["own_code:step"])
@@ -287,7 +287,7 @@ def test_code_of_a_module_runs_only_where_allowed(folder: Path, expected_message
 
 
 def test_module_needs_permission_in_each_run(folder: Path, expected_message: ExpectedMessage) -> None:
-    """A run with --allow-code permits nothing to the next one, which can name another function, too."""
+    """--allow-code in one run permits nothing in the next; within a run, another function is found too."""
     (folder / "permitted_steps.py").write_text(STEPS)
     select(["mine.toml"], engines=["permitted_steps:rk4"], allow_code=True)
     select(["mine.toml"], engines=["permitted_steps:again"], allow_code=True)
@@ -298,7 +298,7 @@ def test_module_needs_permission_in_each_run(folder: Path, expected_message: Exp
 def test_file_of_engines_is_read_for_unknown_names_only(
     folder: Path, expected_message: ExpectedMessage
 ) -> None:
-    """An invalid engines.toml refuses an engine that it may define, and no built-in one."""
+    """An invalid engines.toml is an error for an engine that it may define, but not for a built-in one."""
     (folder / "engines.toml").write_text("[engines")
     select(["mine.toml"], engines=["reference:m1"])
     with expected_message.raises(InputError):

@@ -42,19 +42,19 @@ both_methods = pytest.mark.parametrize("method", ["multibody", "maximal"])
 
 
 def scene_of(loads: tuple[ConstantLoad, ...] = (), inertia: Array = INERTIA) -> Scene:
-    """Return a scene of a body at rest in the air, turned."""
+    """Return a scene of a rotated body at rest in the air."""
     initial = State(np.zeros(3), np.array([0.5, -0.5, 0.1, 0.7]), np.zeros(3), np.zeros(3))
     return Scene(RigidBody(1.3, inertia), initial, loads, np.zeros(3), duration_s=1.0, samples=2)
 
 
 def moving(scene: Scene, velocity: tuple[float, ...], omega_body: tuple[float, ...]) -> Scene:
-    """Let the body start with these velocities."""
+    """Set the initial velocities of the body."""
     initial = replace(scene.initial, velocity=np.array(velocity), omega_body=np.array(omega_body))
     return replace(scene, initial=initial)
 
 
 def loaded(adapter: PyBullet, scene: Scene, method: str, dt_s: float = 1e-2) -> PyBulletSimulation:
-    """Build a simulation on which all the loads of the scene act."""
+    """Build a simulation on which all loads of the scene act."""
     simulation = adapter.build(scene, method, dt_s)
     simulation.apply(wrench_between(scene, 0.0, scene.duration_s))
     return simulation
@@ -62,7 +62,7 @@ def loaded(adapter: PyBullet, scene: Scene, method: str, dt_s: float = 1e-2) -> 
 
 @pytest.fixture
 def adapter() -> Iterator[PyBullet]:
-    """An adapter whose clients are disconnected in the end."""
+    """Return an adapter whose clients are disconnected after the test."""
     adapter = PyBullet()
     yield adapter
     for client in adapter._idle_clients:
@@ -125,7 +125,7 @@ def test_unbounded_growth_ends_in_nan(adapter: PyBullet, method: str) -> None:
 def test_one_call_makes_every_step(adapter: PyBullet, method: str, dt_s: float, steps: int) -> None:
     """A free fall of 2001 substeps in one advance ends at g h^2 n (n + 1) / 2: no substep is left out.
 
-    Asked for 2001 substeps of 1e-3 s in one call, Bullet makes 2000 and leaves one for the next call.
+    If 2001 substeps of 1e-3 s are requested in one call, Bullet makes 2000 and leaves one for the next call.
     """
     scene = replace(scene_of(), gravity=np.array([0.0, 0.0, -1.0]))
     simulation = adapter.build(scene, method, dt_s)
@@ -183,7 +183,7 @@ def test_central_force_has_no_torque_far_away(adapter: PyBullet, method: str) ->
 
 @both_methods
 def test_arm_of_a_force_is_exact_far_away(adapter: PyBullet, method: str) -> None:
-    """A million kilometres from the origin, a force at a body point exerts the torque of the origin."""
+    """A million kilometres from the origin, a force at a body point has the torque that it has there."""
     near = scene_of((WORLD_FORCE,))
     far = replace(near, initial=replace(near.initial, position=np.array([1e9, -1e9, 1e9])))
     simulations = [loaded(adapter, scene, method) for scene in (near, far)]
@@ -196,7 +196,7 @@ def test_arm_of_a_force_is_exact_far_away(adapter: PyBullet, method: str) -> Non
 
 
 def test_client_is_reused_when_it_is_free(adapter: PyBullet) -> None:
-    """A closed simulation's client serves the next one; two open simulations have one client each."""
+    """The client of a closed simulation serves the next one; two open simulations have one client each."""
     first = adapter.build(scene_of(), "multibody", 1e-2)
     second = adapter.build(scene_of(), "maximal", 1e-2)
     assert first._client != second._client
@@ -210,7 +210,7 @@ def test_client_is_reused_when_it_is_free(adapter: PyBullet) -> None:
 
 
 def test_client_is_discarded_after_a_failed_build(adapter: PyBullet, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is disconnected, with whatever was built in it; the next case gets a new one."""
+    """The client is disconnected with everything built in it, and the next case gets a new client."""
 
     def refused(*_: object, **__: object) -> None:
         raise pybullet.error("no dynamics today")
@@ -229,7 +229,7 @@ def test_client_is_discarded_after_a_failed_build(adapter: PyBullet, monkeypatch
 
 @both_methods
 def test_rotation_per_step_is_limited_by_bullet(adapter: PyBullet, method: str) -> None:
-    """Beyond |omega| h = pi/4 Bullet itself rotates a body by less."""
+    """Above |omega| h = pi/4 Bullet itself rotates a body by a smaller angle."""
     angles = []
     for turn in (0.78, 1.0, 5.0):
         scene = moving(scene_of(inertia=np.eye(3)), (0.0, 0.0, 0.0), (turn, 0.0, 0.0))
@@ -247,7 +247,7 @@ def test_rotation_per_step_is_limited_by_bullet(adapter: PyBullet, method: str) 
 @both_methods
 @pytest.mark.parametrize("planted", ["mass", "inertia", "step", "gravity"])
 def test_read_back_reads_the_engine(adapter: PyBullet, method: str, planted: str) -> None:
-    """A value changed in the engine changes what is read back."""
+    """A value that is changed in the engine changes the value read back."""
     scene = scene_of(inertia=np.array([[1.0, 0.1, 0.2], [0.1, 2.0, 0.3], [0.2, 0.3, 2.5]]))
     simulation = adapter.build(scene, method, 1e-2)
     assert read_back_mismatch(scene, 1e-2, simulation.read_back()) is None
@@ -290,7 +290,7 @@ URDF = """
 
 @pytest.mark.parametrize("kind", ["multibody", "maximal"])
 def test_body_with_defaults_equals_one_loaded_from_a_file(kind: str, tmp_path: Path) -> None:
-    """With its defaults a body makes the steps of a URDF's, bit for bit: damping, clamps and all."""
+    """With its defaults a body makes the steps of a URDF's, bit for bit, including damping and clamps."""
     inertia = np.diag([1.0, 2.0, 2.5])
     initial = State(
         np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.array([3.0, 0.0, 40.0]), np.array([0.9, 1.3, -0.8])
@@ -332,7 +332,7 @@ def test_body_with_defaults_equals_one_loaded_from_a_file(kind: str, tmp_path: P
     ("method", "step"), [("multibody", explicit_step), ("maximal", implicit_gyroscopic_step)]
 )
 def test_varying_load_is_constant_over_all_substeps(method: str, step: SpinStep) -> None:
-    """A sine torque in body axes keeps its value of the step's start over the four substeps."""
+    """A sine torque in body axes keeps its value at the start of the step over the four substeps."""
     sine = SineTorque("body", np.array([0.9, -1.2, 0.7]), 2.3, 0.4)
     scene = replace(moving(scene_of(), (0.0, 0.0, 0.0), (0.9, 1.3, -0.8)), loads=(sine,))
     simulation = PyBullet().build(scene, f"{method}@substeps", 1e-2)
@@ -352,7 +352,7 @@ def test_varying_load_is_constant_over_all_substeps(method: str, step: SpinStep)
 
 @pytest.mark.parametrize("method", ["multibody", "maximal"])
 def test_substeps_are_steps_of_their_length(method: str) -> None:
-    """A free step of four substeps equals four steps bit for bit, and reads back its own length."""
+    """A free step of four substeps equals four steps bit for bit, and its own length is read back."""
     scene = moving(scene_of(), (1.0, 2.0, 3.0), (0.1, 2.0, 0.1))
     ends = []
     for name, dt_s, steps in ((method, 2.5e-3, 400), (f"{method}@substeps", 1e-2, 100)):

@@ -27,7 +27,7 @@ PUSH = PointForce("world", np.array([1.0, 0.5, 0.0]), np.zeros(3), 0.7)
     ids=["free", "pulse and push", "drag"],
 )
 def test_closed_form_equals_the_exact_truth(loads: tuple[ConstantLoad, ...]) -> None:
-    """The method reads back the scene, and its samples are those of the exact truth."""
+    """The method reads back the scene, and its samples equal those of the exact truth."""
     scene, reference = replace(TOP, loads=loads), Reference()
     assert reference.unsupported(scene, "exact") is None
     solver = reference.solver(scene, "exact", None)
@@ -40,7 +40,7 @@ def test_closed_form_equals_the_exact_truth(loads: tuple[ConstantLoad, ...]) -> 
 
 
 def test_scene_without_closed_form_is_unsupported(expected_message: ExpectedMessage) -> None:
-    """A torque across the spin has no closed form: the method states the reason and refuses to build."""
+    """A torque across the spin has no closed form, so the method states the reason and refuses to build."""
     scene, reference = replace(TOP, loads=(Torque("body", np.ones(3)),)), Reference()
     assert "no closed form" in str(reference.unsupported(scene, "exact"))
     assert reference.unsupported(scene, "taylor") is None

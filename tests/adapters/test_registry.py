@@ -1,4 +1,4 @@
-"""Engines are found by name, wherever they come from, and a missing one says why."""
+"""Engines are found by name, whether built in or from other packages; a missing one states the reason."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.helpers.expected_messages import ExpectedMessage
 
 @pytest.fixture
 def plugged_in(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Let another package offer two engines, one of them broken."""
+    """Offer two engines from another package, one of which is broken."""
     group = "bodycheck.adapters"
     points = [
         EntryPoint("other", "bodycheck.adapters.reference:Reference", group),
@@ -40,13 +40,13 @@ def test_engines_of_other_packages_are_found_by_entry_point() -> None:
 
 @pytest.mark.usefixtures("plugged_in")
 def test_an_engine_that_lacks_what_is_asked_of_it_is_unavailable(expected_message: ExpectedMessage) -> None:
-    """A package of another age is not there, with the reason, and takes nothing else down."""
+    """A package that does not fit is unavailable with the reason and affects no other engine."""
     with expected_message.raises(UnavailableError):
         registry.get_adapter("aged")
 
 
 def test_an_unknown_engine_is_refused(expected_message: ExpectedMessage) -> None:
-    """A name that nobody offers lists those that somebody does."""
+    """The error for an unknown name lists the available names."""
     with expected_message.raises(InputError):
         registry.get_adapter("havok")
 
@@ -54,7 +54,7 @@ def test_an_unknown_engine_is_refused(expected_message: ExpectedMessage) -> None
 @pytest.mark.slow
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet", "dart"])
 def test_an_engine_is_announced_without_numba(engine: str) -> None:
-    """It is half the start of a worker, and only a load that lasts needs it."""
+    """Announcing an engine does not import numba, whose import takes half of the start of a worker."""
     program = (
         "import sys; from bodycheck._util.errors import UnavailableError\n"
         "from bodycheck.adapters.workers import protocol\n"

@@ -1,6 +1,6 @@
-"""Engines that run only on request: those whose environments are made, against drivers without bodycheck.
+"""Engines that run only on request and are installed, compared with drivers that do not use bodycheck.
 
-`bodycheck environments make --all`, then `pytest -m engines`; engines without an environment are skipped.
+Run `bodycheck environments make --all`, then `pytest -m engines`; engines without an environment are skipped.
 """
 
 from __future__ import annotations
@@ -39,18 +39,18 @@ FAIR = [(engine, name) for engine, name in METHODS if DEFAULTS not in name]
 START = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.1, 2.0, 0.1]))
 SCENE = Scene(RigidBody(1.0, np.diag([1.0, 2.0, 3.0])), START, (), np.zeros(3), 1.0, 2)
 ROUND_OFF = {"float64": 1e-11, "float32": 2e-5}
-"""Of 100 steps, with a factor of some 100: of eps of the precision times the number of steps."""
+"""For 100 steps: about 100 times eps of the precision times the number of steps."""
 
 
 def made_or_skipped(engine: str) -> None:
-    """Skip the test if the engine would have to be installed."""
+    """Skip the test unless the engine is installed or has an environment."""
     needed = needed_environment(engine)
     if needed is not None and not is_made(needed):
         pytest.skip(f"no environment: bodycheck environments make {engine}")
 
 
 def driven(engine: str, method: str) -> dict[str, list[float]]:
-    """Return the last state of the driver, which runs in the engine's environment."""
+    """Return the last state computed by the driver, which runs in the engine's environment."""
     needed = needed_environment(engine)
     program = None if needed is None else program_in(needed)
     if program is not None:
@@ -83,7 +83,7 @@ def recorded(engine: str, method: str) -> Answer:
 
 @pytest.mark.parametrize(("engine", "method"), METHODS)
 def test_adapter_gives_the_state_of_a_driver_without_bodycheck(engine: str, method: str) -> None:
-    """After 100 steps attitude and omega are the driver's, to the round-off of the precision."""
+    """After 100 steps attitude and omega equal the driver's to the round-off of the precision."""
     made_or_skipped(engine)
     answer, expected = recorded(engine, method), driven(engine, method)
     precision = stated_by(engine).methods[method].precision
@@ -108,7 +108,7 @@ def test_adapter_gives_the_state_of_a_driver_without_bodycheck(engine: str, meth
 
 @pytest.mark.parametrize(("engine", "method"), FAIR)
 def test_adapter_meets_the_contract(engine: str, method: str) -> None:
-    """`bodycheck check-adapter` passes for every method that is set up fairly."""
+    """`bodycheck check-adapter` passes for every method with fair settings."""
     made_or_skipped(engine)
     found = check_adapter(f"{engine}:{method}", timeout_s=600.0)
     assert not found.failures
@@ -130,7 +130,7 @@ HEALTHY = [
 
 @pytest.mark.parametrize(("engine", "method"), [*WRONG, *HEALTHY])
 def test_defaults_that_change_the_motion_are_reported(engine: str, method: str) -> None:
-    """Without the gyroscopic term, or damped, a method does not converge; with neither it is not accused."""
+    """A damped method or one without the gyroscopic term does not converge; other methods do."""
     made_or_skipped(engine)
     run = bodycheck.run(["free-flight"], engines=[f"{engine}:{method}"], speed=False)
     verdicts = set(run.methods["verdict"])

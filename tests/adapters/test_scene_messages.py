@@ -22,12 +22,12 @@ LIBRARY = [how for how, _ in load_scenarios(["standard", "forcings"])]
 
 
 def there_and_back(scene: Scene) -> Scene:
-    """Return the scene that is read from the message of a scene."""
+    """Return the scene that is read from its own message."""
     return scene_of(message_of(line_of(scene_message(scene))))
 
 
 def same(one: Any, other: Any) -> bool:
-    """Whether two holders of arrays are equal to the last bit."""
+    """Return whether two holders of arrays are equal to the last bit."""
     if type(one) is not type(other):
         return False
     if isinstance(one, np.ndarray):
@@ -59,14 +59,14 @@ link_quaternion = [0.6, 0.0, 0.8, 0.0]
 
 
 def test_link_frame_survives_its_message() -> None:
-    """The frame in which an engine is to be built arrives unchanged."""
+    """The link frame arrives unchanged."""
     scene = parse_scenario(LINKED, "linked.toml").scene
     assert scene.link is not None
     assert same(there_and_back(scene), scene)
 
 
 def test_callback_load_is_sent_as_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The worker imports the function by that name and evaluates it."""
+    """The worker imports the function by its name and evaluates it."""
     (tmp_path / "my_wrench_here.py").write_text("def f(t, x, r, v, w):\n    return [t, 0, 0], -w\n")
     monkeypatch.chdir(tmp_path)
     text = LINKED + '[[forcing]]\nkind = "callable"\nfunction = "my_wrench_here:f"\n'
@@ -95,7 +95,7 @@ def test_reference_refuses_unsupported_scenes_with_a_reason(name: str) -> None:
 def test_reference_supports_callback_loads_where_it_can(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Methods that need loads within compiled code refuse them with a reason."""
+    """Methods that evaluate loads in compiled code refuse callback loads with a reason."""
     (tmp_path / "asked_by_the_reference.py").write_text("def f(t, x, r, v, w):\n    return -v, -w\n")
     monkeypatch.chdir(tmp_path)
     text = LINKED + '[[forcing]]\nkind = "callable"\nfunction = "asked_by_the_reference:f"\n'

@@ -14,7 +14,7 @@ DT_S = 0.0125
 
 
 def methods(engine: str) -> list[Method]:
-    """Return the methods of an engine; skip where it is not installed."""
+    """Return the methods of an engine; skip if it is not installed."""
     pytest.importorskip({"dart": "dartpy"}.get(engine, engine))
     adapter: Adapter = get_adapter(engine)
     return list(adapter.methods.values())
@@ -27,7 +27,7 @@ def run(method: Method, **names: Any) -> dict[str, Any]:
 
 
 def test_mujoco() -> None:
-    """The option of the model is the step and the integrator of the adapter's own model."""
+    """The options of the model are the step and the integrator of the adapter's own model."""
     from bodycheck.adapters.mujoco import _INTEGRATORS
 
     mujoco = pytest.importorskip("mujoco")
@@ -39,7 +39,7 @@ def test_mujoco() -> None:
 
 
 def test_pybullet() -> None:
-    """The step, the substeps, the damping, the kind of body and its inertia are those of the adapter."""
+    """Step, substeps, damping, kind of body and inertia equal those of the adapter."""
     pybullet = pytest.importorskip("pybullet")
     client = pybullet.connect(pybullet.DIRECT)
     try:
@@ -66,7 +66,7 @@ def test_pybullet() -> None:
 
 
 def test_dart() -> None:
-    """The world steps by this step."""
+    """The world makes steps of this length."""
     dartpy = pytest.importorskip("dartpy")
     for method in methods("dart"):
         world = dartpy.simulation.World()

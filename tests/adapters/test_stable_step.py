@@ -40,7 +40,7 @@ def test_bracket_contains_the_limit_within_one_percent(limit: float, start: floa
 
 @pytest.mark.parametrize("begin", [0.031, 0.07, 0.1, 0.23, 0.44])
 def test_first_unstable_steps_count(begin: float) -> None:
-    """An island of unstable steps that is wider than a tenth is never skipped."""
+    """A band of unstable steps that is wider than a tenth is never skipped."""
     found = largest_stable(lambda step: "sea" if begin < step < 1.11 * begin else None, 1e-2, 1e-3, 1.0)
     assert found.stable_s == pytest.approx(begin, rel=0.01)
 
@@ -49,7 +49,7 @@ def test_first_unstable_steps_count(begin: float) -> None:
 
 
 def loaded(load: Load, start: State, duration_s: float) -> Scene:
-    """Return a body of 2 kg that turns about no axis in particular, far slower than its load pulls."""
+    """Return a body of 2 kg that rotates about a general axis, far slower than its load oscillates."""
     body = RigidBody(2.0, np.diag([1.0, 2.0, 2.5]))
     return Scene(body, start, (load,), np.zeros(3), duration_s, 101)
 
@@ -81,7 +81,7 @@ def test_limit_equals_that_of_linear_theory(what: str) -> None:
 
 
 def breaks_down(engine: str, scene: Scene, method: str, dt_s: float, limit_j: float) -> bool:
-    """Whether a recorded case, sampled at every step, is ever not finite or above the limit of K."""
+    """Return whether a recorded case, sampled at every step, is not finite or exceeds the limit of K."""
     steps = math.ceil(scene.duration_s / dt_s - 1e-9)
     status_line = replace(scene, duration_s=steps * dt_s, samples=steps + 1)
     motion = record(get_adapter(engine), Case(status_line, method, Setting(dt_s=dt_s))).trajectory
@@ -96,7 +96,7 @@ def breaks_down(engine: str, scene: Scene, method: str, dt_s: float, limit_j: fl
         return not np.all(kinetic <= limit_j)
 
 
-# of a scenario: the duration that is scanned, the steps between which its limits lie, and K's limit in J
+# for each scenario: the scanned duration, the steps between which its limits lie, and K's limit in J
 SCANNED = {
     "stiff-spring": (0.5, 1.6e-3, 4e-3, 100.0),
     "stiff-drag": (0.5, 1.6e-3, 4e-3, 1000.0),
@@ -117,7 +117,7 @@ SCANNERS = [
     ["stiff-spring", "stiff-drag", pytest.param("spring-pendulum", marks=pytest.mark.nightly)],
 )
 @pytest.mark.parametrize(("engine", "method"), SCANNERS)
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # what runs away overflows
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # an unstable motion overflows
 def test_limit_equals_that_of_a_scan(scenario: str, engine: str, method: str) -> None:
     """The first unstable step of a scan in steps of 1 % is within 2 % of the limit."""
     if engine != "reference":
@@ -141,7 +141,7 @@ SEARCH = Search(Case(SPRING, "m1", Setting(dt_s=1e-3)), 1e-4, 0.1, 1e6)
 
 @pytest.mark.parametrize("limit", [1e6, math.inf])
 def test_search_survives_its_message(limit: float) -> None:
-    """A request written and read again is the same, with an infinite limit of K too."""
+    """A request that is written and read again is unchanged, even with an infinite limit of K."""
     message = case_messages.search_message(replace(SEARCH, kinetic_limit_j=limit))
     assert case_messages.search_message(case_messages.search_of(message)) == message
     assert case_messages.search_of(message).kinetic_limit_j == limit
@@ -156,7 +156,7 @@ def test_worker_answers_a_search() -> None:
 
 
 def test_unsupported_scene_is_reported() -> None:
-    """No step is tried."""
+    """No step is tried for a scene that the method does not support."""
     found = stable_step(Reference(), replace(SEARCH, case=Case(DRAG, "splitting6", Setting(dt_s=1e-3))))
     assert (found.outcome, found.stable_s) == ("unsupported", None)
     assert found.message
@@ -185,7 +185,7 @@ def test_answer_without_a_valid_step_is_refused(wrong: dict[str, object]) -> Non
 
 
 def trials(limit: float, start: float, lowest: float, highest: float) -> tuple[list[float], StableStep]:
-    """Return the steps that are tried of a method that breaks down above a limit, and what is found."""
+    """Return the steps tried with a method that is unstable above a limit, and the result of the search."""
     tried: list[float] = []
 
     def broken(step: float) -> str | None:
@@ -201,7 +201,7 @@ def test_scan_goes_up_by_a_tenth_and_then_bisects() -> None:
     scan = [1.1**k for k in range(6)]
     assert tried[:6] == pytest.approx(scan)
     assert tried[6] == pytest.approx(math.sqrt(scan[4] * scan[5]))
-    assert len(tried) == 6 + 4  # log 1.1 / 2^4 is the first within log 1.01
+    assert len(tried) == 6 + 4  # log 1.1 / 2^4 is the first width below log 1.01
     assert found.stable_s is not None
     assert found.unstable_s is not None
     assert found.stable_s <= 1.5 < found.unstable_s <= 1.01 * found.stable_s
@@ -209,7 +209,7 @@ def test_scan_goes_up_by_a_tenth_and_then_bisects() -> None:
 
 
 def test_scan_ends_with_the_highest_step() -> None:
-    """The highest step is tried, and nothing after it."""
+    """The highest step is the last one tried."""
     tried, found = trials(9.0, 1.0, 0.1, 1.15)
     assert tried == pytest.approx([1.0, 1.1, 1.15])
     assert found == StableStep("ok", stable_s=1.15)
@@ -217,7 +217,7 @@ def test_scan_ends_with_the_highest_step() -> None:
 
 
 def test_unstable_start_is_halved_down_to_the_lowest_step() -> None:
-    """The lowest step is tried; from the first stable step the scan goes up."""
+    """The lowest step is tried, and from the first stable step the scan goes up."""
     tried, found = trials(0.0, 1.0, 0.3, 2.0)
     assert tried == [1.0, 0.5, 0.3]
     assert found == StableStep("ok", unstable_s=0.3, reason="broken")
@@ -227,12 +227,12 @@ def test_unstable_start_is_halved_down_to_the_lowest_step() -> None:
     assert found.stable_s == pytest.approx(0.3, rel=0.01)
 
 
-# ------------------------------------------------------------------------------------------- of an engine
+# ------------------------------------------------------------------------------ the search in an engine
 
 
 @dataclass
 class Runner:
-    """A body of 2 kg at 1 m/s whose speed changes at given steps; it records the calls."""
+    """A body of 2 kg at 1 m/s whose speed changes at given steps; it records its calls."""
 
     scene: Scene
     dt_s: float
@@ -241,37 +241,37 @@ class Runner:
     closed: int = 0
 
     def apply(self, wrench: Any) -> None:
-        """Heed no load."""
+        """Ignore all loads."""
 
     def advance(self, steps: int) -> None:
-        """Count."""
+        """Count the steps."""
         self.advanced.append(steps)
 
     def read(self) -> Reading:
-        """Return the speed of the last change."""
+        """Return a reading with the speed of the last change."""
         made = sum(self.advanced)
         speed = [1.0, *(speed for begin, speed in self.speeds.items() if made >= begin)][-1]
         velocity = np.array([speed, 0.0, 0.0])
         return Reading(np.zeros(3), velocity, np.array([1.0, 0, 0, 0]), omega_body=np.zeros(3))
 
     def close(self) -> None:
-        """Count."""
+        """Count the calls."""
         self.closed += 1
 
 
 class Running:
-    """An engine whose method is stable where its speeds are; it records its simulations."""
+    """An engine whose method is stable if its speeds are; it records its simulations."""
 
     def __init__(self, speeds: dict[int, float], above_s: float = 0.0) -> None:
         self.speeds, self.above_s, self.made = speeds, above_s, list[Runner]()
 
     def unsupported(self, scene: Scene, method: str) -> str | None:
-        """Refuse one method."""
+        """Support all methods but one."""
         del scene
         return "no" if method == "none" else None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Runner:
-        """Build one, that runs away only at steps above the limit."""
+        """Build a simulation whose speed changes only at steps above the limit."""
         del method
         self.made.append(Runner(scene, dt_s, self.speeds if dt_s > self.above_s else {}))
         return self.made[-1]
@@ -280,7 +280,7 @@ class Running:
 def searched(
     engine: Any, dt_s: float, *loads: Torque, duration_s: float = 1.0, samples: int = 11, **cells: Any
 ) -> StableStep:
-    """Return what is found from one step up to it, of a body of 2 kg; the limit of K is 100 J."""
+    """Return the result of a search, by default of one step only, for a body of 2 kg; K's limit is 100 J."""
     start = State(np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3))
     scene = Scene(RigidBody(2.0, np.eye(3)), start, loads, np.zeros(3), duration_s, samples)
     case = Case(scene, cells.pop("method", "rk4"), Setting(dt_s=dt_s))
@@ -294,7 +294,7 @@ def searched(
         (1.0, 0.25, 11, [1, 1, 1, 1]),
         (1.0, 0.3, 3, [2, 2]),  # the last step ends after the scene
         (1.0, 0.2, 3, [2, 2, 1]),
-        (1.1, 0.1, 2, [11]),  # 1.1 / 0.1 is a rounding above 11
+        (1.1, 0.1, 2, [11]),  # 1.1 / 0.1 rounds to a number above 11
         (1.0, 3.0, 11, [1]),
         (1.0, 0.001, 1001, 20 * [50]),
         (1.0, 0.001, 11, 10 * [100]),
@@ -315,7 +315,7 @@ def test_trial_covers_the_scene_and_its_samples(
 
 
 def test_trial_stops_at_every_switching_time() -> None:
-    """Each segment between switching times is advanced in pieces of its own."""
+    """Each segment between switching times is advanced separately."""
     engine = Running({})
     push = Torque("world", np.array([1.0, 0.0, 0.0]), from_s=0.3, until_s=0.8)
     searched(engine, 0.1, push, samples=6)
@@ -325,7 +325,7 @@ def test_trial_stops_at_every_switching_time() -> None:
 @pytest.mark.parametrize(
     ("speeds", "reason"),
     [
-        ({3: 10.0}, ""),  # K = 100 J, and no more
+        ({3: 10.0}, ""),  # K = 100 J, which is still allowed
         ({3: 10.1}, "kinetic energy above 100 times the true maximum from t = 0.3 s on"),
         ({3: 10.1, 4: 1.0}, "kinetic energy above 100 times the true maximum from t = 0.3 s on"),
         ({5: math.nan}, "velocity_m_s is not finite from t = 0.5 s on"),
@@ -340,7 +340,7 @@ def test_method_is_unstable_at_an_invalid_reading(speeds: dict[int, float], reas
 
 
 def test_search_stays_within_its_bounds() -> None:
-    """It goes from the case's step down to the lowest and up to the highest step."""
+    """The search goes from the case's step down to the lowest and up to the highest step."""
     engine = Running({1: 1e3}, above_s=0.06)
     found = searched(engine, 0.2, lowest_s=0.05, highest_s=0.4)
     assert [made.dt_s for made in engine.made[:4]] == pytest.approx([0.2, 0.1, 0.05, 0.055])

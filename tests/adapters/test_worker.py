@@ -44,7 +44,7 @@ REQUESTS = [line[2:] for line in TRANSCRIPT if line.startswith("> ")]
 ANSWERS = [line[2:] for line in TRANSCRIPT if line.startswith("< ")]
 CASE: dict[str, Any] = json.loads(REQUESTS[0])["case"]
 PATIENCE_S = 600.0
-"""After which what should come is taken not to come, on a machine that is busy."""
+"""An answer that takes longer is assumed never to arrive; the machine may be busy."""
 
 WORKERS = {
     "of the docs": ([sys.executable, "-c", PROGRAM], "drift"),
@@ -64,7 +64,7 @@ def answers_of(command: list[str], lines: list[str]) -> list[str]:
 
 
 def test_worker_of_the_docs_gives_the_answers_of_the_docs() -> None:
-    """Its answers to the requests of the page equal those shown, but for times; none is missing."""
+    """The answers to the requests of the page equal those shown, except for times, and none is missing."""
     timed = re.compile(r'("cpu_s": )[^}]*')
     answers = answers_of(WORKERS["of the docs"][0], REQUESTS)
     assert [timed.sub(r"\1", line) for line in answers] == [timed.sub(r"\1", line) for line in ANSWERS]
@@ -74,13 +74,13 @@ def test_worker_of_the_docs_gives_the_answers_of_the_docs() -> None:
 
 @pytest.mark.parametrize("line", [line for line in REQUESTS if '"case"' in line])
 def test_case_of_the_docs_survives_its_message(line: str) -> None:
-    """A case of the page, read and written again, is the same message."""
+    """A case of the page that is read and written again gives the same message."""
     case = json.loads(line)["case"]
     assert case_messages.case_message(case_messages.case_of(case)) == case
 
 
 def test_search_of_the_docs_survives_its_message() -> None:
-    """The search of the page, read and written again, is the same message, and its answer is valid."""
+    """The search of the page that is read and written again gives the same message; its answer is valid."""
     (line,) = (line for line in REQUESTS if "stable-step" in line)
     asked = json.loads(line)
     search = case_messages.search_of(asked)
@@ -92,7 +92,7 @@ def test_search_of_the_docs_survives_its_message() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("worker", WORKERS)
 def test_worker_conforms(worker: str) -> None:
-    """It announces itself, answers each request under its id, survives invalid input and ends with 0."""
+    """A worker announces itself, answers each request by its id, survives invalid input and exits with 0."""
     if worker == "mujoco":
         pytest.importorskip("mujoco")
     command, method = WORKERS[worker]
@@ -118,7 +118,7 @@ def test_worker_conforms(worker: str) -> None:
     assert answer.trajectory is not None
     assert answer.read_back is not None
     assert read_back_mismatch(asked.scene, asked.setting.dt_s, answer.read_back) is None
-    # a drifting body's positions are sums of powers of two: exact in doubles
+    # a drifting body's positions are sums of powers of two, which are exact in doubles
     assert answer.trajectory.position_m.tolist() == [[0.0, 0.0, 0.0], [0.5, 0.0, -0.25], [1.0, 0.0, -0.5]]
     assert refused["outcome"] == "failed"
     assert all(answer["outcome"] == "failed" for answer in nonsense)
@@ -136,7 +136,7 @@ def test_worker_reports_an_unavailable_engine() -> None:
     assert done.stderr == "usage: python -m bodycheck.adapters.workers.worker ENGINE MEMORY_BYTES\n"
 
 
-# ------------------------------------------------------------------- a worker of another language, tried
+# ------------------------------------------------------------------- trials of workers in other languages
 
 TRIALS = Path(__file__).parents[2] / "tools/worker_trials.py"
 DRIFTING = re.findall(r"```toml\n(.*?)```", PAGE, flags=re.DOTALL)[1]
@@ -171,11 +171,11 @@ BROKEN = {
         "NOT KEPT: .* its input ends: status 3",
     ),
 }
-"""What is changed in the worker of the docs, to what, and what is then reported."""
+"""The change in the worker of the docs, and the fault that is then reported."""
 
 
 def tried(program: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> object:
-    """Have the script try a worker with the scenario of the docs, and return its status."""
+    """Run tools/worker_trials.py on a worker with the scenario of the docs, and return its result."""
     (folder / "worker.py").write_text(program)
     (folder / "drifting.toml").write_text(DRIFTING)
     words = ["--scenarios", str(folder / "drifting.toml"), sys.executable, str(folder / "worker.py")]
@@ -188,7 +188,7 @@ def tried(program: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> object
 def test_worker_of_the_docs_passes_its_trial(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """It follows all rules, and a drifting body's attitude is exact."""
+    """The worker of the docs follows all rules, and a drifting body's attitude is exact."""
     assert tried(PROGRAM, tmp_path, monkeypatch) == 0
     printed = capsys.readouterr().out
     assert printed.count("ok          0.0e+00 rad") == 2
@@ -199,7 +199,7 @@ def test_worker_of_the_docs_passes_its_trial(
 def test_trial_reports_each_fault_of_a_worker(
     what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """One fault in the worker of the docs gives status 1 and a line that names it."""
+    """One fault in the worker of the docs gives status 1 and a line that names the fault."""
     right, wrong, found = BROKEN[what]
     assert PROGRAM.count(right) == 1
     assert tried(PROGRAM.replace(right, wrong), tmp_path, monkeypatch) == 1
@@ -224,7 +224,7 @@ STATE = State(
 
 @pytest.mark.parametrize("load", LOADS, ids=lambda load: type(load).__name__)
 def test_scene_survives_its_message(load: Load) -> None:
-    """Under any load the scene that a worker reads is the one that was sent."""
+    """Under any load a worker reads exactly the scene that was sent."""
     body = RigidBody(1.0 / 3.0, np.diag([0.1, 0.2, 0.1 + 0.2]))
     scene = Scene(body, STATE, (load,), np.array([0.0, 0.0, -9.81]), 0.1, 4)
     back = case_messages.scene_of(json.loads(json.dumps(case_messages.scene_message(scene), allow_nan=False)))
@@ -237,7 +237,7 @@ def test_scene_survives_its_message(load: Load) -> None:
 
 @pytest.mark.parametrize("load", LOADS, ids=lambda load: type(load).__name__)
 def test_docs_list_the_keys_of_every_load(load: Load) -> None:
-    """The page's table has, next to its kind, the keys of each load and no other."""
+    """The table of the page lists exactly the keys of each load, next to its kind."""
     body = RigidBody(1.0, np.eye(3))
     scene = Scene(body, STATE, (load,), np.zeros(3), 0.1, 4)
     (reported,) = case_messages.scene_message(scene)["loads"]
@@ -247,7 +247,7 @@ def test_docs_list_the_keys_of_every_load(load: Load) -> None:
 
 @pytest.mark.parametrize("shape", [(0,), (5,), (2, 3), (2, 3, 3)])
 def test_array_survives_its_message(shape: tuple[int, ...]) -> None:
-    """Infinities, NaN, negative zero and subnormal numbers come back bit for bit."""
+    """Infinities, NaN, negative zero and subnormal numbers arrive bit for bit."""
     values = np.resize(np.array([0.1, -0.0, np.inf, -np.inf, np.nan, 5e-324, 1.7976931348623157e308]), shape)
     message = json.loads(json.dumps(protocol.packed(values)))
     assert protocol.unpacked(message).tobytes() == values.tobytes()
@@ -268,7 +268,7 @@ NO_ARRAYS: list[Any] = [
 
 @pytest.mark.parametrize("value", NO_ARRAYS, ids=str)
 def test_invalid_array_is_refused(value: Any, expected_message: ExpectedMessage) -> None:
-    """A wrong shape, a truncated text and a non-text are refused."""
+    """A wrong shape, a truncated text and a value that is not text are refused."""
     with expected_message.raises(protocol.ProtocolError):
         protocol.unpacked(value)
 
@@ -284,7 +284,7 @@ def test_only_real_numbers_are_packed(values: list[Any], expected_message: Expec
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), {1}, np.int64(1), b"x"], ids=str)
 def test_line_contains_only_json(value: Any, expected_message: ExpectedMessage) -> None:
-    """Values that other languages cannot read are refused."""
+    """Values that are not valid JSON are refused."""
     with expected_message.raises(protocol.ProtocolError):
         protocol.line_of({"value": value})
 
@@ -292,7 +292,7 @@ def test_line_contains_only_json(value: Any, expected_message: ExpectedMessage) 
 def test_line_has_a_maximum_length(
     monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
 ) -> None:
-    """One byte more than the maximum is refused."""
+    """A line that is one byte longer than the maximum is refused."""
     length = len(protocol.line_of({"text": "x" * 100}))
     monkeypatch.setattr(protocol, "LARGEST_MESSAGE", length)
     assert len(protocol.line_of({"text": "x" * 100})) == length
@@ -301,7 +301,7 @@ def test_line_has_a_maximum_length(
 
 
 def test_nan_mass_is_read_back_as_nan() -> None:
-    """The comparison reports it, instead of losing the answer."""
+    """The comparison reports the NaN instead of losing the answer."""
     case = case_messages.case_of({**CASE, "method": "m1"})
     answer = record(Reference(), case)
     assert answer.read_back is not None
@@ -336,7 +336,7 @@ def test_wrong_shape_of_read_back_is_a_mismatch(part: str, shape: tuple[int, ...
     ("kept", "missing"), [("omega_body", "neither a quaternion nor a rotation"), ("quaternion", "no omega")]
 )
 def test_incomplete_read_back_is_a_mismatch(kept: str, missing: str) -> None:
-    """A part of the initial state that is not returned was not compared, so the case is invalid."""
+    """A part of the initial state that is missing was not compared, so the case is invalid."""
     case = case_messages.case_of({**CASE, "method": "m1"})
     held = record(Reference(), case).read_back
     assert held is not None
@@ -346,7 +346,7 @@ def test_incomplete_read_back_is_a_mismatch(kept: str, missing: str) -> None:
     assert fault == f"the engine returns {missing}"
 
 
-# ---------------------------------------------------------------------------------- workers that do not
+# -------------------------------------------------------------------------------------- faulty workers
 
 PYTHON = sys.executable
 ANNOUNCEMENT: dict[str, Any] = json.loads(ANSWERS[0])
@@ -386,7 +386,7 @@ WRONG_ANNOUNCEMENTS = {
 
 
 def employ(program: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have every worker be this program."""
+    """Start this program in place of every worker."""
     place = folder / "worker"
     place.write_text(f"#!{PYTHON}\n{program}")
     place.chmod(0o755)
@@ -397,7 +397,7 @@ def employ(program: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_wrong_announcement_makes_the_engine_unavailable(
     what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
 ) -> None:
-    """The reason states what the worker did."""
+    """The reason describes what the worker did."""
     employ(WRONG_ANNOUNCEMENTS[what], tmp_path, monkeypatch)
     found = announced(["drift"])["drift"]
     assert isinstance(found, str)
@@ -405,7 +405,7 @@ def test_wrong_announcement_makes_the_engine_unavailable(
 
 
 def answering(code: str) -> str:
-    """Return a program that is announced as the docs' worker and answers each line by this code."""
+    """Return a program that makes the announcement of the docs and answers each line with this code."""
     begin = f"import json, os, sys, time\nprint({json.dumps(ANNOUNCEMENT)!r}, flush=True)\n"
     return (
         f"{begin}for line in sys.stdin:\n    i = json.loads(line)['id']\n    {code}\n    sys.stdout.flush()\n"
@@ -429,7 +429,7 @@ WRONG_ANSWERS = {
 def test_wrong_answer_fails_its_case(
     what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
 ) -> None:
-    """The message states what the worker did, and the worker is ended."""
+    """The message describes what the worker did, and the worker is ended."""
     code, outcome = WRONG_ANSWERS[what]
     employ(answering(code), tmp_path, monkeypatch)
     monkeypatch.setattr(protocol, "LARGEST_MESSAGE", 4000)
@@ -446,7 +446,7 @@ def test_wrong_answer_fails_its_case(
 
 
 def test_worker_that_closes_its_output_is_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The run does not wait until its time limit."""
+    """The run does not wait for the time limit."""
     employ(answering("os.close(1); time.sleep(1000)"), tmp_path, monkeypatch)
     monkeypatch.setattr("bodycheck.adapters.workers.worker_process._EXIT_WAIT_S", 0.1)
     engine_pool = EnginePool()
@@ -460,7 +460,7 @@ def test_worker_that_closes_its_output_is_lost(tmp_path: Path, monkeypatch: pyte
 def test_request_above_the_announced_limit_is_not_sent(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The limit that the worker announced is respected."""
+    """A request above the limit that the worker announced is not sent, and the message states both sizes."""
     employ(announcing(limits={"message_bytes": 100}), tmp_path, monkeypatch)
     host = WorkerProcess("drift")
     try:
@@ -472,7 +472,7 @@ def test_request_above_the_announced_limit_is_not_sent(
 
 
 def test_failure_to_start_a_process_fails_the_case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The run continues, and the case states the reason."""
+    """The case fails with the reason, and the run continues."""
     monkeypatch.setattr("bodycheck.adapters.workers.worker_process.sys.executable", str(tmp_path / "none"))
     engine_pool = EnginePool()
     try:
@@ -483,7 +483,7 @@ def test_failure_to_start_a_process_fails_the_case(tmp_path: Path, monkeypatch: 
 
 
 def test_closed_worker_is_not_killed_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its process id may belong to another process by then."""
+    """A closed worker is not killed, because its process id may belong to another process."""
     employ(announcing(), tmp_path, monkeypatch)
     host = WorkerProcess("drift")
     killed: list[int] = []
@@ -501,7 +501,7 @@ FORGETFUL = "print(json.dumps({'id': i, 'outcome': 'failed' if i > 1 else 'ok', 
 def test_failure_in_a_used_worker_is_repeated_in_a_new_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The answer of the new worker counts, and its message says so."""
+    """The answer of the new worker counts, and its message states that the case ran twice."""
     employ(answering(FORGETFUL), tmp_path, monkeypatch)
     engine_pool, request = EnginePool(), {"do": "record", "case": CASE}
     try:
@@ -514,7 +514,7 @@ def test_failure_in_a_used_worker_is_repeated_in_a_new_one(
 
 
 def test_case_of_a_killed_worker_is_repeated_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A kill from outside is not the engine's fault; a worker that is killed each time has failed."""
+    """A worker killed from outside runs its case once more; if it is killed again, the case has failed."""
     mark = tmp_path / "killed"
     once = f"os.path.exists({str(mark)!r}) or (open({str(mark)!r}, 'w'), os.kill(os.getpid(), 9))"
     say = "print(json.dumps({'id': i, 'outcome': 'ok'}))"

@@ -11,7 +11,7 @@ from benchmarks.search import tried
 
 @pytest.mark.nightly
 def test_each_contender_meets_a_microradian() -> None:
-    """One setting meets it, the cheapest tried first; a contender that cannot be measured here says why."""
+    """Tried from the cheapest on, some setting meets it; a contender that cannot run here has a reason."""
     field = whole_field()
     for contender in field.contenders:
         assert tried(contender, FREE, 1e-6)[-1].error <= 1e-6, contender.name

@@ -24,15 +24,15 @@ class Synthetic:
     arrived: bool = False
 
     def reset(self) -> None:
-        """Note it."""
+        """Record that the solver is at its start."""
         self.at_start = True
 
     def run(self) -> None:
-        """Arrive, if run from the start."""
+        """Reach the end, if run from the start."""
         self.arrived = self.at_start
 
     def end(self) -> End:
-        """Turn the truth's end by the angle."""
+        """Return the truth's end, rotated by the angle."""
         assert self.arrived
         true = self.problem.truth.trajectory
         if not math.isfinite(self.angle):
@@ -44,7 +44,7 @@ class Synthetic:
 
 
 def contender(law: Callable[[float], float], settings: tuple[float, ...]) -> Contender:
-    """Return a contender whose error at a setting is the law's."""
+    """Return a contender whose error at a setting follows the law."""
     return Contender("synthetic", "", "steps", settings, lambda problem, s: Synthetic(problem, law(s)))
 
 

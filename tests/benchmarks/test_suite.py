@@ -31,7 +31,7 @@ COMMITTED = ROOT / "benchmarks"
 
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Run the benchmark in a process of its own, as a user does, and return its folder."""
+    """Run the benchmark in its own process, as a user does, and return its folder."""
     out = tmp_path_factory.mktemp("benchmarks") / "new"
     command = [sys.executable, "-W", "error", "-m", "benchmarks", "--quick", "--out", str(out)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
@@ -42,7 +42,7 @@ def quick(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.nightly
 def test_smoke_test_has_every_figure_and_no_verdict(quick: Path) -> None:
-    """results.csv has the figures in order; what was not measured says why, and nothing passes."""
+    """results.csv has the figures in order and no verdict; a figure that was not measured has the reason."""
     results = read_results(quick)
     assert list(results["figure"]) == [figure.name for figure in FIGURES]
     assert results.loc[results["value"].isna(), "note"].all()
@@ -76,7 +76,7 @@ def test_machine_is_described_without_paths(quick: Path) -> None:
 
 
 def ended(words: list[str], monkeypatch: pytest.MonkeyPatch) -> object:
-    """Carry `python -m benchmarks words` out in this process, and return its status."""
+    """Run `python -m benchmarks words` in this process, and return its status."""
     monkeypatch.setattr("sys.argv", ["benchmarks", *words])
     with pytest.raises(SystemExit) as end:
         main()
@@ -84,7 +84,7 @@ def ended(words: list[str], monkeypatch: pytest.MonkeyPatch) -> object:
 
 
 def not_to_be_reached(*reported: object) -> Measurements:
-    """Stand for the measuring where none should begin."""
+    """Fail in place of a measurement that must not begin."""
     raise AssertionError(reported)
 
 
@@ -106,7 +106,7 @@ def test_wrong_output_folder_is_refused_before_measuring(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """It is one line and status 2; reduced sizes never replace the committed figures."""
+    """The refusal is one line with status 2; reduced sizes never replace the committed figures."""
     (tmp_path / "file").touch()
     monkeypatch.chdir(ROOT if words == ["--quick"] else tmp_path)
     monkeypatch.setattr("benchmarks.suite.measure", not_to_be_reached)
@@ -117,7 +117,7 @@ def test_wrong_output_folder_is_refused_before_measuring(
 def test_interrupt_ends_in_one_line_without_output(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Ctrl-C while it measures gives the status of an interrupt, and no folder."""
+    """Ctrl-C during a measurement gives the status of an interrupt, and no folder."""
 
     def interrupted(*reported: object) -> Measurements:
         raise KeyboardInterrupt(reported)
@@ -153,7 +153,7 @@ def test_full_disk_leaves_no_truncated_file(tmp_path: Path, expected_message: Ex
     ],
 )
 def test_a_target_is_met_or_missed(figure: Figure, value: float | None, verdict: str) -> None:
-    """At the bound is met, beyond it and NaN missed; without a measurement it is neither."""
+    """A value at the bound meets it, a value beyond it or NaN misses it; a missing value does neither."""
     assert figure.verdict(value) == verdict
 
 

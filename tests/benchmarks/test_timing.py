@@ -1,4 +1,4 @@
-"""Timing: its order and its arithmetic; no test depends on how long anything takes."""
+"""Timing: the order of the runs and the arithmetic; no test depends on how long anything takes."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from benchmarks.timing import Spread, interleaved, ratio
 
 @dataclass
 class Noted:
-    """A task that writes down when it is reset and run."""
+    """A task that records when it is reset and run."""
 
     name: str
     log: list[str]
 
     def reset(self) -> None:
-        """Note it."""
+        """Record the reset."""
         self.log.append(f"reset {self.name}")
 
     def run(self) -> None:
-        """Note it, if reset just before."""
+        """Record the run, which must directly follow a reset."""
         assert self.log[-1] == f"reset {self.name}"
         self.log.append(self.name)
 

@@ -19,7 +19,7 @@ _MEGABYTE = 1 << 20
 
 @dataclass(frozen=True)
 class ChildResult:
-    """value: what the function returned; error: its traceback, or how its process ended."""
+    """The outcome of a child; value: what the function returned; error: its traceback, or how it ended."""
 
     value: Any
     error: str | None
@@ -56,7 +56,7 @@ def _carry_out(act: Callable[[], Any], place: Path, limit_megabytes: int) -> Non
         resource.setrlimit(resource.RLIMIT_DATA, (limit_megabytes * _MEGABYTE,) * 2)
         try:
             ended: tuple[Any, str | None] = (act(), None)
-        except BaseException:  # noqa: BLE001 - whatever it is, it is what is looked for
+        except BaseException:  # noqa: BLE001 - any exception is a result
             ended = (None, traceback.format_exc())
         place.write_bytes(pickle.dumps(ended))
     finally:

@@ -1,4 +1,4 @@
-"""Which tests are run when: a push leaves out marked ones, and modules with slow tests come first."""
+"""Selection and order of tests: a push omits marked tests, and modules with slow tests come first."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Deselect `nightly` and `engines` tests unless -m names them; put modules with `slow` tests first.
 
-    Workers of pytest-xdist get modules in this order: a long one that started last would end alone.
+    Workers of pytest-xdist take modules in this order: a long one that starts last would run alone.
     """
     for marker in ("nightly", "engines"):
         if marker not in config.option.markexpr:

@@ -71,7 +71,7 @@ def write_shaky(site: Path) -> None:
 
 
 def build_library(site: Path, factor: float) -> None:
-    """Compile the library of the package, and put it in the place of the one that is there."""
+    """Compile the library of the package and replace the existing one."""
     source, made = site / "shaky.c", site / "made.so"
     source.write_text(f"double factor(void) {{ return {factor!r}; }}\n")
     subprocess.run(["cc", "-shared", "-fPIC", "-o", str(made), str(source)], check=True)

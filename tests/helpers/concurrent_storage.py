@@ -28,7 +28,7 @@ def write_some(folder: Path, numbers: range) -> None:
 
 
 def write_and_die(folder: Path, number: int) -> None:
-    """Start to store a nightly run, and be killed half-way."""
+    """Start to store a nightly run, and kill this process half-way."""
     with History.at(folder).new_run(name(number)) as night:
         (night / "results.csv").write_text("half")
         os.kill(os.getpid(), signal.SIGKILL)

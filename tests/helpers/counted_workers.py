@@ -1,6 +1,6 @@
-"""A plugin for tools/coverage.sh: workers of engines store which lines they ran before they are killed.
+"""A plugin for tools/coverage.sh: engine workers store which lines they executed before they are killed.
 
-coverage stores them on SIGTERM (`sigterm` in pyproject.toml); a run sends SIGKILL, which leaves no time to.
+coverage stores them on SIGTERM (`sigterm` in pyproject.toml); a run sends SIGKILL, which prevents that.
 """
 
 from __future__ import annotations
@@ -27,5 +27,5 @@ def _ended(worker: WorkerProcess) -> None:
 
 
 def pytest_configure() -> None:
-    """Replace what ends a worker, in each process of pytest-xdist."""
+    """Replace the function that ends a worker, in each process of pytest-xdist."""
     WorkerProcess.kill = _ended  # type: ignore[method-assign]

@@ -27,12 +27,12 @@ class Loopback:
 
     @property
     def tls(self) -> dict[str, str]:
-        """The files of the client, which are those of all."""
+        """Return the certificate files, which client, scheduler and workers share."""
         return {name: str(self.folder / f"{name}.pem") for name in ("ca", "cert", "key")}
 
     @property
     def options(self) -> list[str]:
-        """The options of `bodycheck run` that use this cluster."""
+        """Return the options of `bodycheck run` that use this cluster."""
         ca, cert, key = self.tls.values()
         return ["--cluster", self.address, "--tls-ca-file", ca, "--tls-cert", cert, "--tls-key", key]
 
@@ -47,7 +47,7 @@ class Loopback:
 
 @contextmanager
 def loopback_cluster(folder: Path, workers: Sequence[Sequence[str]]) -> Iterator[Loopback]:
-    """Run a cluster with one worker per list of further options, for a with block."""
+    """Run a cluster within a with block, with one worker per list of further options."""
     _make_certificates(folder)
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))

@@ -1,7 +1,7 @@
-"""Forced motion in decimals of fifty digits: springs, drag, orbits, pivots, by formulas of their own.
+"""Forced motion in decimals of fifty digits, by independent formulas: springs, drag, orbits, pivots.
 
-The state is R and the angular momentum in world axes, about the pivot where there is one, and position and
-velocity; the method is Gauss's of twelve stages, order 24. It shares no code with bodycheck.
+The state is R and the angular momentum in world axes, about the pivot if there is one, and position and
+velocity; the method is Gauss's with twelve stages, of order 24. It shares no code with bodycheck.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Mat = list[Vec]
 
 
 def decimals(values: Array) -> Vec:
-    """Return doubles as the numbers that they are."""
+    """Return doubles as exactly equal decimals."""
     return [Decimal(float(x)) for x in values]
 
 
@@ -99,7 +99,7 @@ def rotation_of(q: Array) -> Mat:
 
 
 def by_mpmath(function: Callable[..., mpmath.mpf], *arguments: Decimal) -> Decimal:
-    """Return a function that decimals do not have."""
+    """Return the value of a function that decimals lack."""
     with mpmath.workdps(DIGITS + 10):
         return Decimal(mpmath.nstr(function(*(mpmath.mpf(str(x)) for x in arguments)), DIGITS + 5))
 
@@ -138,7 +138,7 @@ class Oracle:
         self.inverse = inverse(self.inertia)
 
     def first(self) -> Vec:
-        """R, L, x, v at the start, in one list of 18."""
+        """Return R, L, x, v at the start, in one list of 18."""
         initial = self.scene.initial
         omega = decimals(initial.omega_body)
         if initial.exact_omega_world is not None:
@@ -148,7 +148,7 @@ class Oracle:
         return [*flat, *spin, *self.centre, *decimals(initial.velocity)]
 
     def parts(self, y: Vec) -> tuple[Mat, Vec, Vec, Vec, Vec]:
-        """R, L, omega in body axes, and x, v of the centre of mass."""
+        """Return R, L, omega in body axes, and x, v of the centre of mass."""
         rotation = [y[0:3], y[3:6], y[6:9]]
         momentum, position, velocity = y[9:12], y[12:15], y[15:18]
         spin = times(self.inverse, times(transposed(rotation), momentum))
@@ -175,7 +175,7 @@ class Oracle:
     def wrench(
         self, load: Load, t: Decimal, rotation: Mat, position: Vec, velocity: Vec, omega: Vec
     ) -> tuple[Vec, Vec]:
-        """Force, and torque about the centre of mass, in world axes."""
+        """Return the force, and the torque about the centre of mass, in world axes."""
         none = [Decimal(0)] * 3
         match load:
             case Torque() | PointForce() if not load.from_s <= t < load.until_s:
@@ -219,12 +219,12 @@ class Oracle:
 
     @staticmethod
     def angle(turned: Mat) -> Decimal:
-        """The angle of a rotation matrix, from 2 sin and 2 cos of it."""
+        """Return the angle of a rotation matrix, from 2 sin and 2 cos of it."""
         sine = [turned[2][1] - turned[1][2], turned[0][2] - turned[2][0], turned[1][0] - turned[0][1]]
         return by_mpmath(mpmath.atan2, norm(sine), turned[0][0] + turned[1][1] + turned[2][2] - 1)
 
     def energies(self, rotation: Mat, spin: Vec, position: Vec, velocity: Vec) -> tuple[Decimal, Decimal]:
-        """K, about the pivot where there is one, and K + U."""
+        """Return K, about the pivot if there is one, and K + U."""
         kinetic = dot(spin, times(self.inertia, spin)) / 2
         if self.pivot is None:
             kinetic += self.mass * dot(velocity, velocity) / 2
@@ -242,7 +242,7 @@ class Oracle:
         return kinetic, energy
 
     def step(self, t: Decimal, y: Vec, h: Decimal) -> Vec:
-        """One step of Gauss's method, its stages found by iteration."""
+        """Make one step of Gauss's method, whose stages are found by iteration."""
         c, a, b = gauss()
         slopes = [self.rates(t, y)] * STAGES
         moved = Decimal(1)
@@ -250,7 +250,7 @@ class Oracle:
             before = slopes
             slopes = []
             for i in range(STAGES):
-                # the stages before this one are already the new ones
+                # the stages before this one are already updated
                 known = zip(*slopes, *before[i:], strict=True)
                 point = [x + h * sum(map(mul, a[i], column)) for x, column in zip(y, known, strict=True)]
                 slopes.append(self.rates(t + c[i] * h, point))
@@ -263,7 +263,7 @@ class Oracle:
         return [x + h * dot(b, [k[j] for k in slopes]) for j, x in enumerate(y)]
 
     def states(self, t_s: Sequence[float], step: float) -> list[Vec]:
-        """Return the states at ascending times from 0 on, by steps no longer than the one given."""
+        """Return the states at ascending times from 0 on, with steps no longer than the given one."""
         y = self.first()
         found = [y]
         for begin, end in pairwise(t_s):

@@ -1,4 +1,4 @@
-"""The README and the docs as blocks of code, and the commands in them with the output that they promise."""
+"""The blocks of code in the README and the docs, and the commands in them with their promised output."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _FENCED = re.compile(r"^```([^\n]*)\n(.*?)^```$", flags=re.DOTALL | re.MULTILINE
 
 @dataclass(frozen=True)
 class Block:
-    """What stands between two fences of a page, by the language that the first one names."""
+    """The text between two fences of a page, with the language that the first fence names."""
 
     page: str
     language: str
@@ -21,7 +21,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Command:
-    """A line for a shell, and what it prints on a terminal; None where the page does not say."""
+    """A shell command and its output on a terminal; None if the page does not state the output."""
 
     line: str
     prints: str | None = None
@@ -34,18 +34,18 @@ def pages() -> list[str]:
 
 
 def text_of(page: str) -> str:
-    """Return a page."""
+    """Return the text of a page."""
     return (ROOT / page).read_text(encoding="utf-8")
 
 
 def blocks(page: str, *languages: str) -> list[Block]:
-    """Return the blocks of a page in these languages, in their order; of all languages, if none is named."""
+    """Return the blocks of a page in these languages, in order; without a language, all blocks."""
     found = [Block(page, language, text) for language, text in _FENCED.findall(text_of(page))]
     return [block for block in found if not languages or block.language in languages]
 
 
 def commands(page: str) -> list[Command]:
-    """Return what a page shows to a shell: lines of sh blocks, and what follows $ in console blocks."""
+    """Return the shell commands of a page: the lines of sh blocks, and what follows $ in console blocks."""
     return [command for block in blocks(page, "sh", "console") for command in _commands(block)]
 
 
@@ -59,5 +59,5 @@ def _commands(block: Block) -> list[Command]:
 
 
 def has_tests(block: Block) -> bool:
-    """Whether a Python block is a file of tests, and not a script."""
+    """Return whether a Python block is a file of tests, rather than a script."""
     return block.language == "python" and re.search(r"^def test_", block.text, flags=re.MULTILINE) is not None

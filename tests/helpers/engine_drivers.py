@@ -1,4 +1,4 @@
-"""The same free body in each optional engine by its own calls, without bodycheck: the check of the adapters.
+"""The same free body in each optional engine through its own API, without bodycheck, to check the adapters.
 
 python engine_drivers.py ENGINE METHOD prints the last state as JSON: quaternion (w, x, y, z) or rotation
 matrix, and omega in world axes or in body axes. The body has I = diag(1, 2, 3) kg m^2 and 1 kg, starts with

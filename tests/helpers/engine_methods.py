@@ -1,4 +1,4 @@
-"""The adapters of the engines that import, and their methods as test parameters."""
+"""The adapters of the engines that can be imported, and their methods as test parameters."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ADAPTERS = {"mujoco": "MuJoCo", "pybullet": "PyBullet", "dart": "Dart", "referen
 
 
 def adapter_of(engine: str) -> Adapter:
-    """Return an adapter of an engine; raises ImportError where the engine is not installed."""
+    """Return an adapter of an engine; raise ImportError if the engine is not installed."""
     adapter: Adapter = getattr(importlib.import_module(f"bodycheck.adapters.{engine}"), ADAPTERS[engine])()
     return adapter
 

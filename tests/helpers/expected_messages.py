@@ -1,8 +1,9 @@
-"""Messages that tests compare word for word, in one file, so that a better sentence changes one line of it.
+"""Messages that tests compare word for word, in one file, so that a change of wording changes one line.
 
-`pytest --update-messages` writes the messages of the tests that it runs. `...` is any text, such as the words
-of a library: shorten a message by hand where another version may phrase it differently. Where all parameters
-of a test give one message, store it by hand under the test's name alone, with {NAME} for a parameter's value.
+`pytest --update-messages` writes the messages of the tests that it runs. `...` stands for any text, such as
+the words of a library: shorten a message by hand if another version may phrase it differently. If all
+parameters of a test give one message, store it by hand under the test's name alone, with {NAME} for a
+parameter's value.
 """
 
 from __future__ import annotations
@@ -21,11 +22,11 @@ import pytest
 FILE = Path(__file__).parents[1] / "expected_messages.toml"
 _HEADER = "# What tests expect of messages; `pytest --update-messages TEST` writes it, `...` is any text.\n"
 Messages = dict[str, dict[str, str | list[str]]]
-"""Test file below tests/ -> test, with or without its parameters -> its message, or the lines of it."""
+"""Test file below tests/ -> test, with or without its parameters -> its message, or the message's lines."""
 
 
 class ExpectedMessage:
-    """The messages that one test expects, in order: call it with each message that it got."""
+    """The expected messages of one test, in order: call it with each message that the test got."""
 
     def __init__(self, request: pytest.FixtureRequest) -> None:
         self._file = request.path.relative_to(FILE.parent).as_posix()
@@ -36,9 +37,9 @@ class ExpectedMessage:
         self._update = bool(request.config.getoption("--update-messages"))
 
     def __call__(self, message: str, folder: Path | None = None) -> None:
-        """Compare a message, in which FOLDER replaces the path of a folder; raises AssertionError.
+        """Compare a message with the stored one; raise AssertionError if they differ.
 
-        folder: the temporary folder of the test, if none is given.
+        folder: the folder whose path FOLDER replaces in the message, by default the test's temporary one.
         """
         self._calls += 1
         folder = folder or self._arguments.get("tmp_path")
@@ -72,7 +73,7 @@ class ExpectedMessage:
 
 
 def matches(expected: str, found: str) -> bool:
-    """Return whether a message is the expected one, in which `...` is any text on its line."""
+    """Return whether a message is the expected one, in which `...` stands for any text on its line."""
     return re.fullmatch(".*".join(map(re.escape, expected.split("..."))), found) is not None
 
 
@@ -114,5 +115,5 @@ def _value(message: str | list[str]) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Return a string of JSON, which is one of TOML if it has no control characters."""
+    """Return a JSON string, which is also a TOML string if it has no control characters."""
     return json.dumps(text, ensure_ascii=False)

@@ -1,4 +1,4 @@
-"""Adapters of the example engine, each with one mistake that authors of adapters make."""
+"""Adapters of the example engine, each with one mistake that an author of an adapter may make."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def reads(change: Callable[[Reading, Scene], Reading]) -> type[ExampleSimulation
 
 
 def applies(change: Callable[[Wrench], Wrench]) -> type[ExampleSimulation]:
-    """Return a simulation that takes its constant loads in another form."""
+    """Return a simulation that interprets its constant loads in another form."""
 
     class Misloaded(ExampleSimulation):
         def apply(self, wrench: Wrench) -> None:
@@ -61,7 +61,7 @@ class Echo(ExampleSimulation):
 
 
 class KeepsTime(ExampleSimulation):
-    """Goes on counting its steps after a reset."""
+    """Continues to count its steps after a reset."""
 
     def reset(self) -> None:
         """Restore all but the time."""
@@ -71,7 +71,7 @@ class KeepsTime(ExampleSimulation):
 
 
 class OneLongStep(ExampleSimulation):
-    """Makes one step of n h in place of n steps."""
+    """Makes one step of n h instead of n steps."""
 
     def advance(self, steps: int) -> None:
         """Make one long step."""
@@ -81,7 +81,7 @@ class OneLongStep(ExampleSimulation):
 
 
 class IgnoresContinuousLoads(ExampleSimulation):
-    """Has the constant loads only."""
+    """Applies the constant loads only."""
 
     def __init__(self, scene: Scene, dt_s: float) -> None:
         super().__init__(replace(scene, loads=scene.piecewise_constant_loads), dt_s)
@@ -96,27 +96,27 @@ class ReversesGravity(ExampleSimulation):
 
 
 class Damped(ExampleSimulation):
-    """Loses 0.4 % of its spin per second, as under a damping that an engine has by default."""
+    """Loses 0.4 % of its spin per second, as with a default damping of an engine."""
 
     def advance(self, steps: int) -> None:
-        """Make the steps one by one, each with its loss."""
+        """Make the steps one by one, with the loss after each."""
         for _ in range(steps):
             super().advance(1)
             self.omega = self.omega * (1.0 - 0.004 * self.dt_s)
 
 
 class Clamped(ExampleSimulation):
-    """Moves at 100 m/s at most."""
+    """Moves no faster than 100 m/s."""
 
     def advance(self, steps: int) -> None:
-        """Make the steps one by one, each with its limit."""
+        """Make the steps one by one, with the limit after each."""
         for _ in range(steps):
             super().advance(1)
             self.v = self.v * min(1.0, 100.0 / max(float(np.linalg.norm(self.v)), 1e-9))
 
 
 class HalfTheStep(ExampleSimulation):
-    """Integrates over half of each step, as an engine with a fixed step of its own."""
+    """Integrates over half of each step, as an engine with its own fixed step does."""
 
     def advance(self, steps: int) -> None:
         """Make steps of half the length."""
@@ -151,7 +151,7 @@ class SinglePrecision(ExampleSimulation):
 
 
 class HoldsLoads(ExampleSimulation):
-    """The midpoint rule, whose loads are those of the step's begin."""
+    """The midpoint rule with the loads of the start of the step."""
 
     def advance(self, steps: int) -> None:
         """Evaluate the loads once per step."""
@@ -187,7 +187,10 @@ def _omega_in_world_axes(reading: Reading, _: Scene) -> Reading:
 
 @dataclass(frozen=True)
 class AdapterFault:
-    """A mistake: its simulation, the check that reports it, and the words; pivot: whether one is accepted."""
+    """A mistake: its simulation, the check that reports it, and the words.
+
+    pivot: whether a pivot is accepted.
+    """
 
     simulation: type[ExampleSimulation]
     check: str

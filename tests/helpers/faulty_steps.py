@@ -1,8 +1,8 @@
-"""M1 and classical Runge-Kutta 4 by one right-hand side, whose every term can be got wrong.
+"""M1 and classical Runge-Kutta 4 with one right-hand side, each term of which can be made wrong.
 
 The state (13,) is x, v (world axes), omega (body axes), q (scalar first). The load is that of Wrench.packed.
 constants (23,): 1 / m, I^-1, I, the factor of the gyroscopic term, the dampings of v and omega, the middle
-moment. switches (12,): what a step does otherwise, at the places named here.
+moment. switches (12,): the deviations of a step, at the indices named here.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ Rates: TypeAlias = tuple[Vec, Vec, Quat]
 
 @kernel
 def _single(v: Vec) -> Vec:
-    """v as single precision holds it."""
+    """v rounded to single precision."""
     return (
         np.float64(np.float32(v[0])),
         np.float64(np.float32(v[1])),
@@ -49,7 +49,10 @@ def _single(v: Vec) -> Vec:
 
 @kernel
 def _dragging(omega: Vec, inertia: Mat, inverse: Mat, middle: float) -> Vec:
-    """I2 (E - L^2 / 2 I2) / E times I^-1 of omega's part across L, reversed: |L| stays, E falls to that."""
+    """I2 (E - L^2 / 2 I2) / E times I^-1 of minus omega's part normal to L.
+
+    It keeps |L| and lowers E towards L^2 / 2 I2.
+    """
     spin = times(inertia, omega)
     size, energy = dot(spin, spin), 0.5 * dot(omega, spin)
     if energy <= 0.0:
@@ -120,7 +123,7 @@ def _clamped(v: Vec, limit: float) -> Vec:
 def advance(
     state: Array, load: Array, constants: Array, switches: Array, dt: float, steps: int, order: int
 ) -> None:
-    """Make the steps in place, by Runge-Kutta 4 where order is 4, else by M1."""
+    """Make the steps in place, by Runge-Kutta 4 if order is 4, else by M1."""
     x, v, w = vector_at(state, 0), vector_at(state, 3), vector_at(state, 6)
     q = (state[9], state[10], state[11], state[12])
     half, sixth = 0.5 * dt, dt / 6.0

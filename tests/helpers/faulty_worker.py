@@ -17,7 +17,7 @@ from bodycheck.adapters.workers.worker import RequestHandler
 from tests.helpers.file_mutations import any_bytes, changed
 from tests.helpers.misbehaving_engine import Misbehaving
 
-METHOD = "raise"  # sound, as all its methods are of the engine that does not misbehave
+METHOD = "raise"  # sound, like all methods of a sound Misbehaving
 
 
 def _line(message: Any) -> bytes:
@@ -74,7 +74,7 @@ RAW: dict[str, Callable[[BinaryIO, bytes], None]] = {
 
 
 def main() -> None:
-    """Serve standard input, and lie once for each process."""
+    """Serve standard input, with wrong replies to one kind of request per process."""
     dice = random.Random(sys.argv[1])
     aim = dice.choice(
         ["announcement", "announcement", "record", "record", "record", "stable-step", "prepare", "lap"]

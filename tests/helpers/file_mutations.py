@@ -1,4 +1,4 @@
-"""Seeded damage to files: by their grammar, so that it passes the first parser, and byte by byte."""
+"""Seeded damage to files: within their grammar, so that the first parser accepts it, and byte by byte."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 Mutation: TypeAlias = Callable[[bytes, random.Random], bytes]
-"""From a sound content and dice to a damaged one."""
+"""Valid content and a random generator -> damaged content."""
 
 NASTY: tuple[Any, ...] = (
     *(0, -1, 1, 2, 10**18, 10**400, -(10**400), 2**63, 0.0, -0.0, 1e308, -1e308, 5e-324, 1e-300),
@@ -61,7 +61,7 @@ def changed(data: Any, dice: random.Random) -> Any:
     places = _places(data)
     if not places or dice.random() < 0.02:
         return dice.choice(NASTY)
-    # a short path as likely as a long one: most values lie deep in a few tables
+    # choose the depth first: most values lie deep in a few tables
     depth = dice.choice(sorted({len(place) for place in places}))
     *path, last = dice.choice([place for place in places if len(place) == depth])
     holder = data
@@ -260,7 +260,7 @@ def npz_member(content: bytes, dice: random.Random) -> bytes:
 
 
 def _bomb(name: str, rows: int) -> bytes:
-    """Return an npz of some MB at most that declares, and truly holds, so many rows of zeros."""
+    """Return an npz of a few MB at most that declares, and really contains, this many rows of zeros."""
     whole = io.BytesIO()
     header = io.BytesIO()
     header_text = {"descr": "|u1", "fortran_order": False, "shape": (rows, 3)}
@@ -323,7 +323,7 @@ def token(content: bytes, dice: random.Random) -> bytes:
 
 
 def any_bytes(content: bytes, dice: random.Random) -> bytes:
-    """Flip, cut off, leave out, double or blank some bytes, of whatever format."""
+    """Flip, cut off, remove, double, insert or replace bytes, whatever the format."""
     place = dice.randrange(len(content) + 1)
     length = dice.choice([1, 1, 4, 16, 200])
     match dice.randrange(7):
@@ -347,7 +347,10 @@ def any_bytes(content: bytes, dice: random.Random) -> bytes:
 
 
 def passes(kind: str, content: bytes) -> bool:
-    """Whether the first parser of a format takes a content: json, tomllib, csv (even rows), numpy's magic."""
+    """Return whether the first parser of a format accepts the content.
+
+    The parsers are json, tomllib, csv with rows of equal length, and the magic of numpy's files.
+    """
     try:
         match kind:
             case "json":

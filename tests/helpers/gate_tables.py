@@ -1,4 +1,4 @@
-"""Tables of a run made of a few cells, without an engine or a motion."""
+"""The tables of a run of a few given cells, without an engine or a motion."""
 
 from __future__ import annotations
 

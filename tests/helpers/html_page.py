@@ -8,7 +8,7 @@ from html.parser import HTMLParser
 
 @dataclass
 class Table:
-    """A table of the page: its class, the id and the error that it stands under, its cells as text."""
+    """A table of the page: its class, the id and the error of its section, and its cells as text."""
 
     kind: str
     place: str
@@ -17,13 +17,13 @@ class Table:
     columns: dict[int, str] = field(default_factory=dict)
 
     def records(self) -> list[dict[str, str]]:
-        """Return the rows under the columns of the first: the tooltip of a heading, or else its text."""
+        """Return the rows by the columns of the first row: the tooltip of a heading, or else its text."""
         names = [self.columns.get(place, text) for place, text in enumerate(self.rows[0])]
         return [dict(zip(names, row, strict=True)) for row in self.rows[1:]]
 
 
 class Page(HTMLParser):
-    """What a browser would find in the page; unbalanced tags fail."""
+    """The tags, tables and text of a page; unbalanced tags fail."""
 
     VOID = frozenset({"meta", "input", "wbr", "br", "link", "img"})
 
@@ -39,7 +39,7 @@ class Page(HTMLParser):
         assert not self._open
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Note the tag."""
+        """Record the tag."""
         attributes = {name: value or "" for name, value in attrs}
         self.tags.append((tag, attributes))
         if tag == "table":
@@ -59,16 +59,16 @@ class Page(HTMLParser):
             self._open.append((tag, attributes))
 
     def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Note a tag that closes itself, as those of SVG do."""
+        """Record a self-closing tag, as in SVG."""
         self.handle_starttag(tag, attrs)
         self.handle_endtag(tag)
 
     def handle_endtag(self, tag: str) -> None:
-        """Hold each end against its start."""
+        """Check each end tag against its start tag."""
         assert self._open.pop()[0] == tag
 
     def handle_data(self, data: str) -> None:
-        """Give the text to the cell, the data or the page that it stands in."""
+        """Add the text to the cell, the data or the page that contains it."""
         tags = [tag for tag, _ in self._open]
         if tags and tags[-1] == "script":
             if self.data and self.tags[-1][1].get("type"):
@@ -83,6 +83,6 @@ class Page(HTMLParser):
         return [table for table in self.tables if {*name.split()} <= {*table.kind.split()}]
 
     def _around(self, attribute: str) -> str:
-        """Return the nearest value of an attribute among the elements that are open, "" if none has it."""
+        """Return the nearest value of an attribute among the open elements, "" if none has it."""
         values = [attributes[attribute] for _, attributes in self._open if attribute in attributes]
         return values[-1] if values else ""

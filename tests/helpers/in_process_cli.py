@@ -13,7 +13,7 @@ from bodycheck.cli.commands import main
 
 
 def run_bodycheck(folder: Path, *words: str) -> CompletedProcess[str]:
-    """Return the result of `bodycheck words` in a folder; modules that it imported from there are removed."""
+    """Run `bodycheck words` in a folder and return the result; modules imported from there are removed."""
     out, err = StringIO(), StringIO()
     status: object = None
     with (

@@ -1,6 +1,6 @@
 """Free motion, and motion under constant loads, to fifty digits: its Taylor series in integers.
 
-In variables that bodycheck does not use, R and the angular momentum in world axes, and without its code.
+Its variables are R and the angular momentum in world axes, not those of bodycheck; it shares no code.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ import mpmath
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import PointForce, Scene, Torque
 
-BITS = 224  # of a fixed-point number behind the point
+BITS = 224  # fractional bits of a fixed-point number
 ORDER = 52
-SMALL = 1 << (BITS - 166)  # 1e-50: what the last terms of a series must stay below
+SMALL = 1 << (BITS - 166)  # 1e-50: the limit for the last terms of a series
 
 Fixed = list[int]
 Loads = list[tuple[Fixed, Fixed]]
@@ -32,12 +32,12 @@ def fixed(x: Fraction | float) -> int:
 
 
 def fractions(values: Array) -> list[Fraction]:
-    """Return doubles as the rational numbers that they are."""
+    """Return doubles as exactly equal rational numbers."""
     return [Fraction(float(x)) for x in values]
 
 
 def rational_rotation(q: Array) -> list[list[Fraction]]:
-    """R(q / |q|) without rounding: the norm enters by its square alone."""
+    """R(q / |q|) without rounding: only the square of the norm enters."""
     w, x, y, z = fractions(q)
     s = 2 / (w * w + x * x + y * y + z * z)
     return [
@@ -76,7 +76,7 @@ class Exact:
     state: list[int]
 
     def values(self) -> list[mpmath.mpf]:
-        """Return the 18 numbers at fifty digits and some."""
+        """Return the 18 numbers with slightly more than fifty digits."""
         return [mpmath.mpf(x) / (1 << BITS) for x in self.state]
 
 
@@ -84,7 +84,7 @@ def one_series(state: list[int], h: int, inverse: list[list[int]], loads: Loads)
     """Sum one Taylor step of R' = R [omega]x, L' = torque(R), v' = force(R) / m; with the largest last term.
 
     omega = I^-1 R^T L is in body axes. loads: for each of L', v' the constant part (3) and the matrix (3, 9)
-    that R's entries go through.
+    that multiplies the entries of R.
     """
     r: list[Fixed] = [[x] for x in state[:9]]
     momentum: list[Fixed] = [[x] for x in state[9:12]]
@@ -118,12 +118,12 @@ def one_series(state: list[int], h: int, inverse: list[list[int]], loads: Loads)
 
 
 def advanced(state: list[int], length: Fraction, inverse: list[list[int]], loads: Loads) -> list[int]:
-    """Return the state a while later, by steps as long as lets the last terms of their series vanish."""
+    """Return the state after a time; each step is as long as the last terms of its series permit."""
     step = left = fixed(length)
     while left:
         tried = min(step, left)
         ahead, last = one_series(state, tried, inverse, loads)
-        # the last term goes with the step to the power of ORDER
+        # the last term is proportional to the step to the power of ORDER
         fitting = int(tried * min(max(0.95 * (SMALL / max(last, 1)) ** (1.0 / ORDER), 0.1), 2.0))
         if last < SMALL:
             state, left = ahead, left - tried
@@ -134,14 +134,14 @@ def advanced(state: list[int], length: Fraction, inverse: list[list[int]], loads
 
 
 def constant_loads(scene: Scene) -> list[Torque | PointForce]:
-    """Return the loads of a scene, all of which must be of the kinds that these digits know."""
+    """Return the loads of a scene, all of which must be constant torques or forces."""
     known = [load for load in scene.loads if isinstance(load, Torque | PointForce)]
     assert len(known) == len(scene.loads)
     return known
 
 
 def packed_loads(scene: Scene, begin: Fraction, end: Fraction) -> Loads:
-    """Return what L' and v' are made of within [begin, end), through which nothing switches."""
+    """Return the constant and rotating parts of L' and v' within [begin, end), in which nothing switches."""
     zero = Fraction(0)
     torque, turned_torque = [zero] * 3, [[zero] * 9 for _ in range(3)]
     force, turned_force = [zero] * 3, [[zero] * 9 for _ in range(3)]

@@ -30,7 +30,7 @@ TOY = dedent("""
             return FixedStep(scene, INTEGRATORS["{method}"], dt_s)
 """)
 _ORDERS = {"m1": 1, "rk4": 4}
-# of bodycheck the toy asks for what no registry has: the environment is to have none
+# the toy requires a bodycheck that no registry has, since its environment must not install one
 _NEEDS = {"toy_engine": "Requires-Dist: numpy\nRequires-Dist: bodycheck>=99\n"}
 
 
@@ -59,7 +59,7 @@ def write_toy(folder: Path, release: str, method: str, *, announced: str | None 
 
 
 def write_needed(folder: Path) -> None:
-    """Write wheels of what the worker imports that lead to the packages here: tests have no network."""
+    """Write wheels for the imports of the worker that point to the packages here: tests have no network."""
     here = str(Path(np.__file__).parents[1])
     for name in ("numpy", "numba", "pydantic"):
         write_wheel(folder, name, version(name), {f"{name}-from-here.pth": f"{here}\n"})

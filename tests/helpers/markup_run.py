@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from bodycheck.reports.run_files.run_tables import Run
 
 METHODS = ("exact", "taylor", "euler", "lie-euler", "rk4", "m1", "m2", "m3", "cf4")
-"""Of the reference: of each control, of several orders, and one that loses nothing but the orientation."""
+"""Methods of the reference: each kind of control, several orders, and one wrong in the orientation only."""
 
 HOSTILE = "<script>alert(1)</script>"
-_FAMILY, _, _VALUE = HOSTILE.partition("/")  # only the child of a family has a slash in its name
+_FAMILY, _, _VALUE = HOSTILE.partition("/")  # only a member of a family has a slash in its name
 FREE = 'summary = "</script><!-- %{x} $x$ \\u2028 <b>bold</b> & {{ 7 * 7 }}"' + tumbling(
     _FAMILY, steps_s=[0.05, 0.02, 0.01, 0.005]
 )
@@ -45,7 +45,7 @@ value_n_m = [0.1, 0.2, -0.1]
 
 
 class Tampered:
-    """A simulation of the reference that breaks in the way its method is named after."""
+    """A simulation of the reference that fails in the way that its method is named after."""
 
     stepping = "python"
 
@@ -54,7 +54,7 @@ class Tampered:
         self.reset, self.apply, self.close = inner.reset, inner.apply, inner.close
 
     def read_back(self) -> ReadBack:
-        """Tell another mass, if that is the fault."""
+        """Report another mass, if that is the fault."""
         held = self._inner.read_back()
         return replace(held, mass=3.0) if self._how == "<i>invalid</i>" else held
 
@@ -66,7 +66,7 @@ class Tampered:
         self._inner.advance(steps)
 
     def read(self) -> Reading:
-        """Lose the position half-way, if that is the fault."""
+        """Return NaN as the position after five steps, if that is the fault."""
         reading = self._inner.read()
         if self._how == "unstable" and self._steps > 5:
             return replace(reading, position=np.full(3, np.nan))
@@ -87,18 +87,18 @@ class MarkupEngine:
         }
 
     def unsupported(self, scene: Scene, method: str) -> str | None:
-        """Refuse by name."""
+        """Refuse the method `unsupported`."""
         del scene
         return "no <em>such</em> thing" if method == "unsupported" else None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Any:
-        """Return the reference's rk4, tampered with."""
+        """Return the reference's rk4 with the fault of the method."""
         return Tampered(Reference().build(scene, "rk4", dt_s), method)
 
 
 def markup_run(folder: Path) -> Run:
     """Return a run of the reference and the odd engine on a free and a forced scenario, written to folder."""
-    # late: the workers of the odd engine come by here, and need no pandas
+    # imported late: the engine's workers import this module, and need no pandas
     from bodycheck.runs.runner import run as measure
 
     files = [folder / name for name in ("free.toml", "forced.toml")]

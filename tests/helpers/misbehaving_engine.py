@@ -1,7 +1,7 @@
 """An engine that is correct except at the finest step, where each of its methods fails in its own way.
 
-A fault ends its worker, and the next one starts again. So it steps by a few lines of numpy, and not by the
-reference, whose kernels every such worker would have to load.
+A fault ends its worker, and the next one starts again. So the engine steps with a few lines of numpy, and not
+with the reference, whose kernels every such worker would have to load.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _is_broken = threading.Event()
 
 
 class UnprintableError(Exception):
-    """An error that cannot even be shown."""
+    """An error that cannot be converted to text."""
 
     def __str__(self) -> str:
         raise RuntimeError("no words")
@@ -57,11 +57,11 @@ def _loop() -> None:
 
 
 def _c_loop() -> None:
-    sum(itertools.repeat(0))  # never comes back to the interpreter, and never lets go of its lock
+    sum(itertools.repeat(0))  # never returns to the interpreter, and never releases its lock
 
 
 def _swell() -> None:
-    np.empty(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 32 * 3)  # 3/4 of the machine
+    np.empty(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 32 * 3)  # 3/4 of the memory
 
 
 def _swell_beyond() -> None:
@@ -138,7 +138,7 @@ ACTS: dict[str, Callable[[], None]] = {
     "leave-a-child": _leave_a_child,
     "spoil": _spoil,
 }
-"""What is done when the first steps are asked for."""
+"""Method -> what it does when the first steps are requested."""
 
 INFINITE = np.full(3, np.inf)
 
@@ -151,12 +151,12 @@ READINGS: dict[str, Callable[[Reading], Reading]] = {
     "object": lambda held: replace(held, position=np.array([None, 0.0, 0.0])),
     "nothing": lambda held: replace(held, position=None),  # type: ignore[arg-type]
 }
-"""What is read in place of the state; omega is infinite once the body has turned."""
+"""Method -> what it reads in place of the state; omega is infinite once the body has rotated."""
 
 LIES: dict[str, Callable[[ReadBack], ReadBack]] = {
     "other-mass": lambda held: replace(held, mass=1.5 * held.mass),
 }
-"""What the engine says it holds."""
+"""Method -> what it reads back."""
 
 ONLY_TIMED = "abort-when-timed"
 
@@ -170,7 +170,7 @@ SOLUTIONS: dict[str, Callable[[Trajectory], Trajectory | None]] = {
     ),
     "none": lambda _: None,
 }
-"""What a solver hands back in place of the trajectory."""
+"""Method -> what its solver returns in place of the trajectory."""
 
 
 _STEPPED = Method(
@@ -215,7 +215,7 @@ class _Solver:
 class Misbehaving:
     """Runge-Kutta 4 on a free body, with one method for each way to go wrong.
 
-    sound: whether it behaves after all, for comparison.
+    sound: whether all methods are correct, for comparison.
     """
 
     name, version = "misbehaving", "1"
@@ -234,7 +234,7 @@ class Misbehaving:
         return None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
-        """Build a sound simulation and, at the finest step, spoil it."""
+        """Build a sound simulation and, at the finest step, give it its fault."""
         if _is_broken.is_set():
             raise RuntimeError("spoilt by a case before this one")
         simulation = _stepper(scene, dt_s)
@@ -243,7 +243,7 @@ class Misbehaving:
         return simulation
 
     def solver(self, scene: Scene, method: str, tolerance: float | None) -> Solver:  # noqa: ARG002 - the same
-        """Make a sound solver and spoil its solution."""
+        """Make a sound solver, and replace its solution."""
         solver = _Solver(scene)
         if not self._sound:
             solve = solver.solve
@@ -252,7 +252,7 @@ class Misbehaving:
 
 
 def spoil(simulation: Simulation, method: str) -> None:
-    """Have a simulation go wrong in the way of that name."""
+    """Give a simulation the fault of that name."""
     if method in ACTS:
         advance = simulation.advance
 

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 def random_tensor(rng: np.random.Generator, *, full: bool = True) -> Array:
-    """Return the tensor (3, 3) of random point masses, rotated unless not full."""
+    """Return the tensor (3, 3) of random point masses, in rotated axes if full."""
     squares = 10.0 ** rng.uniform(-4.0, 0.0) * rng.uniform(0.2, 1.0, 3)
     moments = squares.sum() - squares
     if not full:
@@ -34,7 +34,10 @@ def _inertia(tensor: Array) -> str:
 
 
 def random_urdf(rng: np.random.Generator, *, fixed: bool = False) -> str:
-    """Return a URDF of 1 to 6 links with full tensors in rotated inertial frames; fixed: all joints are."""
+    """Return a URDF of 1 to 6 links with full tensors in rotated inertial frames.
+
+    fixed: whether all joints are fixed.
+    """
     count = int(rng.integers(2 if fixed else 1, 7))
     parts = []
     for k in range(count):
@@ -168,7 +171,7 @@ def random_mjcf(rng: np.random.Generator) -> str:
         inside = [_geom(rng, degrees) for _ in range(int(rng.integers(1, 4)))]
         inside.append(
             '<geom type="box" size="0.1 0.1 0.1" group="0"/>'
-        )  # in all groups: no body is without mass
+        )  # all groups count, so every body has mass
         if rng.random() < 0.4:
             inside.append(_inertial(rng, degrees))
         if rng.random() < 0.3:
@@ -226,7 +229,7 @@ def mutated(content: bytes, rng: random.Random) -> bytes:
 def composite_50_digits(path: Path) -> tuple[float, Array, Array]:
     """Return mass, centre and tensor of all links of a URDF, from second moments about the root's origin.
 
-    S = sum R_k (C_k + m c c^T) R_k^T ..., C = tr(I)/2 1 - I: another way than by tensors and arms.
+    S = sum R_k (C_k + m c c^T) R_k^T ..., C = tr(I)/2 1 - I: a way other than by tensors and arms.
     """
     with mpmath.workdps(50):
         root = ElementTree.parse(path).getroot()

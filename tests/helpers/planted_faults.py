@@ -1,6 +1,6 @@
-"""Engines each of whose methods has one fault planted in a healthy base: rk4, or M1 (semi-implicit).
+"""Engines whose methods each have one fault planted in a healthy base: rk4, or M1 (semi-implicit).
 
-What an engine of this kind reads back is right: the faults are in what it does, or in what it reports later.
+The read-back of such an engine is right: the faults are in what it does, or in what it reports later.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 BASES = {"rk4": 4, "m1": 1}
 """The healthy bases and their orders."""
 NO_FAULT = "sound"
-"""The method in which nothing is planted."""
+"""The method without a fault."""
 
 _CLAMP, _ANGLE, _ADDITIVE, _OLD_VELOCITY, _WORLD_OMEGA, _SINGLE, _DRAG_ENERGY, _BODY_VELOCITY, _NORMAL = (
     range(9)
@@ -32,7 +32,7 @@ _SPEED_CLAMP, _ASLEEP, _QUADRATIC = range(9, 12)
 
 @dataclass
 class Model:
-    """What an engine makes of a scene: right as it stands, until a fault changes it."""
+    """An engine's model of a scene: right, until a fault changes it."""
 
     scene: Scene
     gravity: Array
@@ -77,7 +77,7 @@ Planting = Callable[[Model], None]
 
 @dataclass(frozen=True)
 class Fault:
-    """One way to be wrong: what is planted, how, and the bases in which nothing could see it, with why."""
+    """A fault: what is planted, how, and the bases in which nothing could detect it, with the reason."""
 
     name: str
     planted: str
@@ -116,7 +116,7 @@ def _inertia(change: Callable[[Array], Array]) -> Planting:
 
 
 def _one_moment(which: int, factor: float) -> Callable[[Array], Array]:
-    """Return what multiplies one of the principal moments, which are in ascending order."""
+    """Return a function that multiplies one of the principal moments, which are in ascending order."""
 
     def change(inertia: Array) -> Array:
         moments, axes = np.linalg.eigh(inertia)
@@ -127,7 +127,7 @@ def _one_moment(which: int, factor: float) -> Callable[[Array], Array]:
 
 
 def _reading(**changes: Callable[[Reading], Array | None]) -> Planting:
-    """Return what replaces quantities of each reading but the first."""
+    """Return a fault that replaces quantities of each reading but the first."""
 
     def plant(model: Model) -> None:
         model.later_reading = lambda reading: replace(
@@ -138,7 +138,7 @@ def _reading(**changes: Callable[[Reading], Array | None]) -> Planting:
 
 
 def _torques(change: Callable[[Array, Array, Array], tuple[Array, Array]]) -> Planting:
-    """Return what replaces the torques in body and world axes; it is given R at the start, too."""
+    """Return a fault that changes the torques in body and world axes; the change also gets R at the start."""
 
     def wrench(wrench: Wrench, rotation: Array) -> Wrench:
         body, world = change(wrench.torque_body, wrench.torque_world, rotation)
@@ -150,7 +150,7 @@ def _torques(change: Callable[[Array, Array, Array], tuple[Array, Array]]) -> Pl
 def _at_centre(wrench: Wrench, rotation: Array) -> Wrench:
     """Return a wrench whose forces have no moment.
 
-    A body force's moment is in torque_body already, beside the body torques: both go.
+    The moment of a body force is part of torque_body, as the body torques are: both are removed.
     """
     del rotation
     force = wrench.force_world + sum((force for _, force in wrench.point_forces), np.zeros(3))
@@ -159,7 +159,7 @@ def _at_centre(wrench: Wrench, rotation: Array) -> Wrench:
 
 
 def _lever_in_world(wrench: Wrench, rotation: Array) -> Wrench:
-    """Return a wrench whose points are offsets in world axes that do not turn with the body."""
+    """Return a wrench whose points are offsets in world axes that do not rotate with the body."""
     points = tuple((rotation.T @ at, force) for at, force in wrench.point_forces)
     return replace(wrench, point_forces=points)
 
@@ -170,7 +170,7 @@ def _no_forces(wrench: Wrench, rotation: Array) -> Wrench:
 
 
 def _forces(factor: float) -> Planting:
-    """Return what multiplies the forces; a body force's moment, which is in torque_body, too."""
+    """Return a fault that multiplies the forces, and torque_body if it has the moment of a body force."""
 
     def wrench(wrench: Wrench, rotation: Array) -> Wrench:
         del rotation
@@ -193,7 +193,7 @@ def _longer_arm(wrench: Wrench, rotation: Array) -> Wrench:
 
 
 def _force_axes_exchanged(wrench: Wrench, rotation: Array) -> Wrench:
-    """Return a wrench whose forces are held in the other axes, their moments right."""
+    """Return a wrench whose forces are constant in the other axes, with the right moments."""
     del rotation
     force = wrench.force_world + sum((force for _, force in wrench.point_forces), np.zeros(3))
     couples = tuple((at, force) for at, force in wrench.point_forces)
@@ -209,7 +209,7 @@ def _gravity_in_body_axes(model: Model) -> None:
 
 
 def _rotated(angle: float) -> Callable[[Array], Array]:
-    """Return what turns the principal axes about z."""
+    """Return a function that rotates the principal axes about z."""
     c, s = np.cos(angle), np.sin(angle)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     return lambda inertia: turn @ inertia @ turn.T
@@ -235,7 +235,7 @@ def _omega_world(reading: Reading) -> Array:
 
 
 def _quaternions(taken: Callable[[Array], Array], given: Callable[[Array], Array]) -> Planting:
-    """Return what takes the quaternion of the start, and gives that of each reading, in another form."""
+    """Return a fault that converts the quaternion at the start, and that of each reading, to another form."""
 
     def plant(model: Model) -> None:
         model.start = taken
@@ -245,7 +245,7 @@ def _quaternions(taken: Callable[[Array], Array], given: Callable[[Array], Array
 
 
 def _link_origin(model: Model) -> None:
-    """Report the link's origin in place of the centre of mass."""
+    """Report the link's origin instead of the centre of mass."""
     link = model.scene.link
     if link is None:
         return
@@ -381,7 +381,7 @@ FAULTS: Sequence[Fault] = (
     Fault("link-origin", "the link's origin as the position", _link_origin, _nowhere(_NO_LINK)),
     Fault("pivot-ignored", "a pivoted body moves freely", _set(), _nowhere(_NO_PIVOT)),
 )
-"""The kinds of faults, in both bases unless said otherwise."""
+"""The kinds of faults, in both bases unless stated otherwise."""
 
 
 class FaultySimulation:
@@ -396,7 +396,7 @@ class FaultySimulation:
         self.reset()
 
     def reset(self) -> None:
-        """Go back to the start, no load acting."""
+        """Return to the start, without loads."""
         initial = self._model.scene.initial
         quaternion = self._model.start(initial.quaternion)
         self._state = np.concatenate([initial.position, initial.velocity, initial.omega_body, quaternion])
@@ -412,12 +412,12 @@ class FaultySimulation:
         return changed.packed(replace(model.scene.body, mass=model.mass), model.gravity)
 
     def read_back(self) -> ReadBack:
-        """Return what a healthy engine would: nothing of a fault shows before the first step."""
+        """Return the read-back of a healthy engine: no fault shows before the first step."""
         scene = self._model.scene
         return ReadBack(scene.body.mass, scene.body.inertia, self._dt_s, scene.gravity, self.read())
 
     def apply(self, wrench: Wrench) -> None:
-        """Take the wrench, as the engine understands it, now or some steps later."""
+        """Take the wrench, as the engine interprets it, now or some steps later."""
         load = self._packed(wrench)
         if self._model.load_kept:
             load = load + self._load - self._packed(NO_WRENCH)
@@ -430,7 +430,7 @@ class FaultySimulation:
         self._loaded = not wrench.is_zero
 
     def advance(self, steps: int) -> None:
-        """Make the steps, the first ones and the last of them apart where something is late."""
+        """Make the steps, with the first ones and the last one apart if something is late."""
         if self._pending is not None:
             waited = min(self._waiting, steps)
             self._make(waited)
@@ -443,7 +443,7 @@ class FaultySimulation:
         self._make(steps)
 
     def _make(self, steps: int) -> None:
-        # late: numba is half the start of a worker
+        # imported late: numba takes half the start of a worker
         from tests.helpers.faulty_steps import advance
 
         if not steps:
@@ -470,7 +470,7 @@ def _reading_of(state: Array) -> Reading:
 
 
 class Faulty:
-    """An engine whose methods are one base with one fault each, and the sound base."""
+    """An engine with one method per fault in a base, and one for the sound base."""
 
     version = "1"
 
@@ -482,7 +482,7 @@ class Faulty:
         self.methods: Mapping[str, Method] = {name: replace(known, name=name) for name in names}
 
     def unsupported(self, scene: Scene, method: str) -> str | None:
-        """Refuse what the bases have not."""
+        """Refuse what the bases do not support."""
         if scene.continuous_loads:
             return "no continuous loads"
         return "no pivot" if scene.pivot is not None and method != "pivot-ignored" else None

@@ -1,4 +1,4 @@
-"""M1, M2 and Runge-Kutta 4 with planted faults, any number at once."""
+"""M1, M2 and Runge-Kutta 4 with any number of planted faults."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class FaultyMap:
         self.methods: dict[str, Method] = {"planted": replace(known, name="planted")}
 
     def unsupported(self, scene: Scene, method: str) -> str | None:
-        """Refuse what the maps have not."""
+        """Refuse what the maps do not support."""
         del method
         return "no continuous loads" if scene.continuous_loads or scene.pivot is not None else None
 
@@ -43,7 +43,7 @@ class FaultyMap:
 
 
 class _LinearlyImplicit(FaultySimulation):
-    """M2 in numpy: the damping, the pull of the energy and the limits act as those of the other maps."""
+    """M2 in numpy; damping, energy drag and limits act as in the other maps."""
 
     def _make(self, steps: int) -> None:
         if not steps:
@@ -101,7 +101,7 @@ def _step(model: Model, state: Array, load: Array, h: float) -> Array:
 
 
 def _spun(model: Model, w: Array, torque: Array, h: float) -> Array:
-    """The change of omega by M2, whose gyroscopic terms may be multiplied by a factor."""
+    """Return the change of omega by M2, with its gyroscopic terms multiplied by the model's factor."""
     if model.gyro == 1.0:
         return implicit_step(model.inertia, w, torque, h)
     full = implicit_step(model.inertia, w, 0.0 * torque, h)

@@ -6,7 +6,7 @@ from bodycheck.reports.summary.quantiles import Quantile
 
 
 def agree(one: Quantile, other: Quantile) -> bool:
-    """Whether two estimates differ by no more than the root of the sum of their squared error bars.
+    """Return whether two estimates differ by at most the root of the sum of their squared error bars.
 
     Independent samples of one population agree in 95 of 100 cases.
     """

@@ -1,4 +1,4 @@
-"""Random scenes of every kind, and their motion to fifty digits by solvers that share no code with ours."""
+"""Random scenes of every kind, and their motion to fifty digits by solvers independent of bodycheck."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ MP = mpmath.mp.clone()
 MP.dps = 80
 QUANTITIES = ("attitude", "omega", "position", "velocity")
 BOUNDS = ("bound_rad", "bound_omega_rad_s", "bound_m", "bound_m_s")
-_CLOSE = 1e-22  # what two solutions of Gauss's method with different steps may differ by
+_CLOSE = 1e-22  # largest difference of two solutions by Gauss's method with different steps
 _NO_GRAVITY = np.zeros(3)
 
 # ------------------------------------------------------------------------------------------------ scenes
 
 
 def turned_tensor(rng: np.random.Generator, moments: Array) -> Array:
-    """Return a full tensor of about these moments, exactly symmetric."""
+    """Return a full tensor with approximately these moments, exactly symmetric."""
     q = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     tensor = q @ np.diag(moments) @ q.T
     return 0.5 * (tensor + tensor.T)
@@ -71,7 +71,7 @@ def random_moments(rng: np.random.Generator) -> Array:
 
 
 def random_start(rng: np.random.Generator, spin: float) -> State:
-    """Return a start whose quaternion is not quite a unit, half of them with omega in world axes."""
+    """Return a start whose quaternion is not quite of unit norm; half of them have omega in world axes."""
     quaternion = rng.normal(size=4)
     quaternion *= (1.0 + rng.uniform(-1e-6, 1e-6)) / np.linalg.norm(quaternion)
     omega, direction = np.zeros(3), rng.normal(size=3)
@@ -92,7 +92,7 @@ def free_scene(seed: int) -> tuple[Scene, list[float]]:
     tensor = turned_tensor(rng, moments) if rng.uniform() < 0.4 else np.diag(moments)
     spin = 10.0 ** rng.uniform(-3.0, 2.0)
     start = random_start(rng, spin)
-    if rng.uniform() < 0.2:  # beside the separatrix, or on it
+    if rng.uniform() < 0.2:  # next to the separatrix, or on it
         tensor, start = np.diag([4.0, 5.0, 9.0]), replace(start, exact_omega_world=None)
         start = replace(
             start, omega_body=np.array([3.0 * (1.0 + rng.choice([0.0, 1e-15, 1e-9, 1e-3])), 2.0, 1.0])
@@ -104,7 +104,7 @@ def free_scene(seed: int) -> tuple[Scene, list[float]]:
 
 
 def far_scene(seed: int) -> tuple[Scene, list[float]]:
-    """Return a body of three moments, and one time up to 1e9 s."""
+    """Return a body with three different moments, and one time up to 1e9 s."""
     rng = np.random.default_rng([2, seed])
     moments = rng.permutation([1.0, 1.0 + rng.uniform(0.1, 0.5), 1.9])
     tensor = turned_tensor(rng, moments) if rng.uniform() < 0.4 else np.diag(moments)
@@ -119,7 +119,7 @@ def far_scene(seed: int) -> tuple[Scene, list[float]]:
 
 
 def _pulses(rng: np.random.Generator, size: float) -> tuple[Load, ...]:
-    """Return torques and forces of every kind, some of which come and go."""
+    """Return torques and forces of every kind, some of which act for a limited time."""
     ends = np.sort(rng.uniform(0.0, 3.0, size=6))
     loads: list[Load] = [
         PointForce("world", size * rng.normal(size=3), 0.4 * rng.normal(size=3), ends[0], ends[4]),
@@ -147,7 +147,7 @@ def _sines(rng: np.random.Generator) -> tuple[Load, ...]:
 
 
 def _spring(rng: np.random.Generator) -> tuple[Load, ...]:
-    # far enough not to pass by too closely for steps of one length
+    # far enough not to pass too closely for steps of constant length
     anchor = 4.0 * np.array([1.0, 1.0, 1.0]) + rng.normal(size=3)
     return (
         Spring(anchor, 0.4 * rng.normal(size=3), float(rng.uniform(0.5, 3.0)), float(rng.uniform(0.0, 2.0))),
@@ -178,14 +178,14 @@ def _scene(
 
 
 def pivoted_scene(seed: int) -> Scene:
-    """Return a heavy body about a point of its own, with drag."""
+    """Return a heavy body that rotates about a pivot, with drag."""
     scene = _scene(seed, 20, _drag, 2.0)
     rng = np.random.default_rng([21, seed])
     return replace(scene, gravity=np.array([0.0, 0.0, -4.0]), pivot=0.4 * rng.normal(size=3))
 
 
 def fixed_axis_scene(seed: int) -> Scene:
-    """Return a body about a principal axis: pulses, and drag or a sine."""
+    """Return a body that rotates about a principal axis, under a pulse, and drag or a sine."""
     rng = np.random.default_rng([22, seed])
     axis, moments = np.eye(3)[rng.integers(3)], rng.permutation([1.0, 1.4, 1.9])
     loads: list[Load] = [Torque("body", rng.normal() * axis, 0.3, float(rng.uniform(0.5, 2.5)))]
@@ -201,7 +201,7 @@ def fixed_axis_scene(seed: int) -> Scene:
 
 
 def hidden_scene(seed: int) -> Scene:
-    """Return a scene whose sines and drag only a function knows."""
+    """Return a scene whose sines and drag become a function in truth_scene."""
     return _scene(seed, 23, lambda rng: (*_sines(rng), *_drag(rng)), 1.0)
 
 
@@ -218,11 +218,11 @@ FORCED: dict[str, tuple[int, Callable[[int], Scene]]] = {
     "mixture": (10, lambda seed: _scene(seed, 17, _mixture, 1.0)),
     "function": (10, hidden_scene),
 }
-"""Kind -> how many of the 300, and the scene of a seed."""
+"""Kind -> its number of the 300 scenes, and the function from a seed to its scene."""
 
 
 def truth_scene(kind: str, scene: Scene) -> Scene:
-    """Return what the truth is asked for: the loads of the last kind are behind a function."""
+    """Return the scene of which the truth is requested: loads of the last kind become a function."""
     if kind != "function":
         return scene
     wrench = sum_of_wrenches(scene.continuous_loads, replace(scene, gravity=np.zeros(3)))
@@ -236,7 +236,7 @@ Exact = list[tuple[Any, Any, Any, Any]]
 
 
 def exact_motion(kind: str, scene: Scene, times: list[float]) -> Exact:
-    """Return the motion of a scene by the solver that knows its kind."""
+    """Return the motion of a scene by the solver for its kind."""
     if kind == "far":
         return [_far(scene, times[0])]
     if kind in ("free", "torques and forces", "body torque"):
@@ -247,7 +247,7 @@ def exact_motion(kind: str, scene: Scene, times: list[float]) -> Exact:
 
 
 def _by_gauss(scene: Scene, times: list[float]) -> Exact:
-    """Take shorter and shorter steps until two solutions agree to 1e-22."""
+    """Solve with shorter and shorter steps until two solutions agree to 1e-22."""
     oracle, step = Oracle(scene), 1.0 / 4.0
     coarse = oracle.states(times, step)
     while True:
@@ -285,7 +285,7 @@ def _parts(scene: Scene, state: list[int]) -> tuple[Any, Any, Any, Any]:
 
 
 def _far(scene: Scene, t_s: float) -> tuple[Any, Any, Any, Any]:
-    """R(n P + s) = Z^n R(s): omega repeats after its period P, and Z = R(P) R(0)^T turns about L."""
+    """R(n P + s) = Z^n R(s): omega repeats after its period P, and Z = R(P) R(0)^T rotates about L."""
     inverse = [[fixed(x) for x in row] for row in rational_inverse(scene.body.inertia)]
     none = [([0] * 3, [0] * 27), ([0] * 3, [0] * 27)]
     begin = exact_states(scene, [0.0])[0].state
@@ -314,7 +314,7 @@ def _far(scene: Scene, t_s: float) -> tuple[Any, Any, Any, Any]:
 
 
 def _about(axis: Any, angle: Any) -> Any:
-    """The matrix of a turn (Rodrigues)."""
+    """Return the matrix of a rotation (Rodrigues)."""
     a, b, c = axis
     cross = MP.matrix([[0, -c, b], [c, 0, -a], [-b, a, 0]])
     return MP.eye(3) + MP.sin(angle) * cross + (1 - MP.cos(angle)) * cross * cross
@@ -363,7 +363,7 @@ def _rough_period(scene: Scene, spin: list[float]) -> float:
 
 
 def ratios(truth: Truth, exact: Exact) -> tuple[Array, Array]:
-    """(4, n) twice: the errors of attitude, omega, position, velocity over their bounds, and the errors."""
+    """Return the errors of attitude, omega, position, velocity over their bounds, and the errors, (4, n)."""
     motion = truth.trajectory
     errors = np.zeros((4, len(exact)))
     for k, (rotation, spin, position, velocity) in enumerate(exact):

@@ -23,7 +23,7 @@ _COARSEST_S = 0.02
 
 @dataclass(frozen=True)
 class _Motion:
-    """What loads are scaled by: mass, length, least and largest moment, spin in rad/s, duration."""
+    """The scales of loads: mass, length, least and largest moment, spin in rad/s, duration."""
 
     mass: float
     length: float
@@ -34,7 +34,7 @@ class _Motion:
 
     @property
     def torque(self) -> float:
-        """The torque that adds the spin over the whole duration."""
+        """Return the torque that adds the spin over the whole duration."""
         return self.least * self.spin / self.duration_s
 
 
@@ -46,10 +46,11 @@ def write_scenario(seed: int, folder: Path) -> Path:
 
 
 def random_scenario(seed: int) -> dict[str, Any]:
-    """Return the tables of a scenario file; seeds in turn give each kind of load.
+    """Return the tables of a scenario file; consecutive seeds go through the kinds of load.
 
     Lengths over two decades, masses over five, moments of a body of any shape; omega up to 20 rad/s, or in
-    one of ten up to 300 rad/s. The coarsest step turns the body, and the phase of a load, by about 0.1 rad.
+    one of ten scenarios up to 300 rad/s. The coarsest step rotates the body, and changes the phase of a load,
+    by about 0.1 rad.
     """
     rng = np.random.default_rng([16, seed])
     mass, length = 10.0 ** rng.uniform(-2.0, 3.0), 10.0 ** rng.uniform(-1.3, 0.7)
@@ -116,7 +117,7 @@ def _moments(rng: np.random.Generator) -> Array:
         np.array([1.0, rng.uniform(1.0, 3.0), 0.0]),
     ]
     chosen = shapes[rng.integers(len(shapes))]
-    if chosen[2] == 0.0:  # a thin plate: I3 = I1 + I2, but for a little thickness
+    if chosen[2] == 0.0:  # a thin plate: I3 = I1 + I2, except for a small thickness
         chosen[2] = (chosen[0] + chosen[1]) * (1.0 - 1e-3)
     return np.asarray(0.3 * rng.permutation(chosen))
 
@@ -159,7 +160,7 @@ def _constant(rng: np.random.Generator, motion: _Motion) -> tuple[list[Forcing],
 
 
 def _switched(rng: np.random.Generator, motion: _Motion) -> tuple[list[Forcing], float]:
-    """Loads that come and go between samples' times."""
+    """Return loads that start and end at sample times."""
     loads, _ = _constant(rng, motion)
     for load in loads:
         begin, end = sorted(rng.choice(_INTERVALS, size=2, replace=False))
@@ -171,7 +172,7 @@ def _switched(rng: np.random.Generator, motion: _Motion) -> tuple[list[Forcing],
 
 
 def _off_grid(rng: np.random.Generator, motion: _Motion) -> tuple[list[Forcing], float]:
-    """Loads that come and go within a step."""
+    """Return loads that start and end within a step."""
     loads, _ = _constant(rng, motion)
     for load in loads:
         begin, end = sorted(rng.uniform(0.0, motion.duration_s, size=2))
@@ -214,7 +215,7 @@ def _spring(rng: np.random.Generator, motion: _Motion) -> tuple[list[Forcing], f
 
 
 def _torsion_spring(rng: np.random.Generator, motion: _Motion) -> tuple[list[Forcing], float]:
-    """A spring that is turned by 2 rad at most."""
+    """Return a spring that the motion twists by 2 rad at most."""
     stiffness = rng.uniform(0.3, 2.0) * motion.largest * motion.spin**2
     return [{"kind": "torsion-spring", "stiffness_n_m": stiffness}], math.sqrt(stiffness / motion.least)
 

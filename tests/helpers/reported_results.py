@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 def reported_results(run: Run) -> dict[str, tuple[Result, ...]]:
     """Return the results of engine:method, the worst first; a healthy method has none."""
-    # late: the workers of the faulty engines come by here, and need no pandas
+    # imported late: workers of the faulty engines import this module, and need no pandas
     from bodycheck.reports.summary.sentences import Summary
 
     return {one.method: one.results for one in Summary.of(run).worst}

@@ -13,7 +13,7 @@ import pytest
 def shared_folder(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:
     """Return a folder of this name that all workers of the session share; one of them fills it by make.
 
-    The others wait. If make raises, the next worker calls it again.
+    The others wait. If make raises an exception, the next worker calls it again.
     """
     own = factory.getbasetemp()
     shared = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own

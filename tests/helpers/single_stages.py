@@ -1,4 +1,4 @@
-"""Classical Runge-Kutta 4 in float64, one quantity of one stage of which is rounded to float32."""
+"""Classical Runge-Kutta 4 in float64, with one quantity of one stage rounded to float32."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def rk4_with_a_single_stage(
     """Return the step of a body under gravity.
 
     stage, part: what is rounded; None for nothing. of_rate: the rate k of the stage, else the state at which
-    it is taken.
+    it is evaluated.
     """
 
     def rounded(values: Array, at: int, is_rate: bool) -> Array:

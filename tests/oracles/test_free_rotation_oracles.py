@@ -1,4 +1,4 @@
-"""Free rotation and Jacobi's functions against numbers that other projects publish."""
+"""Free rotation and Jacobi's functions compared with numbers that other projects publish."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ IDENTITY = [1.0, 0.0, 0.0, 0.0]
 
 
 def free(moments: Any, momentum: Any, quaternion: Any = IDENTITY) -> FreeRotation:
-    """Set up the motion from principal moments and the angular momentum in body axes."""
+    """Return the motion for principal moments and an angular momentum in body axes."""
     return FreeRotation.from_state(np.diag(moments), quaternion, np.array(momentum) / np.array(moments))
 
 
@@ -33,7 +33,7 @@ def test_detest_b5() -> None:
 
 
 def test_detest_b5_is_no_body(expected_message: ExpectedMessage) -> None:
-    """No rigid body has a vanishing moment: B5 as a body is refused."""
+    """No rigid body has a vanishing moment, so B5 as a body is refused."""
     with expected_message.raises(ValueError):
         FreeRotation.from_state(np.diag([1.0, 1.0, 0.0]), IDENTITY, [0.0, 1.0, 1.0])
 
@@ -60,7 +60,7 @@ PROLATE = 14.0 / 9.0 * TIMES
     ids=["oblate", "prolate"],
 )
 def test_principia_symmetric_tops(moments: list[float], first: list[float], expected: list[Array]) -> None:
-    """Principia, physics/euler_solver_test.cpp, symmetric tops: the momentum turns evenly, to 100 ulp."""
+    """Principia, physics/euler_solver_test.cpp, symmetric tops: the momentum turns uniformly, to 100 ulp."""
     momentum = free(moments, first).at(TIMES)[1] * np.array(moments)
     hundred_ulp = 100.0 * np.spacing(np.linalg.norm(first))
     assert np.abs(momentum - np.stack(expected, axis=1)).max() <= hundred_ulp
@@ -68,7 +68,7 @@ def test_principia_symmetric_tops(moments: list[float], first: list[float], expe
 
 @pytest.mark.parametrize("order", list(permutations(range(3))))
 def test_orekit_torque_free(order: tuple[int, int, int]) -> None:
-    """Orekit, TorqueFreeTest: the momentum keeps its direction in the world to 1.6e-15 rad, on any axes."""
+    """Orekit, TorqueFreeTest: the momentum keeps its direction in the world to 1.6e-15 rad, in any axes."""
     moments = np.array([3.0 / 8.0, 1.0 / 2.0, 5.0 / 8.0])[list(order)]
     omega = np.array([0.05, 0.0, 0.04])[list(order)]
     attitude = np.array([0.9, 0.437, 0.0, 0.0]) / math.hypot(0.9, 0.437)
@@ -99,7 +99,7 @@ def test_orekit_torque_free(order: tuple[int, int, int]) -> None:
     ids=["Newton test_torque_free_precession", "DART bm_free_body_energy.cpp"],
 )
 def test_omega(moments: Any, omega: Any, t_s: float, expected: tuple[float, ...]) -> None:
-    """Newton's and DART's free bodies have the omega that their own tests and benchmarks state, to 1e-13."""
+    """Free bodies of Newton and DART have the omega of their own tests and benchmarks to 1e-13."""
     found = FreeRotation.from_state(np.diag(moments), IDENTITY, omega).at([t_s])[1][0]
     assert found == pytest.approx(expected, rel=1e-13, abs=0.0)
 

@@ -30,7 +30,7 @@ def motion_at(scene: Scene, t_s: float) -> Trajectory:
 
 
 def free_body(inertia: Array, omega: tuple[float, float, float]) -> Scene:
-    """Return a body that spins free of everything from aligned axes."""
+    """Return a free body with this spin and aligned axes."""
     tensor = inertia if inertia.ndim == 2 else np.diag(inertia)
     start = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array(omega))
     return Scene(RigidBody(1.0, tensor), start, (), np.zeros(3), 10.0, 2)
@@ -41,7 +41,7 @@ def free_body(inertia: Array, omega: tuple[float, float, float]) -> Scene:
 
 @pytest.mark.parametrize("t_s", [0.0, 0.1, 3.0, 10.0])
 def test_the_torus_spins_up_as_euler_says(t_s: float) -> None:
-    """omega_3 = s + T t / I3; omega_1 + i omega_2 turns by (I3 - I1) / I1 times the angle of omega_3.
+    """omega_3 = s + T t / I3; omega_1 + i omega_2 rotates by (I3 - I1) / I1 times the angle of omega_3.
 
     The couple is T = 2.4 m x 1 N, and I3 / I1 = (R^2 + 3/4 r^2) / (R^2 / 2 + 5/8 r^2) of the torus.
     """
@@ -75,14 +75,14 @@ def energy_and_momentum(scene: Scene, t_s: float) -> tuple[float, Array]:
 def test_boxes_has_the_published_energy_and_momentum(t_s: float) -> None:
     """E0 = 368.5464125 J and |L0| = 3.41765, at the start and after ten seconds of falling.
 
-    The published energy is that of moments rounded to six digits; with m (b^2 + c^2) / 12 as they
-    are it is 368.54641666..., 4.2e-6 J more.
+    The published energy is that of moments rounded to six digits; with the exact m (b^2 + c^2) / 12 it
+    is 368.54641666..., 4.2e-6 J more.
     """
     scene = load_scenario("boxes").scene
     rounded = replace(scene, body=replace(scene.body, inertia=np.diag([0.808333, 0.683333, 0.141667])))
     assert energy_and_momentum(rounded, t_s)[0] == pytest.approx(368.5464125, abs=5e-8)
     energy, momentum = energy_and_momentum(scene, t_s)
-    # K grows to 4e4 J in the fall: its round-off is some 1e-11 J
+    # K increases to 4e4 J in the fall, so its round-off is about 1e-11 J
     assert energy == pytest.approx(360.0 + 12.5 * 8.2 / 12 + 0.005 * (9.7 + 1.7) / 12, abs=1e-10)
     assert np.linalg.norm(momentum) == pytest.approx(3.41765, abs=5e-6)
 
@@ -95,7 +95,7 @@ def test_boxes_has_the_published_inertia() -> None:
 
 
 def test_boxes_turns_as_published() -> None:
-    """omega(10) in body axes to 1e-12."""
+    """omega(10) in body axes has the published value to 1e-12."""
     expected = [2.75584040514684, -3.7359635192162, -3.16180900346752]
     assert np.max(np.abs(motion_at(load_scenario("boxes").scene, 10.0).omega_body[0] - expected)) <= 1e-12
 
@@ -104,7 +104,7 @@ def test_boxes_turns_as_published() -> None:
 
 
 def test_free_body_turns_and_flies_as_in_drake() -> None:
-    """omega(10) in body axes to 1e-13, the spin about the axis exactly kept, and the parabola."""
+    """Published values: omega(10) in body axes and the velocity to 1e-13, the position to 1e-12."""
     scene = load_scenario("free-body").scene
     motion = motion_at(scene, 10.0)
     expected = [-3.643623596596279, 2.593069047736060, 6.0]
@@ -113,7 +113,7 @@ def test_free_body_turns_and_flies_as_in_drake() -> None:
     assert np.max(np.abs(motion.velocity_m_s[0] - [-4.2, 5.5, -92.0])) <= 1e-13
 
 
-# ------------------------------------------------------------------------------ others' free bodies
+# -------------------------------------------------------------------------- free bodies of other projects
 
 
 def test_attitude_as_in_basilisk() -> None:
@@ -145,7 +145,7 @@ def test_omega_as_in_dart() -> None:
     assert np.max(np.abs(motion.omega_body[0] - expected)) <= 1e-13
 
 
-# ------------------------------------------ scpeters/benchmark: what semi-implicit Euler does in free fall
+# ------------------------------------------- scpeters/benchmark: error of semi-implicit Euler in free fall
 
 
 @pytest.mark.parametrize("dt_s", [1e-2, 1e-3, 1e-4])

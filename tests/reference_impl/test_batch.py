@@ -1,4 +1,4 @@
-"""Batches of bodies move as each body would alone, whatever the number of bodies and threads."""
+"""The bodies of a batch move as each body alone, for any number of bodies and threads."""
 
 from __future__ import annotations
 
@@ -51,10 +51,10 @@ def test_each_body_moves_as_alone(method: BatchMethod, n: int) -> None:
 def test_m1_at_any_rotation_per_step(turn: float) -> None:
     """On both sides of the switch from series to library functions, M1 follows the single-body kernel.
 
-    turn: |omega| dt in rad, mixed with slow bodies in the same block.
+    turn: |omega| dt in rad, next to slow bodies in the same block.
     """
     state, moments, _ = bodies(2 * WIDTH)
-    moments[:] = 1.0  # spheres: omega stays, so that only rounding differs
+    moments[:] = 1.0  # spheres: omega is constant, so that only rounding differs
     state[6:9, ::3] *= turn / 0.02 / np.linalg.norm(state[6:9, ::3], axis=0)
     alone = state.copy()
     advance_batch(state, moments, 0.02, 20, "m1")
@@ -62,13 +62,13 @@ def test_m1_at_any_rotation_per_step(turn: float) -> None:
         one = alone[:, j].copy()
         INTEGRATORS["m1"].advance(one, packed_body(RigidBody(1.0, np.eye(3))), np.zeros(21), 0.02, 20)
         alone[:, j] = one
-    # omega x I omega of a sphere is eps |omega|^2, where products are fused: it turns a step by eps turn^2
+    # omega x I omega of a sphere is eps |omega|^2 with fused products and turns a step by eps turn^2
     assert np.all(np.abs(state[9:] - alone[9:]) <= 20 * (16 + turn + turn**2) * EPS)
 
 
 @every_method
 def test_neighbours_do_not_matter(method: BatchMethod) -> None:
-    """A body moves the same, bit for bit, at any place in the batch and with any neighbours."""
+    """A body moves the same, bit for bit, at any place in the batch and with any other bodies."""
     state, moments, torque = bodies(3 * WIDTH)
     together = state.copy()
     advance_batch(together, moments, 0.02, 50, method, torque)
@@ -96,7 +96,7 @@ def test_number_of_threads_does_not_matter(method: BatchMethod) -> None:
 
 @every_method
 def test_threads_of_the_caller_do_not_matter(method: BatchMethod) -> None:
-    """Two batches stepped at the same time by two threads of the caller move as one after the other."""
+    """Two batches stepped at the same time by two threads of the caller move as if stepped in sequence."""
     alone, moments, torque = bodies(3 * WIDTH)
     together = [alone.copy() for _ in range(4)]
     advance_batch(alone, moments, 0.02, 50, method, torque)
@@ -122,7 +122,7 @@ def test_steps_may_be_made_in_any_portions(method: BatchMethod) -> None:
 
 @every_method
 def test_no_torque_equals_zero_torque(method: BatchMethod) -> None:
-    """Free bodies equal those under a zero torque, bit for bit; velocities stay."""
+    """Free bodies equal those under a zero torque bit for bit, and velocities are constant."""
     free, moments, _ = bodies(9)
     with_zero_torque, start = free.copy(), free.copy()
     advance_batch(free, moments, 0.02, 20, method)
@@ -133,7 +133,7 @@ def test_no_torque_equals_zero_torque(method: BatchMethod) -> None:
 
 
 def test_order_eight_follows_the_closed_form() -> None:
-    """After ten seconds of 500 steps the bodies are at the states of Jacobi's functions."""
+    """After ten seconds of 500 steps the bodies agree with Jacobi's elliptic functions."""
     state, moments, _ = bodies(20, seed=3)
     start = state.copy()
     advance_batch(state, moments, 0.02, 500, "dop853")
@@ -145,7 +145,7 @@ def test_order_eight_follows_the_closed_form() -> None:
 
 
 def test_flat_and_thin_bodies_are_bodies() -> None:
-    """A plate, whose largest moment is the sum of the others up to rounding, and a needle are stepped."""
+    """A plate, whose largest moment is the sum of the others up to rounding, and a needle can be stepped."""
     state, _, _ = bodies(3)
     moments = np.array([[0.1, 1.0, 1e-9], [0.2, 2.0, 1.0], [0.1 + 0.2, 3.0, 1.0]])
     advance_batch(state, moments, 0.001, 3)
@@ -157,7 +157,7 @@ def test_flat_and_thin_bodies_are_bodies() -> None:
 
 @pytest.mark.parametrize("dt", [0.0, -0.1, math.nan, math.inf])
 def test_impossible_steps_are_refused(dt: float, expected_message: ExpectedMessage) -> None:
-    """A step that is not a positive number of seconds is named."""
+    """A step that is not a positive number of seconds is refused with its value."""
     state, moments, _ = bodies(2)
     with expected_message.raises(ValueError):
         advance_batch(state, moments, dt, 1)
@@ -165,7 +165,7 @@ def test_impossible_steps_are_refused(dt: float, expected_message: ExpectedMessa
 
 @pytest.mark.parametrize("steps", [-1, 1.5])
 def test_impossible_numbers_of_steps_are_refused(steps: int, expected_message: ExpectedMessage) -> None:
-    """A number of steps that is not a count is named."""
+    """A number of steps that is not a count is refused with its value."""
     state, moments, _ = bodies(2)
     with pytest.raises(ValueError) as refused:  # noqa: PT011 - the whole message is compared
         advance_batch(state, moments, 0.1, steps)
@@ -173,7 +173,7 @@ def test_impossible_numbers_of_steps_are_refused(steps: int, expected_message: E
 
 
 def test_unknown_method_is_refused(expected_message: ExpectedMessage) -> None:
-    """The message lists the available methods."""
+    """The error lists the available methods."""
     state, moments, _ = bodies(2)
     with pytest.raises(ValueError) as refused:  # noqa: PT011 - the whole message is compared
         advance_batch(state, moments, 0.1, 1, "euler")  # type: ignore[arg-type]
@@ -194,7 +194,7 @@ def test_wrong_shapes_are_refused(expected_message: ExpectedMessage) -> None:
 
 
 def test_state_that_cannot_be_stepped_in_place_is_refused(expected_message: ExpectedMessage) -> None:
-    """Single precision, another memory order and read-only arrays are named."""
+    """Single precision, another memory order and read-only arrays are refused by name."""
     state, moments, _ = bodies(4)
     frozen = state.copy()
     frozen.flags.writeable = False
@@ -205,7 +205,7 @@ def test_state_that_cannot_be_stepped_in_place_is_refused(expected_message: Expe
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_values_that_are_not_finite_are_refused(value: float, expected_message: ExpectedMessage) -> None:
-    """NaN and infinity are named with their row and body, and nothing has moved."""
+    """NaN and infinity are refused with their row and body, before anything moves."""
     for name in ("state", "moments", "torque"):
         arrays = dict(zip(("state", "moments", "torque"), bodies(5), strict=True))
         arrays[name][1, 3] = value
@@ -219,7 +219,7 @@ def test_values_that_are_not_finite_are_refused(value: float, expected_message: 
 def test_impossible_bodies_are_refused(
     moments: tuple[float, float, float], expected_message: ExpectedMessage
 ) -> None:
-    """Moments that no body has are refused with the number of the body."""
+    """Moments that no body has are refused with the index of the body."""
     state, good, _ = bodies(5)
     good[:, 2] = moments
     with expected_message.raises(ValueError):

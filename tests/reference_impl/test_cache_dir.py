@@ -23,7 +23,7 @@ print(cache_directory(), len([*cache_directory().rglob("*.nbi")]))
 
 @pytest.fixture
 def fresh_cache(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Let the folder be looked for as a new process does."""
+    """Search for the folder as a new process does."""
     monkeypatch.setenv(compiled_cache.KERNELS_FOR_NOW, "")
     cache_directory.cache_clear()
     yield
@@ -34,7 +34,7 @@ def fresh_cache(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def test_writable_cache_is_used_silently(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """It is created if missing, within the folder that the user names."""
+    """The cache is created if missing, within the folder that the user names."""
     monkeypatch.setenv("BODYCHECK_CACHE_DIR", str(tmp_path / "new"))
     assert cache_directory().is_dir()
     assert cache_directory().parent == tmp_path / "new" / "kernels"
@@ -45,7 +45,7 @@ def test_writable_cache_is_used_silently(
 def test_processes_of_a_command_share_a_temporary_cache(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The first process prints one line; those that it starts use its folder and print nothing."""
+    """The first process prints one line; the processes that it starts use its folder and print nothing."""
     (tmp_path / "file").touch()
     monkeypatch.setenv("BODYCHECK_CACHE_DIR", str(tmp_path / "file"))
     monkeypatch.setenv("TMPDIR", str(tmp_path))
@@ -63,7 +63,7 @@ def test_processes_of_a_command_share_a_temporary_cache(
 
 @pytest.mark.slow
 def test_nothing_is_written_next_to_the_sources(tmp_path: Path) -> None:
-    """numba would do so by default; the temporary folder is gone when the process has ended."""
+    """numba would write there by default; the temporary folder is removed when the process ends."""
     (tmp_path / "file").touch()
     (tmp_path / "room").mkdir()
     sources = Path(compiled_cache.__file__).parents[1]

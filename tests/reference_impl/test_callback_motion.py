@@ -1,4 +1,4 @@
-"""A body under a callback load: the kernels' steps where the torque is known, and order 8."""
+"""A body under a callback load: the same steps as the kernel for known torques, and order 8."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ CONSTANT = Wrench(BODY_TORQUE, WORLD_TORQUE, BODY_FORCE, np.zeros(3), ((AT, PULL
 
 
 def constant_wrench(_t: float, _x: Array, rotation: Array, _v: Array, _omega: Array) -> tuple[Array, Array]:
-    """Return the forces and torques of CONSTANT, in world axes."""
+    """Return the forces and torques of CONSTANT in world axes."""
     force = rotation @ BODY_FORCE + PULL
     return force, rotation @ BODY_TORQUE + WORLD_TORQUE + np.cross(rotation @ AT, PULL)
 
@@ -50,7 +50,7 @@ def constant_wrench(_t: float, _x: Array, rotation: Array, _v: Array, _omega: Ar
 def of_everything(
     t: float, position: Array, rotation: Array, velocity: Array, omega: Array
 ) -> tuple[Array, Array]:
-    """Return a wrench that depends on all that it is given."""
+    """Return a wrench that depends on all its arguments."""
     force = -2.0 * position - 0.3 * velocity + math.sin(3.0 * t) * rotation[:, 0]
     torque = np.array([math.sin(2.0 * t), rotation[1, 2], -0.4]) - 0.2 * omega + np.cross(position, velocity)
     return force, torque
@@ -74,7 +74,7 @@ def test_steps_equal_those_of_the_kernel() -> None:
 
 @pytest.mark.slow
 def test_compiled_function_gives_the_same_motion() -> None:
-    """numba's function gives the same motion as the Python function that it was compiled from."""
+    """A function compiled by numba gives the same motion as its Python function."""
     compiled = numba.njit(of_everything)
     samples = np.array([0.0, 0.3, 1.0])
     plain, fast = (solve_with_callback(BODY, START, f, samples, 0.1) for f in (of_everything, compiled))
@@ -84,7 +84,7 @@ def test_compiled_function_gives_the_same_motion() -> None:
 
 
 def solved(end: float) -> tuple[Array, Array]:
-    """Return x and R at the end, by scipy, with R and L in world axes as the variables."""
+    """Return x and R at the end by scipy, with R and L in world axes as the variables."""
     inverse = np.linalg.inv(BODY.inertia)
 
     def rates(t: float, y: Array) -> Array:
@@ -100,7 +100,7 @@ def solved(end: float) -> tuple[Array, Array]:
 
 
 def test_order_is_eight_for_a_wrench_of_everything() -> None:
-    """The function gets time, position, attitude, velocity and omega in world axes of its stage."""
+    """The function receives time, position, attitude, velocity and omega in world axes at each stage."""
     position, quaternion = solved(2.0)
     steps = (10, 14, 20)
     found = [solve_with_callback(BODY, START, of_everything, np.array([0.0, 2.0]), 2.0 / n) for n in steps]
@@ -113,7 +113,7 @@ def test_order_is_eight_for_a_wrench_of_everything() -> None:
 
 
 def test_every_sample_is_the_end_of_a_step() -> None:
-    """Samples at uneven times are met by equal steps that are not longer than requested."""
+    """Samples at uneven times are reached by equal steps that are not longer than requested."""
     seen: list[float] = []
 
     def watching(t: float, x: Array, rotation: Array, v: Array, omega: Array) -> tuple[Array, Array]:
@@ -130,7 +130,7 @@ def test_every_sample_is_the_end_of_a_step() -> None:
 
 
 def test_no_samples_give_no_motion() -> None:
-    """An empty list of times gives an empty trajectory, and time 0 alone the initial state."""
+    """An empty list of times gives an empty trajectory, and time 0 alone gives the initial state."""
     assert solve_with_callback(BODY, START, constant_wrench, np.array([]), 0.1).position_m.shape == (0, 3)
     single = solve_with_callback(BODY, START, constant_wrench, np.array([3.0]), 0.1)
     assert np.array_equal(single.attitude[0], START.quaternion)
@@ -138,20 +138,20 @@ def test_no_samples_give_no_motion() -> None:
 
 @pytest.mark.parametrize("dt", [0.0, -0.1, math.nan, math.inf])
 def test_impossible_steps_are_refused(dt: float, expected_message: ExpectedMessage) -> None:
-    """A step that is not a positive number of seconds is named."""
+    """A step that is not a positive number of seconds is refused with its value."""
     with expected_message.raises(ValueError):
         solve_with_callback(BODY, START, constant_wrench, np.array([0.0, 1.0]), dt)
 
 
 @pytest.mark.parametrize("times", [[0.0, 0.0], [1.0, 0.5], [0.0, math.nan], [[0.0, 1.0]]])
 def test_impossible_times_are_refused(times: list[float], expected_message: ExpectedMessage) -> None:
-    """Times that do not ascend are named."""
+    """Times that do not ascend are refused with their values."""
     with expected_message.raises(ValueError):
         solve_with_callback(BODY, START, constant_wrench, np.array(times), 0.1)
 
 
 def test_nan_in_the_initial_state_is_refused(expected_message: ExpectedMessage) -> None:
-    """NaN in the initial state is named."""
+    """NaN in the initial state is refused by name."""
     bad = State(np.array([0.0, math.nan, 0.0]), START.quaternion, START.velocity, START.omega_body)
     with expected_message.raises(ValueError):
         solve_with_callback(BODY, bad, constant_wrench, np.array([0.0, 1.0]), 0.1)
@@ -159,7 +159,7 @@ def test_nan_in_the_initial_state_is_refused(expected_message: ExpectedMessage) 
 
 @pytest.mark.parametrize("value", [np.array([0.0, math.nan, 0.0]), np.zeros(2), np.array([math.inf, 0, 0])])
 def test_result_of_the_function_is_checked(value: Array, expected_message: ExpectedMessage) -> None:
-    """A force or a torque that is not three finite numbers is named, with its time."""
+    """A force or a torque that is not three finite numbers is refused with its time."""
     for answer in ((value, np.zeros(3)), (np.zeros(3), value)):
         with expected_message.raises(ValueError):
             solve_with_callback(BODY, START, lambda *_, answer=answer: answer, np.array([0.0, 1.0]), 0.1)

@@ -45,7 +45,7 @@ MP = mpmath.MPContext()
 MP.dps = 60
 EPS = float(np.finfo(np.float64).eps)
 TOLERANCE = 4e-15
-"""Of attitude, in rad, and of omega, relative: what ExactMotion.at promises."""
+"""The accuracy that ExactMotion.at promises: of attitude in rad, and of omega relative."""
 
 # ---------------------------------------------------------------------------------------------- scenes
 
@@ -81,7 +81,7 @@ def drag(linear: float, angular: Any) -> Drag:
 def scene_of(
     inertia: Array, omega: tuple[float, float, float], *loads: Load, quaternion: Any = TILTED
 ) -> Scene:
-    """Return a body of 1.7 kg thrown in uniform gravity."""
+    """Return a scene of a body of 1.7 kg thrown in uniform gravity."""
     start = State(
         np.array([1.0, 2.0, 3.0]),
         normalised(np.array(quaternion)),
@@ -192,7 +192,7 @@ def sine_coefficients(load: SineTorque, begin: Fraction) -> list[int]:
 
 
 class FortyDigits:
-    """A scene's motion by Taylor series: R (9), omega (3), v (3) and x (3) in fixed point."""
+    """The motion of a scene by Taylor series: R (9), omega (3), v (3) and x (3) in fixed point."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -211,7 +211,7 @@ class FortyDigits:
         self.state = [fixed(x) for x in (*rotation, *(x for vector in vectors for x in vector.tolist()))]
 
     def push(self, load: Load, velocity: list[list[int]], k: int) -> list[int]:
-        """Return the k-th coefficients of m v' = F; forces fixed in the body come as couples here."""
+        """Return the k-th coefficients of m v' = F; forces fixed in the body act as couples here."""
         match load:
             case PointForce(axes="world") if k == 0:
                 return [fixed(x) for x in load.value.tolist()]
@@ -248,7 +248,7 @@ class FortyDigits:
         ]
 
     def advance(self, begin: Fraction, h: Fraction) -> None:
-        """Move on by h, through which nothing switches."""
+        """Advance by h, within which no load switches."""
         acting = [
             load
             for load in self.scene.loads
@@ -334,7 +334,7 @@ SHORT = {"stretched, strongly": 0.03}
     "name", [pytest.param(name, marks=pytest.mark.nightly if name == "stretched" else ()) for name in SCENES]
 )
 def test_closed_forms_match_forty_digits(name: str) -> None:
-    """Attitude and omega are right to 4e-15, position and velocity to rounding, with every kind of load."""
+    """Attitude and omega are accurate to 4e-15, position and velocity to rounding, under every load."""
     scene, t_s = SCENES[name], TIMES * SHORT.get(name, 1.0)
     motion = closed(scene).at(t_s)
     omega_size = position_size = velocity_size = MP.mpf(0)
@@ -389,7 +389,7 @@ def random_scene(seed: int) -> Scene:
 
 
 def random_stretched(seed: int) -> Scene:
-    """Return a random full tensor tumbling under a drag, hardly any to much, that is a multiple of it."""
+    """Return a random full tensor tumbling under weak to strong drag that is a multiple of the tensor."""
     rng = np.random.default_rng(seed)
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     tensor = axes @ np.diag([1.0, 1.0 + 10.0 ** rng.uniform(-9.0, -0.3), 1.9]) @ axes.T
@@ -399,7 +399,7 @@ def random_stretched(seed: int) -> Scene:
     return replace(scene, initial=replace(scene.initial, omega_body=rng.normal(size=3)))
 
 
-OWN_KERNEL = pytest.mark.nightly  # a certified solver for loads that no other test has takes 13 s to compile
+OWN_KERNEL = pytest.mark.nightly  # for loads in no other test a certified solver takes 13 s to compile
 
 
 @pytest.mark.parametrize(
@@ -412,7 +412,7 @@ OWN_KERNEL = pytest.mark.nightly  # a certified solver for loads that no other t
 def test_truth_lies_within_its_bounds_of_the_certified_solver(
     make: Callable[[int], Scene], seed: int
 ) -> None:
-    """For random bodies and loads the truth is exact, and the certified solver is within its bounds."""
+    """For random bodies and loads the truth is exact, and the certified solver agrees within its bounds."""
     scene, t_s = make(seed), np.array([0.0, 1e-9, 0.3, 2.0, 5.0, 10.0])
     truth = solve_truth(scene, t_s)
     assert truth.kind == "exact"
@@ -422,7 +422,7 @@ def test_truth_lies_within_its_bounds_of_the_certified_solver(
 
 
 def nearly(scene: Scene) -> Scene:
-    """Return the same scene with a load so small that it changes nothing but the method."""
+    """Return the same scene with a load so small that it changes only the method of the truth."""
     return replace(scene, loads=(*scene.loads, Torque("world", np.array([1e-60, 1e-60, 1e-60]))))
 
 
@@ -449,7 +449,7 @@ def test_round_off_is_that_of_the_certified_truth(name: str) -> None:
 
 @pytest.mark.parametrize("t_s", [1e3, 1e6, 3e7])
 def test_long_spin_up_keeps_its_digits(t_s: float) -> None:
-    """theta = w0 t + tau t^2 / 2I, reduced from 1e15 rad without losing a digit."""
+    """theta = w0 t + tau t^2 / 2I is reduced from 1e15 rad without losing a digit."""
     scene = scene_of(BRICK, (0, 0, 2), body_torque(0, 0, 0.7), quaternion=(1, 0, 0, 0))
     motion = closed(scene).at(np.array([t_s]))
     rate = MP.mpf(0.7) / MP.mpf(2.5)
@@ -477,7 +477,7 @@ def test_torque_that_reverses_returns_to_the_start() -> None:
     assert motion.omega_body[1, 2] == -1e6
 
 
-# ----------------------------------------------------------------------------------------- what is none
+# ---------------------------------------------------------------------------- scenes without closed form
 
 BALANCED = scene_of(
     BRICK, (0, 0, 0), body_torque(0.7, 0, 0), world_torque(-0.7, 0, 0), quaternion=(1, 0, 0, 0)
@@ -509,24 +509,24 @@ NO_CLOSED_FORM: dict[str, Scene] = {
 
 @pytest.mark.parametrize("name", NO_CLOSED_FORM)
 def test_scene_near_a_closed_form_has_none(name: str) -> None:
-    """A scene that is not exactly of a closed form, in its doubles, has none."""
+    """A scene that does not have a closed form exactly, in its doubles, is not given one."""
     assert closed_form_of(NO_CLOSED_FORM[name]) is None
 
 
 def test_what_has_no_closed_form_is_certified() -> None:
-    """Drag of 0.1, 0.2, 0.3 on moments 1, 2, 3 is not 0.1 of them in doubles: its truth is certified."""
+    """Drag of 0.1, 0.2, 0.3 on moments 1, 2, 3 is not 0.1 of them in doubles, so its truth is certified."""
     scene = NO_CLOSED_FORM["drag all but proportional"]
     assert solve_truth(scene, TIMES).kind == "certified"
 
 
 def test_cancelling_torques_leave_a_body_at_rest() -> None:
-    """A body on which torques cancel has a truth: it stays at rest."""
+    """A body whose torques cancel has a truth and stays at rest."""
     truth = solve_truth(BALANCED, TIMES)
     assert not truth.trajectory.omega_body.any()
     assert np.ptp(truth.trajectory.attitude, axis=0).max() == 0.0
 
 
-# --------------------------------------------------------------------------------------- many choices
+# -------------------------------------------------------------------------------------- many times
 
 
 def test_times_may_come_in_any_order() -> None:
@@ -551,13 +551,13 @@ def test_impossible_times_are_refused(name: str, bad: float) -> None:
 
 @pytest.mark.parametrize("name", ["spun up", "two sines", "sine of rate 0"])
 def test_times_beyond_the_known_angle_are_refused(name: str, expected_message: ExpectedMessage) -> None:
-    """A time at which the angle would have no known digit is refused with its value."""
+    """A time at which no digit of the angle would be known is refused with its value."""
     with expected_message.raises(ValueError):
         closed(SCENES[name]).at(np.array([0.0, 1e18]))
 
 
 def test_limit_on_the_angle_counts_the_whole_path(expected_message: ExpectedMessage) -> None:
-    """The angle rotated counts, not the final rate: a body may have stopped or swung back."""
+    """The total angle counts, not the final rate, because a body may have stopped or swung back."""
     stopped = closed(scene_of(BRICK, (0, 0, 1e13), body_torque(0, 0, -2.5e10)))
     swung = closed(scene_of(BRICK, (0, 0, 0), sine("body", (0, 0, 1e6), 1.0, 0.0)))
     whole_turns_s = float(2 * MP.pi * 1600000000000)
@@ -582,14 +582,14 @@ def mp_pair(x: tuple[float, float]) -> Any:
 
 
 def log_uniform(seed: int, low: float, high: float) -> list[float]:
-    """Return numbers of either sign on a logarithmic scale, both sides of 1/2 among them."""
+    """Return numbers of either sign on a logarithmic scale, on both sides of 1/2."""
     rng = np.random.default_rng(seed)
     sizes = [*10.0 ** rng.uniform(low, high, size=200), 0.5, float(np.nextafter(0.5, 0.0))]
     return [float(sign * size) for size in sizes for sign in (1.0, -1.0)]
 
 
 def test_exponential_matches_mpmath() -> None:
-    """e^x to (1 + |x|) 2^-102, and its limits."""
+    """e^x is accurate to (1 + |x|) 2^-102 and has the right limits."""
     for x in log_uniform(1, -20.0, 2.8):
         true = MP.exp(MP.mpf(x))
         assert abs(mp_pair(exponential((x, 0.0))) / true - 1) <= (1 + abs(x)) * MP.mpf(2) ** -102
@@ -598,7 +598,7 @@ def test_exponential_matches_mpmath() -> None:
 
 
 def test_decay_means_match_mpmath() -> None:
-    """e^-z, (1 - e^-z) / z and (z - 1 + e^-z) / z^2 to 2^-100 of themselves, also where all digits cancel."""
+    """e^-z, (1 - e^-z) / z and (z - 1 + e^-z) / z^2 are accurate to 2^-100, also if digits cancel."""
     with MP.workdps(120):
         for z in log_uniform(2, -30.0, 2.5):
             exact = MP.mpf(z)
@@ -610,7 +610,7 @@ def test_decay_means_match_mpmath() -> None:
 
 
 def test_sine_torque_matches_mpmath() -> None:
-    """theta and w of a sine torque to 2^-98 of the largest possible value, over 1e-20 to 1e6 rad."""
+    """theta and w of a sine torque are accurate to 2^-98 of their largest value, over 1e-20 to 1e6 rad."""
     phases = np.random.default_rng(3).uniform(-7.0, 7.0, size=500)
     for z, p in zip(log_uniform(4, -20.0, 6.0), phases.tolist(), strict=False):
         t = 3.7
@@ -627,15 +627,15 @@ def test_sine_torque_matches_mpmath() -> None:
             assert abs(mp_pair(angle) - true_angle) <= slack * largest * exact_t
 
 
-# ----------------------------------------------------------------- an oracle for what has no closed attitude
+# --------------------------------------------------------- a reference if the attitude has no closed form
 
 
 @pytest.mark.parametrize("torque", [0.4, -0.9])
 def test_symmetric_top_spun_up(torque: float) -> None:
-    """A symmetric top under a torque about its axis: w3 linear, omega across it turned by a quadratic phase.
+    """For a symmetric top under a torque about its axis w3 is linear; omega across it has a quadratic phase.
 
     With sigma = (I3 - I1) / I1: w1 + i w2 = (w1 + i w2)(0) exp(i sigma int w3 dt). The attitude has no
-    elementary form, so the truth is certified; this holds its omega. Source: Euler's equations.
+    elementary form, so the truth is certified; this test checks its omega. Source: Euler's equations.
     """
     inertia, omega = np.diag([1.5, 1.5, 2.0]), (0.7, -0.3, 1.1)
     scene = scene_of(inertia, omega, body_torque(0, 0, torque))

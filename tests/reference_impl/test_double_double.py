@@ -34,7 +34,7 @@ PAIRS: list[tuple[Pair, Pair]] = [
 
 
 def exact(x: Pair) -> Fraction:
-    """The exact sum of the two parts."""
+    """Return the exact sum of the two parts."""
     return Fraction(x[0]) + Fraction(x[1])
 
 
@@ -45,7 +45,7 @@ def relative_error(found: Pair, true: Fraction) -> Fraction:
 
 @pytest.mark.parametrize("transformation", [dd.two_sum, dd.two_product])
 def test_error_free(transformation: Callable[[float, float], Pair]) -> None:
-    """High part and error add up to the exact result, and the high part is that result rounded."""
+    """High part and error sum to the exact result, and the high part is the rounded result."""
     for a, b in DOUBLES:
         true = Fraction(a) + Fraction(b) if transformation is dd.two_sum else Fraction(a) * Fraction(b)
         result = transformation(a, b)
@@ -54,14 +54,14 @@ def test_error_free(transformation: Callable[[float, float], Pair]) -> None:
 
 
 def test_quick_two_sum() -> None:
-    """With the larger number first three operations are exact too."""
+    """If the larger number comes first, three operations are exact too."""
     for a, b in DOUBLES:
         large, small = (a, b) if abs(a) >= abs(b) else (b, a)
         assert exact(dd.quick_two_sum(large, small)) == Fraction(a) + Fraction(b)
 
 
 def test_split() -> None:
-    """Head and tail add up to the number, and products of two of them are exact."""
+    """Head and tail sum to the number, and products of two of them are exact."""
     for a, _ in DOUBLES:
         head, tail = dd.split(a)
         assert exact((head, tail)) == Fraction(a)
@@ -82,7 +82,7 @@ def test_split() -> None:
 def test_operations(
     operation: Callable[[Pair, Pair], Pair], true: Callable[[Fraction, Fraction], Fraction], bound: int
 ) -> None:
-    """Each operation is right to its bound, and would not be if it dropped the low parts."""
+    """Each operation is within its error bound, which an operation without the low parts would exceed."""
     careless = Fraction(0)
     for x, y in PAIRS:
         expected = true(exact(x), exact(y))
@@ -92,7 +92,7 @@ def test_operations(
 
 
 def test_cancellation() -> None:
-    """A difference of neighbours keeps the same relative accuracy."""
+    """A difference of close numbers has the same relative accuracy."""
     for x, _ in PAIRS:
         neighbour = dd.add(x, (x[0] * 2.0**-60, 0.0))
         true = exact(neighbour) - exact(x)
@@ -100,7 +100,7 @@ def test_cancellation() -> None:
 
 
 def test_square_root() -> None:
-    """The root squared gives the number back to 8 * 2^-106, and the root of zero is zero."""
+    """The squared root equals the number to 8 * 2^-106, and the root of zero is zero."""
     for x, _ in PAIRS:
         size = x if x[0] > 0.0 else (-x[0], -x[1])
         root = dd.square_root(size)
@@ -109,13 +109,13 @@ def test_square_root() -> None:
 
 
 def test_scale() -> None:
-    """A power of two scales without an error."""
+    """Scaling by a power of two is exact."""
     for x, _ in PAIRS:
         assert exact(dd.scale(x, 2.0**-40)) == exact(x) / 2**40
 
 
 def test_pi() -> None:
-    """The constant is pi to 106 bits: its two parts are pi rounded and what that left."""
+    """The constant is pi to 106 bits: its two parts are the rounded pi and the rounded remainder."""
     pi = Fraction("3.14159265358979323846264338327950288419716939937510582097494459")
     assert dd.PI[0] == math.pi
     assert dd.PI[1] == float(pi - Fraction(math.pi))

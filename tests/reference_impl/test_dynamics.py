@@ -1,4 +1,4 @@
-"""Energy, momentum and inertia of a body against sums over its points."""
+"""Energy, momentum and inertia of a body compared with sums over its points."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ EPS = float(np.finfo(np.float64).eps)
 
 @dataclass(frozen=True)
 class Cloud:
-    """A rigid body of point masses, its points from the centre of mass in body axes, and its motion."""
+    """A rigid body of point masses, their positions from the centre of mass in body axes, and its motion."""
 
     masses: Array
     points: Array
@@ -69,7 +69,7 @@ class Cloud:
 
 
 def cloud(seed: int) -> Cloud:
-    """Return a random cloud whose centre of mass is at its own origin."""
+    """Return a random cloud of points with its centre of mass at the origin."""
     rng = np.random.default_rng(seed)
     masses = rng.uniform(0.1, 2.0, size=12)
     points = rng.normal(size=(12, 3)) * rng.uniform(0.1, 3.0, size=3)
@@ -89,7 +89,7 @@ clouds = pytest.mark.parametrize("body", [cloud(seed) for seed in range(10)])
 
 @clouds
 def test_points_move_with_the_body(body: Cloud) -> None:
-    """x = R x0 + xc, and its rate is v = omega x r + vc, against a small rotation."""
+    """x = R x0 + xc has the rate v = omega x r + vc, compared with a small rotation."""
     positions = point_positions(body.rotation, body.position, body.points)
     for x, x0 in zip(positions, body.points, strict=True):
         assert np.max(np.abs(x - (body.rotation @ x0 + body.position))) <= 16 * EPS * np.max(
@@ -145,14 +145,14 @@ def test_inertia_in_world_axes_is_that_of_the_moved_points(body: Cloud) -> None:
 
 
 def test_off_diagonals_have_their_true_sign() -> None:
-    """A mass at (1, 1, 0) gives I_xy = -1: the tensor's entry, not the product of inertia."""
+    """A mass at (1, 1, 0) gives I_xy = -1, the entry of the tensor and not the product of inertia."""
     tensor = inertia_of_points(np.array([1.0]), np.array([[1.0, 1.0, 0.0]]))
     assert np.array_equal(tensor, [[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 2.0]])
 
 
 @clouds
 def test_forces_at_points_sum_to_one_force_and_one_torque(body: Cloud) -> None:
-    """F = sum f and tau = sum (R x) x f; their power is sum f . v."""
+    """F = sum f and tau = sum (R x) x f, and their power is sum f . v."""
     forces = np.random.default_rng(99).normal(size=body.points.shape)
     force, torque = force_and_torque(body.rotation, body.points, forces)
     assert np.allclose(force, sum(forces), rtol=0.0, atol=64 * EPS)
@@ -172,7 +172,7 @@ def test_no_forces_are_no_force() -> None:
 
 
 def check_principal(tensor: Array) -> Array:
-    """Moments ascend, axes are a rotation, and they put the tensor together again; return the moments."""
+    """Assert that moments ascend, axes are a rotation, and both give the tensor; return the moments."""
     moments, axes = principal_axes(tensor)
     scale = float(np.max(np.abs(tensor)))
     assert np.all(np.diff(moments) >= 0.0)
@@ -191,7 +191,7 @@ def test_principal_axes_reproduce_the_tensor(body: Cloud) -> None:
 @pytest.mark.parametrize("gap", [0.0, 1e-16, 1e-14, 1e-10, 1e-6])
 @pytest.mark.parametrize("scale", [1e-12, 1.0, 1e12])
 def test_principal_axes_of_near_equal_moments(gap: float, scale: float) -> None:
-    """Near-equal and equal moments come back, though the axes between them are arbitrary."""
+    """Nearly equal and equal moments are returned, although the axes between them are arbitrary."""
     for seed in range(20):
         turn = Rotation.random(random_state=seed).as_matrix()
         expected = scale * np.array([2.0, 2.0 * (1.0 + gap), 3.0])
@@ -220,7 +220,7 @@ def test_angular_acceleration_makes_momentum_follow_torque(body: Cloud) -> None:
     h = 1e-5
 
     def momentum_at(t: float) -> Array:
-        # R and omega to second order in t, so that the central difference sees the first alone
+        # R and omega to second order in t, so that the central difference depends only on the first
         turn = Rotation.from_rotvec(t * (omega + 0.5 * t * rate)).as_matrix()
         return angular_momentum(body.rotation @ turn, tensor, omega + t * rate)
 
@@ -232,7 +232,7 @@ def test_angular_acceleration_makes_momentum_follow_torque(body: Cloud) -> None:
 
 
 def test_free_angular_acceleration_keeps_the_energy() -> None:
-    """Without torque omega . I omega' = 0: Euler's term does no work."""
+    """Without torque omega . I omega' = 0, because Euler's term does no work."""
     body = cloud(3)
     rate = angular_acceleration(body.inertia, body.omega_body, np.zeros(3))
     work = float(body.omega_body @ body.inertia @ rate)
@@ -241,7 +241,7 @@ def test_free_angular_acceleration_keeps_the_energy() -> None:
 
 
 def test_batches_equal_single_calls() -> None:
-    """Functions of leading batch dimensions give what single calls give."""
+    """Functions with leading batch dimensions give the results of single calls."""
     rng = np.random.default_rng(5)
     tensor = cloud(0).inertia
     rotations = Rotation.random(6, random_state=1).as_matrix().reshape(2, 3, 3, 3)
@@ -279,7 +279,7 @@ def test_gyration_radius_is_the_root_mean_square_distance(body: Cloud) -> None:
     """sqrt(sum m r^2 / M)."""
     expected = np.sqrt(np.sum(body.masses * np.sum(body.points**2, axis=1)) / body.mass)
     assert gyration_radius(body.mass, body.inertia) == pytest.approx(expected, rel=16 * EPS, abs=0.0)
-    # a thin ring of radius 2: every point at the same distance
+    # a thin ring of radius 2, with every point at the same distance
     assert gyration_radius(3.0, 3.0 * 4.0 * np.diag([0.5, 0.5, 1.0])) == pytest.approx(
         2.0, rel=2 * EPS, abs=0.0
     )

@@ -1,4 +1,4 @@
-"""Elliptic integrals and functions against mpmath, at log-uniform parameters."""
+"""Elliptic integrals and functions compared with mpmath, at log-uniform parameters."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ RNG = np.random.default_rng(20240612)
 SMALL = [float(10.0**-e) for e in (0.31, 1.0, 1.7, 3.0, 6.0, 9.0, 12.0, 15.0, 16.2, 19.0)]
 PARAMETERS = [0.0, *SMALL, *(1.0 - m for m in SMALL[:8]), 1.0]
 """m1, from the separatrix to the circular functions."""
-# K = 2 K' is where the series change: k' = (sqrt 2 - 1)^2
+# the series change at K = 2 K', k' = (sqrt 2 - 1)^2
 SWITCH = float((MP.sqrt(2) - 1) ** 4)
 MODULI = [1.0, 1.0 - 1e-16, 1.0 - 1e-9, 0.7, 0.1, 1e-3, 1e-9, 1e-16, 1e-80, 1e-160, 1e-250]
 
 
 def exact(x: tuple[float, float]) -> Any:
-    """The exact sum of a double-double as a 60-digit number."""
+    """Return the exact sum of a double-double as a 60-digit number."""
     return MP.mpf(x[0]) + MP.mpf(x[1])
 
 
@@ -45,7 +45,7 @@ def true_functions(u: float, m1: float) -> tuple[Any, Any, Any]:
 
 @pytest.mark.parametrize("m1", [*PARAMETERS, SWITCH, 0.99 * SWITCH, 1.01 * SWITCH])
 def test_jacobi(m1: float) -> None:
-    """sn, cn and dn are right to 2e-15, and to 4e-15 of themselves, at their zeros and many periods away."""
+    """sn, cn and dn are accurate to 2e-15, and to 4e-15 relative, at their zeros and many periods away."""
     quarter = float(MP.ellipk(1 - MP.mpf(m1))) if m1 else 20.0
     arguments = [0.0, 1e-30, 1e-9, -0.3, 0.5 * quarter, quarter, 0.999 * quarter, *RNG.normal(size=8)]
     if m1:
@@ -91,7 +91,7 @@ def test_jacobi_limits() -> None:
 
 
 def arguments_of_integrals(count: int) -> list[list[float]]:
-    """x, y, z, log-uniform over 24 decades and uniform, some with a zero, some with equal ones."""
+    """Return x, y, z, log-uniform over 24 decades and uniform, some of them zero, some equal."""
     rows = [*10.0 ** RNG.uniform(-12.0, 12.0, size=(count, 3)), *RNG.uniform(0.01, 1.0, size=(count, 3))]
     for i, row in enumerate(rows):
         row[i % 3] *= i % 4 != 0
@@ -100,7 +100,7 @@ def arguments_of_integrals(count: int) -> list[list[float]]:
 
 
 def test_carlson_rf() -> None:
-    """R_F is right to 1e-15, in any order of its arguments."""
+    """R_F is accurate to 1e-15 in any order of its arguments."""
     for x, y, z in arguments_of_integrals(150):
         true = MP.elliprf(x, y, z)
         assert abs(elliptic.carlson_rf(x, y, z) / true - 1) < 1e-15
@@ -108,7 +108,7 @@ def test_carlson_rf() -> None:
 
 
 def test_carlson_limits() -> None:
-    """Equal arguments give x^-1/2, and two zeros infinity."""
+    """Equal arguments give x^-1/2, and two zeros give infinity."""
     for x in (1e-9, 0.3, 7.0):
         assert elliptic.carlson_rf(x, x, x) == pytest.approx(x**-0.5, rel=4.0 * EPS, abs=0.0)
     assert elliptic.carlson_rf(0.0, 2.0, 0.0) == math.inf
@@ -116,7 +116,7 @@ def test_carlson_limits() -> None:
 
 @pytest.mark.parametrize("kc", MODULI)
 def test_complete_k(kc: float) -> None:
-    """K is right to 1e-30 however close to the separatrix."""
+    """K is accurate to 1e-30 however close to the separatrix."""
     true = MP.pi / (2 * MP.agm(1, MP.mpf(kc)))
     assert abs(exact(elliptic.complete_k((kc, 0.0))) / true - 1) < 1e-30
 
@@ -129,7 +129,7 @@ def test_complete_k_on_the_separatrix() -> None:
 @pytest.mark.parametrize("p", [1e-15, 1e-3, 0.5, 1.0, 3.0, 1e6, 1e15])
 @pytest.mark.parametrize("kc", MODULI[:8])
 def test_complete_integral_matches_carlsons(kc: float, p: float) -> None:
-    """Bulirsch's cel is right to 1e-29 for both of its terms, by Carlson's R_F and R_J."""
+    """Bulirsch's cel is accurate to 1e-29 for both of its terms, compared with Carlson's R_F and R_J."""
     sine = MP.elliprj(0, MP.mpf(kc) ** 2, 1, p) / 3
     cosine = MP.elliprf(0, MP.mpf(kc) ** 2, 1) - p * sine
     pair = (kc, 0.0), (p, 0.0)
@@ -140,7 +140,7 @@ def test_complete_integral_matches_carlsons(kc: float, p: float) -> None:
 @pytest.mark.parametrize("y", [1.0, 0.999, 0.3, 1e-5, 1e-16, 1e-160])
 @pytest.mark.parametrize("x", [1.0, 0.5, 1e-3, 1e-9, 1e-160, 0.0])
 def test_carlson_rf_of_squares(x: float, y: float) -> None:
-    """R_F(x^2, y^2, 1) is right to 1e-30 where x^2 and y^2 are no longer doubles."""
+    """R_F(x^2, y^2, 1) is accurate to 1e-30 if x^2 and y^2 are no longer doubles."""
     true = MP.elliprf(MP.mpf(x) ** 2, MP.mpf(y) ** 2, 1)
     assert abs(exact(elliptic.carlson_rf_of_squares((x, 0.0), (y, 0.0), dd.ONE)) / true - 1) < 1e-30
 

@@ -1,4 +1,4 @@
-"""Digests of files: by content and name, computed once for each state of the files."""
+"""Digests of files by content and name, computed once for each state of the files."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def hashed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Return a list that gets the name of each file that is read."""
+    """Return a list that receives the name of each file that is read."""
     read: list[str] = []
     real = file_digests._file_digest
 
@@ -47,13 +47,13 @@ def digest(folder: Path) -> str:
 
 
 def test_files_are_read_once(folder: Path, hashed: list[str]) -> None:
-    """The second time nothing is read, and the digest is the same."""
+    """The second request reads nothing and returns the same digest."""
     assert digest(folder) == digest(folder)
     assert hashed == ["a.py", "b.so"]
 
 
 def test_changed_files_are_cached_again(folder: Path, hashed: list[str]) -> None:
-    """After a change they are read once more, and then not again."""
+    """Changed files are read once more and then cached again."""
     digest(folder)
     (folder / "a.py").write_text("a = 22\n")
     hashed.clear()
@@ -88,7 +88,7 @@ def test_replaced_file_is_read_again(folder: Path) -> None:
 
 
 def test_equal_content_has_an_equal_digest_anywhere(folder: Path, tmp_path: Path) -> None:
-    """Names are relative to the folder."""
+    """The digest depends only on names relative to the folder."""
     before = digest(folder)
     assert digest(folder.rename(tmp_path / "elsewhere")) == before
 
@@ -99,7 +99,7 @@ def test_equal_content_has_an_equal_digest_anywhere(folder: Path, tmp_path: Path
 def test_recently_changed_file_is_not_cached(
     age_ns: int, reads: int, folder: Path, hashed: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It may change again within the resolution of its times; so may one dated in the future."""
+    """The file may change again within the resolution of its times; so may a file dated in the future."""
     newest = max(max(s.st_mtime_ns, s.st_ctime_ns) for _, s in files_below(str(folder)).values())
     monkeypatch.setattr(file_digests.time, "time_ns", lambda: newest + age_ns)
     assert digest(folder) == digest(folder)
@@ -109,7 +109,7 @@ def test_recently_changed_file_is_not_cached(
 def test_file_changed_during_reading_is_not_cached(
     folder: Path, hashed: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The content read may be neither the old nor the new one."""
+    """The content that was read may be neither the old nor the new one."""
     real = file_digests._file_digest
 
     def changing(path: str) -> str:
@@ -124,7 +124,7 @@ def test_file_changed_during_reading_is_not_cached(
 
 
 def test_unreadable_files_differ_by_the_reason(folder: Path) -> None:
-    """A file that is gone and a folder in its place are two states."""
+    """A missing file and a folder in its place have different digests."""
     listed = (folder / "a.py").stat()
     gone, replaced = ({"a.py": (str(path), listed)} for path in (folder / "gone", folder / "inner"))
     assert content_digest("gone", gone) != content_digest("replaced", replaced)
@@ -132,7 +132,7 @@ def test_unreadable_files_differ_by_the_reason(folder: Path) -> None:
 
 @pytest.mark.parametrize("damage", [b"", b"no seal\n", b"\xff\xfe", b"{}\n"])
 def test_damaged_cache_is_ignored(damage: bytes, folder: Path, hashed: list[str]) -> None:
-    """The files are read again."""
+    """If the cache is damaged, the files are read again and give the same digest."""
     before = digest(folder)
     (memory,) = (folder.parent / "cache/digests").iterdir()
     memory.write_bytes(damage)
@@ -141,14 +141,14 @@ def test_damaged_cache_is_ignored(damage: bytes, folder: Path, hashed: list[str]
 
 
 def test_cache_that_cannot_be_written_is_ignored(folder: Path, hashed: list[str]) -> None:
-    """The digest is the same, and computed each time."""
+    """The digest is the same, but computed each time."""
     (folder.parent / "cache").write_text("a file")
     assert digest(folder) == digest(folder)
     assert len(hashed) == 4
 
 
 def test_bytecode_and_hidden_folders_do_not_count(folder: Path) -> None:
-    """They follow from the rest or belong to other tools; unreadable and deleted files are no error."""
+    """Derived files and those of other tools are ignored; unreadable and deleted files are not an error."""
     before = digest(folder)
     for name in ("__pycache__", ".git", "inner/__pycache__"):
         (folder / name).mkdir()
@@ -168,7 +168,7 @@ def test_linked_folder_is_not_entered(folder: Path) -> None:
 
 
 def test_cache_folder_has_one_file_per_label(folder: Path) -> None:
-    """It is created with its parents, and nothing unfinished is left in it."""
+    """The folder is created with its parents, and no temporary file is left in it."""
     for label in ("one", "one", "two"):
         content_digest(label, files_below(str(folder)))
     assert len(list((folder.parent / "cache/digests").iterdir())) == 2
@@ -176,7 +176,7 @@ def test_cache_folder_has_one_file_per_label(folder: Path) -> None:
 
 
 def test_digest_of_sources_has_their_places(tmp_path: Path) -> None:
-    """A module that is moved or changed is other code; other files are none."""
+    """A module that is moved or changed changes the digest; other files do not."""
     (tmp_path / "inner").mkdir()
     (tmp_path / "a.py").write_text("a = 1\n")
     found = [digest_of(tmp_path)]
@@ -191,12 +191,12 @@ def test_digest_of_sources_has_their_places(tmp_path: Path) -> None:
 
 
 def test_no_files_have_a_digest_too(folder: Path) -> None:
-    """An engine may have loaded nothing else; it differs from that of any file."""
+    """An engine may have loaded no files; their digest differs from that of any file."""
     nothing = content_digest("nothing", {})
     assert len(nothing) == 64
     assert nothing != digest(folder)
 
 
 def test_only_files_of_wanted_names_count(folder: Path) -> None:
-    """Other files may change."""
+    """Only files with the requested names are listed, so that others may change."""
     assert list(files_below(str(folder), lambda name: name.endswith(".so"))) == ["inner/b.so"]

@@ -1,6 +1,6 @@
-"""The truth of forced motion against fifty digits: springs, drag, orbits and pivots, by other formulas.
+"""The truth of forced motion compared with fifty digits: springs, drag, orbits and pivots, by other formulas.
 
-The state is R and the angular momentum in world axes, about the pivot where there is one, and position and
+The state is R and the angular momentum in world axes, about the pivot if there is one, and position and
 velocity; the method is Gauss's of twelve stages, order 24, in decimal arithmetic.
 """
 
@@ -38,7 +38,7 @@ CASES = {
     "off-grid-torque": (3.0, 1 / 4),
     "chaotic-top": (0.5, 1 / 20),
 }
-"""Until when forty digits follow each, and by which steps, none of which a switch falls into."""
+"""The time up to which forty digits follow each scene, and steps within which no load switches."""
 
 
 @pytest.mark.slow
@@ -47,7 +47,7 @@ CASES = {
     [pytest.param(name, marks=pytest.mark.nightly if name == "spring-pendulum" else ()) for name in CASES],
 )
 def test_truth_of_forced_motion_lies_within_its_bounds(name: str) -> None:
-    """All quantities are within their bounds of fifty digits; x, v and omega to round-off."""
+    """All quantities are within their bounds of fifty digits; x, v and omega agree to round-off."""
     scene, (until, step) = load_scenario(name).scene, CASES[name]
     t_s = [0.0, 0.5 * until, until]
     truth = solve_truth(scene, np.array(t_s))
@@ -80,13 +80,13 @@ def test_truth_of_forced_motion_lies_within_its_bounds(name: str) -> None:
                 (found_velocity, velocity, truth.bound_m_s[k]),
             ):
                 assert norm(plus(one, other, -1)) <= Decimal(bound)
-                assert Decimal(bound) <= Decimal("4e-15") * (1 + norm(other))  # what closed forms claim
+                assert Decimal(bound) <= Decimal("4e-15") * (1 + norm(other))  # claimed for closed forms
     assert np.max(truth.bound_rad) <= 5e-15
 
 
 @pytest.mark.parametrize("name", ["heavy-top", "sleeping-top/9.0"])
 def test_series_of_a_pivoted_body_equals_the_truth(name: str) -> None:
-    """In doubles the body rotates about its pivot, which stays, and its centre of mass follows."""
+    """In doubles the body rotates about its fixed pivot, and its centre of mass follows."""
     scene = load_scenario(name).scene
     truth = solve_truth(scene, scene.sample_times).trajectory
     found = TaylorMotion.of(scene, 1e-15).solve(scene.sample_times).trajectory
@@ -98,7 +98,7 @@ def test_series_of_a_pivoted_body_equals_the_truth(name: str) -> None:
 
 
 def test_pivot_with_gravity_gradient_is_refused(expected_message: ExpectedMessage) -> None:
-    """A body in orbit cannot have a pivot fixed in the world."""
+    """A body in orbit cannot have a pivot that is fixed in the world."""
     scene = replace(load_scenario("satellite-libration").scene, pivot=np.array([0.0, 0.0, 1.0]))
     with expected_message.raises(ValueError):
         solve_truth(scene, np.array([1.0]))

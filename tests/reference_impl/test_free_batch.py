@@ -22,7 +22,7 @@ def bodies(m: int, seed: int = 4) -> tuple[Array, Array, Array]:
     quaternion /= np.linalg.norm(quaternion, axis=1)[:, None]
     inertia[0], omega[0] = np.diag([2.0, 5.0, 6.0]), (1.0, 1.5, 1.0)  # on the separatrix
     inertia[1], omega[1] = np.diag([2.0, 5.0, 6.0]), (1.0, 1.5, 1.0 + 1e-12)
-    omega[2] = (0.0, 1.3, 0.0)  # steady
+    omega[2] = (0.0, 1.3, 0.0)  # a steady rotation
     omega[3] = 0.0
     inertia[4] = np.diag([1.0, 1.0, 1.5])
     inertia[5] *= 1e-9
@@ -33,7 +33,7 @@ def bodies(m: int, seed: int = 4) -> tuple[Array, Array, Array]:
 
 
 def one_by_one(inertia: Array, quaternion: Array, omega: Array) -> FreeTruths:
-    """Return the same from `solve_truth`, body by body."""
+    """Return the same values from `solve_truth`, body by body."""
     found = []
     for body in range(len(inertia)):
         start = State(np.zeros(3), quaternion[body], np.zeros(3), omega[body])
@@ -51,7 +51,7 @@ def one_by_one(inertia: Array, quaternion: Array, omega: Array) -> FreeTruths:
 
 @pytest.mark.slow
 def test_batch_of_truths_equals_single_truths() -> None:
-    """Attitudes and omega are those of solve_truth to the last bit, bounds and floors to 1e-6."""
+    """Attitudes and omega equal those of solve_truth to the last bit, bounds and floors to 1e-6."""
     given = bodies(24)
     batch, single = free_truths(*given, TIMES), one_by_one(*given)
     assert np.array_equal(batch.quaternion, single.quaternion)
@@ -61,7 +61,7 @@ def test_batch_of_truths_equals_single_truths() -> None:
 
 
 def test_order_and_size_of_a_batch_do_not_matter() -> None:
-    """A body has the same truth at any place of any batch."""
+    """A body has the same truth at any place in any batch."""
     given = bodies(40)
     whole = free_truths(*given, TIMES)
     some = np.random.default_rng(1).permutation(40)[:9]

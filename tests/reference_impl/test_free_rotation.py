@@ -1,9 +1,9 @@
-"""The closed form of free rotation against Euler's equations in 60 digits, and against laws.
+"""The closed form of free rotation compared with Euler's equations in 60 digits, and with laws.
 
-The first truth knows no elliptic function: the angular momentum and the world axes, seen from the body, obey
+The first truth uses no elliptic function: the angular momentum and the world axes, seen from the body, obey
 y' = y x omega, and their Taylor series are summed in integers. Times of 1e6 s and more are
 reached by whole periods: after one, the attitude has turned by a fixed rotation about the momentum. The
-second truth, for the corners whose period is too long for that, is the textbook's, in 60 digits and more:
+second truth, for cases whose period is too long for that, is the textbook's, in 60 digits and more:
 Jacobi's functions for the momentum and Legendre's third integral for the precession about it.
 """
 
@@ -29,18 +29,18 @@ MP.dps = 60
 BITS = 200
 ORDER = 60
 TOLERANCE = 4e-15
-"""Of attitude, in rad, and of omega, relative: what FreeRotation.at promises."""
+"""The accuracy that FreeRotation.at promises: of attitude in rad, and of omega relative."""
 
 QUATERNION = (0.9, -0.3, 0.2, 0.5)
 State = list[list[int]]
-"""L, and the world axes x and y, in body axes and units of 2^-BITS."""
+"""L and the world axes x and y, in body axes and units of 2^-BITS."""
 
 
 # -------------------------------------------------------------------------------------------------- truth
 
 
 def as_tensor(inertia: Any) -> Array:
-    """Return the tensor (3, 3) of principal moments, or itself."""
+    """Return the tensor (3, 3) of principal moments, or the tensor itself."""
     tensor = np.asarray(inertia, dtype=np.float64)
     return np.diag(tensor) if tensor.ndim == 1 else tensor
 
@@ -97,7 +97,7 @@ class Truth:
         return vectors
 
     def advance(self, state: State, duration: int) -> State:
-        """Move a state by a duration in units of 2^-BITS."""
+        """Advance a state by a duration in units of 2^-BITS."""
         while duration:
             series = self._series(state)
             last = max(abs(component[-1]) for vector in series for component in vector)
@@ -108,7 +108,7 @@ class Truth:
         return state
 
     def at(self, t_s: float) -> tuple[Any, list[Any]]:
-        """Return R (3, 3) and omega (3,) at a time, by steps all the way."""
+        """Return R (3, 3) and omega (3,) at a time, by steps only."""
         return self.seen(self.advance(self.start, fixed(Fraction(t_s) * self.pace)))
 
     def seen(self, state: State) -> tuple[Any, list[Any]]:
@@ -119,7 +119,7 @@ class Truth:
         return rotation, [x * scale * pace for x in self.omega(state[0])]
 
     def once(self, period_s: float) -> tuple[int, Any, Any]:
-        """Return the period, exactly, from a guess, and the axis and angle of its turn in the world."""
+        """Return the exact period from a guess, and the axis and angle of its rotation in the world."""
         period = fixed(Fraction(period_s) * self.pace)
         state = self.advance(self.start, period)
         for _ in range(4):  # Newton: from 1e-15 to 1e-60
@@ -175,7 +175,7 @@ def textbook_of_tensor(tensor: Array, omega: Array, t_s: float) -> tuple[Any, li
         axes *= MP.sign(MP.det(axes))
         start = MP.matrix(rotation_of([MP.mpf(c) for c in QUATERNION]))
         rotation, spin = _textbook(list(moments), list(axes.T * MP.matrix(omega.tolist())), t_s)
-        # the textbook starts its own axes from the quaternion: take that back, and start these
+        # the textbook starts its own axes from the quaternion: undo that, and start these
         return start * axes * start.T * rotation * axes.T, list(axes * MP.matrix(spin))
 
 
@@ -191,7 +191,7 @@ def textbook(moments: Any, omega: Any, t_s: float, digits: int = 60) -> tuple[An
 
 
 def _textbook(moments: Any, omega: Any, t_s: float) -> tuple[Any, list[Any]]:
-    # the axes are numbered, and turned by half turns, so that L = (a1 cn, side a2 sn, a3 dn), a1 and a3 > 0
+    # the axes are numbered and half-turned so that L = (a1 cn, side a2 sn, a3 dn), a1 and a3 > 0
     order = sorted(range(3), key=lambda i: moments[i])
     spin = [MP.mpf(x) for x in omega]
     inertia = [MP.mpf(x) for x in moments]
@@ -241,7 +241,7 @@ def _textbook(moments: Any, omega: Any, t_s: float) -> tuple[Any, list[Any]]:
 
 
 def attitude_error(quaternion: Array, rotation: Any) -> float:
-    """Angle of R(q)^T R in rad."""
+    """Return the angle of R(q)^T R in rad."""
     found = MP.matrix(rotation_of([MP.mpf(float(c)) for c in quaternion]))
     d = found.T * rotation
     sine = MP.sqrt((d[2, 1] - d[1, 2]) ** 2 + (d[0, 2] - d[2, 0]) ** 2 + (d[1, 0] - d[0, 1]) ** 2) / 2
@@ -257,7 +257,7 @@ def omega_error(found: Array, true: list[Any]) -> float:
 
 
 def closed_form(inertia: Any, omega: Any) -> FreeRotation:
-    """Set up the rotation from principal moments or a tensor, from the one quaternion of these tests."""
+    """Return the rotation for principal moments or a tensor, from the quaternion of these tests."""
     return FreeRotation.from_state(as_tensor(inertia), QUATERNION, omega)
 
 
@@ -275,7 +275,7 @@ _Q = np.linalg.qr(np.random.default_rng(7).normal(size=(3, 3)))[0]
 
 
 def tensor_of(moments: Any) -> Array:
-    """Return a full symmetric tensor of about these moments."""
+    """Return a full symmetric tensor with approximately these moments."""
     tensor = _Q @ np.diag(np.asarray(moments, dtype=np.float64)) @ _Q.T
     return 0.5 * (tensor + tensor.T)
 
@@ -327,7 +327,7 @@ LONG_CASES: dict[str, tuple[Any, Any, float]] = {
     "tensor, separatrix": ([[6.5, 0, -2.5], [0, 5, 0], [-2.5, 0, 6.5]], [4, 2.8, 2], 13.0),
     "tensor, near axis 2": (tensor_of([1, 2, 3]), _Q[:, 1], 70.0),
 }
-"""Inertia, omega, and the time of a flip or two, in s."""
+"""Inertia, omega, and the time of one or two flips in s."""
 GAPS = [1e-3, 1e-6, 1e-9, 1e-12, 1e-15]
 ORDERS = [(0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)]
 
@@ -339,7 +339,7 @@ def truth(name: str) -> Truth:
 
 
 def assert_right(rotation: FreeRotation, true: Truth, times: tuple[float, ...]) -> None:
-    """Assert that a rotation is right at ascending times, or descending ones below zero."""
+    """Assert that a rotation is accurate at ascending times, or at descending ones below zero."""
     state, before = true.start, Fraction(0)
     for t_s in times:
         state = true.advance(state, fixed((Fraction(t_s) - before) * true.pace))
@@ -350,7 +350,7 @@ def assert_right(rotation: FreeRotation, true: Truth, times: tuple[float, ...]) 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_truth_matches_sixty_digits_for_any_body(name: str) -> None:
-    """Attitude and omega are right to 4e-15 after some rotations in either direction."""
+    """Attitude and omega are accurate to 4e-15 after some rotations in either direction."""
     inertia, omega = CASES[name]
     turn_s = 2.0 * math.pi / (float(np.linalg.norm(omega)) or 1.0)
     rotation = closed_form(inertia, omega)
@@ -361,7 +361,7 @@ def test_truth_matches_sixty_digits_for_any_body(name: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LONG_CASES)
 def test_truth_matches_sixty_digits_after_flips(name: str) -> None:
-    """Next to the separatrix it is still right after flips, where a stepper has lost every digit."""
+    """Close to the separatrix the motion stays accurate after flips that cost a stepper every digit."""
     inertia, omega, t_s = LONG_CASES[name]
     assert_right(closed_form(inertia, omega), Truth(inertia, omega), (0.2 * t_s, t_s))
 
@@ -381,7 +381,7 @@ FAR = ["general", "general, other side", "oblate", "needle, not symmetric", "100
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FAR)
 def test_truth_at_long_times_loses_no_digits(name: str) -> None:
-    """Nothing is lost at 1e6 s and 1e9 s, forwards or backwards."""
+    """No digits are lost at 1e6 s and 1e9 s, forwards or backwards."""
     rotation = closed_form(*CASES[name])
     once = truth(name).once(4.0 * rotation.quarter_period_s)
     for t_s in (1e6, -123456789.123, 1e9):
@@ -390,7 +390,7 @@ def test_truth_at_long_times_loses_no_digits(name: str) -> None:
 
 @pytest.mark.slow
 def test_oracles_agree() -> None:
-    """Steps all the way, whole periods and the textbook agree to 1e-45."""
+    """Steps only, whole periods and the textbook agree to 1e-45."""
     inertia, omega = CASES["general"]
     once = truth("general").once(4.0 * closed_form(inertia, omega).quarter_period_s)
     stepped = truth("general").at(-9.0)
@@ -416,7 +416,7 @@ TEXTBOOK: list[tuple[Any, Any]] = [
 
 @pytest.mark.parametrize("case", range(len(TEXTBOOK)))
 def test_textbook_formula_holds_for_any_body(case: int) -> None:
-    """Bodies with long periods or many flips are right at any time, about any axis."""
+    """Bodies with long periods or many flips are accurate at any time, about any axis."""
     order = ORDERS[case % len(ORDERS)]
     inertia, omega = ([values[i] for i in order] for values in TEXTBOOK[case])
     rotation = closed_form(inertia, omega)
@@ -439,7 +439,7 @@ FULL: list[Any] = [
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("moments", FULL)
 def test_textbook_formula_holds_for_full_tensors(moments: Any, seed: int) -> None:
-    """Full tensors are right at any time: nearly equal moments, needles, spins near an axis."""
+    """Full tensors are accurate at any time: nearly equal moments, needles, spins close to an axis."""
     rng = np.random.default_rng(seed)
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     tensor = axes @ np.diag(moments) @ axes.T
@@ -477,7 +477,7 @@ def test_offset_of_1e_160_flips_on_time() -> None:
 
 @pytest.mark.parametrize("name", ["general", "plate"])
 def test_one_ulp_is_detected(name: str) -> None:
-    """A body with a moment off by one ulp exceeds the tolerance at 1e6 s: the bound can fail."""
+    """A body with a moment off by one ulp exceeds the tolerance at 1e6 s, so the bound can fail."""
     inertia, omega = CASES[name]
     wrong = closed_form([float(np.nextafter(inertia[0], 9.0)), *inertia[1:]], omega)
     assert attitude_error(wrong.at([1e6])[0][0], textbook(inertia, omega, 1e6)[0]) > 1e2 * TOLERANCE
@@ -490,7 +490,7 @@ LAWS = [name for name in CASES if name != "at rest"]
 
 @pytest.mark.parametrize("name", LAWS)
 def test_starts_at_the_state(name: str) -> None:
-    """At t = 0 the motion is at the state that it was set up from, the quaternion normalised."""
+    """At t = 0 the motion is in the state from which it was set up, with the quaternion normalised."""
     inertia, omega = CASES[name]
     quaternion, found = closed_form(inertia, omega).at([0.0])
     assert quaternion[0] == pytest.approx(np.array(QUATERNION) / np.linalg.norm(QUATERNION), abs=1e-15)
@@ -568,7 +568,7 @@ def test_units(name: str, exponent: int) -> None:
 
 
 def test_largest_numbers() -> None:
-    """Nothing overflows on the way, up to half the largest double."""
+    """No intermediate result overflows, up to half the largest double."""
     largest = 0.5 * float(np.finfo(np.float64).max)
     inertia, omega = largest * np.diag([0.3, 0.5, 1.0]), [largest, 0.1 * largest, -largest]
     rotation = FreeRotation.from_state(inertia, [largest] * 4, omega)
@@ -589,7 +589,7 @@ def test_frame_indifference(name: str) -> None:
     times = np.array([0.3, -7.0, 1e5]) / np.linalg.norm(spin)
     quaternion, found = closed_form(inertia, omega).at(times)
     for order, half_turn in (((1, 2, 0), 0.5), ((2, 0, 1), -0.5)):
-        new = np.array([0.5, half_turn, half_turn, half_turn])  # cyclic: x -> y -> z -> x, or back
+        new = np.array([0.5, half_turn, half_turn, half_turn])  # cyclic: x -> y -> z -> x, or reversed
         turned = FreeRotation.from_state(
             tensor[np.ix_(order, order)], product(QUATERNION, new), spin[list(order)]
         )
@@ -637,7 +637,7 @@ def test_separatrix_never_returns() -> None:
 
 
 def test_negligible_components_do_no_harm() -> None:
-    """A component 1e-300 of the largest is not a tumbling motion."""
+    """A component 1e-300 of the largest does not make the motion tumble."""
     rotation = closed_form([1, 2, 3], [1e-300, 1, 5e-324])
     quaternion, omega = rotation.at([0.0, 1e9])
     assert np.isfinite(quaternion).all()
@@ -645,7 +645,7 @@ def test_negligible_components_do_no_harm() -> None:
 
 
 def test_shapes() -> None:
-    """n times give n rows, none gives none, and a strided array is read right."""
+    """n times give n rows, none gives none, and a strided array is read correctly."""
     rotation = closed_form([1, 2, 3], [0.1, 2, 0.1])
     assert rotation.at([])[0].shape == (0, 4)
     assert rotation.at([])[1].shape == (0, 3)
@@ -657,7 +657,7 @@ def test_shapes() -> None:
 
 
 def all_cases() -> tuple[Array, Array, Array]:
-    """Return the states of every named case, of all kinds of motion mixed."""
+    """Return the states of every named case, with all kinds of motion mixed."""
     cases = [(as_tensor(inertia), omega) for inertia, omega, *_ in (CASES | LONG_CASES).values()]
     omegas = np.array([omega for _, omega in cases], dtype=float)
     quaternions = np.random.default_rng(3).normal(size=(len(cases), 4))
@@ -665,7 +665,7 @@ def all_cases() -> tuple[Array, Array, Array]:
 
 
 def test_many_bodies_equal_each_alone() -> None:
-    """Steady, undecided and tumbling bodies set up together move bit for bit as each alone."""
+    """Steady, undecided and tumbling bodies set up together move bit for bit as each body alone."""
     states, times = all_cases(), np.array([0.0, 0.3, -7.0, 1e5])
     together = FreeRotations.from_states(*states)
     quaternion, omega = together.at(times)
@@ -684,7 +684,7 @@ def test_no_bodies_have_no_motion() -> None:
 
 
 def test_one_impossible_body_is_named(expected_message: ExpectedMessage) -> None:
-    """Among many bodies the impossible one is refused with its number or its values."""
+    """The impossible body among many is refused with its index or its values."""
     inertia, quaternion, omega = all_cases()
     inertia[3] = np.diag([1.0, -2.0, 3.0])
     with expected_message.raises(ValueError):
@@ -698,7 +698,7 @@ def test_one_impossible_body_is_named(expected_message: ExpectedMessage) -> None
 
 @pytest.mark.parametrize("offset", [0.3, 0.1, 1e-2, 1e-9, 1e-15])
 def test_exact_decision_does_not_change_the_motion(offset: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whether floating point or exact integers classify it, the motion is the same to rounding."""
+    """Classified in floating point or in exact integers, the motion is the same to rounding."""
     state = (tensor_of([4, 5, 9]), QUATERNION, _Q @ [3 * (1 + offset), 2, 1])
     decided = FreeRotation.from_state(*state).at([1e9])
 
@@ -757,13 +757,13 @@ def test_impossible_states_are_refused(
 def test_impossible_times_are_refused(
     omega: list[float], times: Any, expected_message: ExpectedMessage
 ) -> None:
-    """Times that are not finite, or too far for the phase to be known, are refused with their value."""
+    """Times that are not finite, or too large for the phase to be known, are refused with their value."""
     with expected_message.raises(ValueError):
         closed_form([1, 2, 3], omega).at(times)
 
 
 def test_rounding_asymmetry_is_accepted() -> None:
-    """A tensor that is asymmetric by rounding stands for its symmetric part."""
+    """A tensor that is asymmetric by rounding is replaced by its symmetric part."""
     tensor = tensor_of([1, 2, 3])
     skewed = tensor.copy()
     skewed[0, 1] = np.nextafter(skewed[0, 1], 9.0)

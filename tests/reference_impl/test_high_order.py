@@ -1,4 +1,4 @@
-"""The methods of order 4 to 8 against twenty digits, in other variables: R and L, both in world axes."""
+"""The methods of order 4 to 8 compared with twenty digits in other variables: R and L, both in world axes."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ CF4, SPLITTING6, DOP853 = (INTEGRATORS[name] for name in ("cf4", "splitting6", "
 
 
 def where(promised: Callable[[Integrator], bool]) -> pytest.MarkDecorator:
-    """Return the mark for a law of the methods of order 4 or more whose facts promise it."""
+    """Return the mark for a law of the methods of order 4 or more whose facts state it."""
     methods = [method for method in INTEGRATORS.values() if method.order >= 4 and promised(method)]
     return pytest.mark.parametrize("method", methods, ids=[method.name for method in methods])
 
@@ -47,7 +47,7 @@ every_method = where(lambda _: True)
 
 
 def turned_tensor(moments: tuple[float, float, float]) -> Array:
-    """Return a tensor of these principal moments, its axes askew."""
+    """Return a tensor with these principal moments and rotated axes."""
     tilt = Rotation.from_rotvec([0.4, -0.7, 0.3]).as_matrix()
     tensor = tilt @ np.diag(moments) @ tilt.T
     return np.asarray(0.5 * (tensor + tensor.T))
@@ -73,7 +73,7 @@ LOADS["all at once"] = tuple(load for loads in LOADS.values() for load in loads)
 
 
 def wrench_named(kind: str) -> Wrench:
-    """Return the wrench of a kind of loads."""
+    """Return the wrench of a kind of load."""
     return wrench_of(tuple((load, 1.0) for load in LOADS[kind]))
 
 
@@ -136,7 +136,7 @@ def solved(kind: str) -> tuple[Array, Array, Array, Array]:
 
 
 def packed_start(method: Integrator, start: State = START, body: RigidBody = BODY) -> Array:
-    """Return the initial state as the method holds it."""
+    """Return the initial state in the variables of the method."""
     spin = start.omega_body
     if method.spin == "angular_momentum":
         spin = start.rotation @ (body.inertia @ spin)
@@ -151,7 +151,7 @@ def omega_of(state: Array, method: Integrator, body: RigidBody = BODY) -> Array:
 
 
 def errors(method: Integrator, kind: str, steps: int) -> dict[str, float]:
-    """Return what is wrong at the end after this many steps, quantity by quantity."""
+    """Return the errors after this many steps, quantity by quantity."""
     state = packed_start(method)
     load = wrench_named(kind).packed(BODY, np.zeros(3))
     method.advance(state, packed_body(BODY), load, DURATION / steps, steps)
@@ -169,7 +169,7 @@ def slope(steps: tuple[int, ...], found: list[float]) -> float:
     return -float(np.polyfit(np.log(steps), np.log(found), 1)[0])
 
 
-# by the order: numbers of steps, from where it shows to where rounding begins to; how near to it slopes come
+# order -> the numbers of steps between which the order is visible, and the tolerance of slopes
 REFINEMENTS: dict[int, tuple[tuple[int, ...], float]] = {
     4: ((80, 113, 160), 0.1),
     5: ((113, 160, 226), 0.6),
@@ -191,19 +191,19 @@ def test_error_has_the_stated_order(method: Integrator, kind: str) -> None:
     )
     for quantity in ("omega", "position", "velocity"):
         run = [error[quantity] for error in found]
-        if max(run) > max(steps) * 8 * EPS:  # else exact to round-off: what no force moves
+        if max(run) > max(steps) * 8 * EPS:  # otherwise exact to round-off, if no force acts
             assert slope(steps, run) >= method.order - tolerance, quantity
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", LOADS)
 def test_order_eight_reaches_round_off(kind: str) -> None:
-    """With 64 steps of 1/32 s the error of dop853 is rounding."""
+    """With 64 steps of 1/32 s the error of dop853 is round-off."""
     assert max(errors(DOP853, kind, 64).values()) <= 64 * EPS
 
 
 def test_dop853_tableau_equals_hairers() -> None:
-    """The coefficients are those that scipy has from dop853.f, and sum_j b_j a_ji = b_i (1 - c_i)."""
+    """The coefficients equal those in scipy, from dop853.f, and sum_j b_j a_ji = b_i (1 - c_i)."""
     a = np.array([[row.get(j, 0.0) for j in range(1, 13)] for row in ROWS])
     b, c = np.array([WEIGHTS.get(j, 0.0) for j in range(1, 13)]), np.array(NODES)
     assert np.array_equal(a, dop853_coefficients.A[:12, :12])
@@ -212,7 +212,7 @@ def test_dop853_tableau_equals_hairers() -> None:
     assert np.max(np.abs(b @ a - b * (1.0 - c))) <= 16 * EPS
 
 
-# ------------------------------------------------------------------------------------ what is kept
+# ------------------------------------------------------------------------------ conserved quantities
 
 
 def free_run(method: Integrator, dt: float, portions: int, each: int) -> list[Array]:
@@ -227,7 +227,7 @@ def free_run(method: Integrator, dt: float, portions: int, each: int) -> list[Ar
 
 @where(lambda method: method.spin == "angular_momentum")
 def test_momentum_is_conserved_to_the_bit(method: Integrator) -> None:
-    """Without torque L in world axes does not change at all, whatever the step."""
+    """Without torque L in world axes does not change at all, for any step."""
     assert np.array_equal(free_run(method, 0.2, 1, 1000)[0][6:9], packed_start(method)[6:9])
 
 
@@ -250,7 +250,7 @@ def test_momentum_of_the_reported_motion_is_conserved(method: Integrator) -> Non
 
 @where(lambda method: "rotation group" in method.preserves)
 def test_norm_of_the_quaternion_is_conserved(method: Integrator) -> None:
-    """|q| drifts from 1 by round-off, some 1e-13 in 1e5 steps, without normalisation."""
+    """|q| drifts from 1 by round-off, about 1e-13 in 1e5 steps, without normalisation."""
     norms = [float(np.linalg.norm(state[9:])) for state in free_run(method, 0.05, 100, 1000)]
     assert max(abs(norm - 1.0) for norm in norms) <= 5e-13
 
@@ -283,7 +283,7 @@ def test_splitting_conserves_under_a_force_with_a_potential() -> None:
     """With a constant world force F at a: E = T - F . (x + R a) is bounded, L . F constant to round-off."""
     pull = next(load for load in LOADS["world force"] if isinstance(load, PointForce))
     load, state = wrench_named("world force").packed(BODY, np.zeros(3)), packed_start(SPLITTING6)
-    still = np.concatenate([np.zeros(6), state[6:]])  # the centre of mass falls away: left out of E
+    still = np.concatenate([np.zeros(6), state[6:]])  # the centre of mass is in free fall and left out of E
 
     def spin_energy() -> float:
         rotation = quaternion_to_matrix(still[9:])
@@ -301,7 +301,7 @@ def test_splitting_conserves_under_a_force_with_a_potential() -> None:
 
 
 def test_splitting_is_reversible() -> None:
-    """Composed symmetrically, the reversed steps lead back to the start to round-off."""
+    """The composition is symmetric, so the reversed steps lead back to the start to round-off."""
     load, body = wrench_named("all at once").packed(BODY, np.zeros(3)), packed_body(BODY)
     state = packed_start(SPLITTING6)
     first = state.copy()
@@ -326,7 +326,7 @@ def test_splitting_is_exact_for_a_symmetric_body(moments: tuple[float, float, fl
 
 @pytest.mark.slow
 def test_equal_halves_of_the_drifts_lose_the_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With each drift cut in equal halves, as if it were the exact flow, order 6 becomes 2."""
+    """With each drift divided into equal halves, as if it were the exact flow, order 6 becomes 2."""
     plain: Callable[..., None] = splitting_module.advance.py_func
 
     def error(steps: int) -> float:
@@ -340,7 +340,7 @@ def test_equal_halves_of_the_drifts_lose_the_order(monkeypatch: pytest.MonkeyPat
 
 
 def test_cf4_is_exact_for_a_sphere() -> None:
-    """Where omega is constant two exponentials of it are one: a sphere is exact after steps of any length."""
+    """If omega is constant two exponentials of it are one, so a sphere is exact after steps of any length."""
     sphere = RigidBody(1.0, 1.5 * np.eye(3))
     state = packed_start(CF4, body=sphere)
     CF4.advance(state, packed_body(sphere), NO_WRENCH.packed(sphere, np.zeros(3)), 1.7, 10)
@@ -360,7 +360,7 @@ def framed(inertia: Array) -> tuple[Array, Array]:
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("spread", [1.0, 1e-3, 1e-9, 1e-14, 0.0])
 def test_principal_frame_reproduces_the_tensor(spread: float, seed: int) -> None:
-    """A diag(J) A^T = I, A^T A = 1, det A = 1 and J ascends, however close the moments are."""
+    """A diag(J) A^T = I, A^T A = 1, det A = 1 and J is ascending, however close the moments are."""
     rng = np.random.default_rng(seed)
     turn = Rotation.random(rng=rng).as_matrix()
     tensor = turn @ np.diag(2.0 + spread * rng.uniform(-0.9, 0.9, size=3)) @ turn.T
@@ -375,7 +375,7 @@ def test_principal_frame_reproduces_the_tensor(spread: float, seed: int) -> None
 
 @pytest.mark.parametrize("moments", [(1.0, 2.0, 2.5), (2.5, 2.0, 1.0), (2.0, 1.0, 2.0), (2.0, 2.0, 2.0)])
 def test_principal_frame_of_a_diagonal_tensor_is_exact(moments: tuple[float, float, float]) -> None:
-    """Without rotation nothing is rounded: the axes are those of the body, in order."""
+    """Without rotation nothing is rounded, and the axes are those of the body in ascending order."""
     found, axes = framed(np.diag(moments))
     assert np.array_equal(found, np.sort(moments))
     assert np.array_equal(np.abs(axes).sum(axis=0), np.ones(3))
@@ -384,6 +384,6 @@ def test_principal_frame_of_a_diagonal_tensor_is_exact(moments: tuple[float, flo
 
 
 def test_principal_frame_of_a_needle_is_accurate_in_each_moment() -> None:
-    """Jacobi's method keeps the least moment of a graded diagonal to its own last digits."""
+    """Jacobi's method computes the least moment of a graded diagonal to its own last digits."""
     found, _ = framed(np.diag([1.0, 1e-9, 1.0 + 1e-9]))
     assert found[0] == 1e-9

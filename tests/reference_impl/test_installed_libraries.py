@@ -1,4 +1,4 @@
-"""The identity of installed libraries, compiler and processor, read without importing anything."""
+"""The identity of installed libraries, compiler and processor, read without importing them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bodycheck._util import compiled_cache, platform_identity
 
 @pytest.mark.parametrize("name", ["numpy", "numba", "llvmlite", "scipy"])
 def test_library_is_its_version_and_a_hash_of_its_code(name: str) -> None:
-    """One word holds both."""
+    """The identity of a library is one text of its version and a hash."""
     number, digest = platform_identity.library_builds()[name].split()
     assert number == version(name)
     assert len(digest) == 16
@@ -23,7 +23,7 @@ def test_library_is_its_version_and_a_hash_of_its_code(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["numpy", "numba", "llvmlite", "scipy"])
 def test_hashed_folders_of_a_library_have_its_code(name: str) -> None:
-    """Its package counts, and the folder of its bundled libraries, which exists in wheels only."""
+    """The hashed folders are the package and that of its bundled libraries, which exists only in wheels."""
     site = Path(str(distribution(name).locate_file("")))
     listed = [site / folder for folder in platform_identity._FOLDERS[name]]
     assert {*site.glob(f"{name}.libs")} <= {*listed}
@@ -33,7 +33,7 @@ def test_hashed_folders_of_a_library_have_its_code(name: str) -> None:
 
 
 def test_library_that_is_not_installed_has_no_identity(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Neither a build nor a folder."""
+    """A library that is not installed has neither a build nor a folder."""
     monkeypatch.setattr(platform_identity, "_FOLDERS", {"numpy": ("numpy",), "no_such_library": ("x",)})
     assert [*platform_identity.library_builds.__wrapped__()] == ["numpy"]
     site = Path(str(distribution("numpy").locate_file("")))
@@ -41,7 +41,7 @@ def test_library_that_is_not_installed_has_no_identity(monkeypatch: pytest.Monke
 
 
 def test_patched_library_has_another_identity(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its sources and shared libraries count, wherever they lie; its data do not."""
+    """Sources and shared libraries count, wherever they are in the package; its data do not."""
     package = tmp_path / "made_up"
     (package / "core").mkdir(parents=True)
     code = ("core/typing.py", *(f"core/fast.{kind}" for kind in ("so", "so.3", "pyd", "dll", "dylib")))
@@ -60,7 +60,7 @@ def test_patched_library_has_another_identity(tmp_path: Path, monkeypatch: pytes
 
 
 def test_identity_imports_nothing() -> None:
-    """Importing numba takes a second; its version is read from the installed files."""
+    """Importing numba takes a second, so its version is read from the installed files."""
     program = (
         "import sys; from bodycheck._util.platform_identity import numeric_parts; "
         "parts = numeric_parts(); sys.exit(bool({'numba', 'scipy', 'llvmlite'} & sys.modules.keys()))"
@@ -91,7 +91,7 @@ RESULT_VARIABLES = (
 
 @pytest.mark.parametrize("name", RESULT_VARIABLES)
 def test_environment_variable_is_part_of_the_identity(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its value counts, a long one by its hash, and whether it is set."""
+    """The value of the variable counts, a long one by its hash, and so does whether it is set."""
     found = set()
     monkeypatch.delenv(name, raising=False)
     found.add(platform_identity.environment())
@@ -103,7 +103,7 @@ def test_environment_variable_is_part_of_the_identity(name: str, monkeypatch: py
 
 
 def test_variables_above_500_characters_are_hashed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Up to there they are listed as they are."""
+    """Variables of up to 500 characters in total are listed unchanged."""
     monkeypatch.setenv("MADE_A", "1")
     monkeypatch.setenv("MADE_B", 484 * "x")
     listed = platform_identity.environment(["MADE_*"])
@@ -114,7 +114,7 @@ def test_variables_above_500_characters_are_hashed(monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.parametrize("name", ["NUMBA_CACHE_DIR", "PYTHONHASHSEED", "HOME", "OMPX"])
 def test_irrelevant_variable_is_not_part_of_the_identity(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its value does not count."""
+    """The value of an irrelevant variable does not change the identity."""
     monkeypatch.delenv(name, raising=False)
     before = platform_identity.environment()
     monkeypatch.setenv(name, "7")
@@ -125,7 +125,7 @@ def test_irrelevant_variable_is_not_part_of_the_identity(name: str, monkeypatch:
 def test_kernels_of_another_compiler_have_their_own_folder(
     changed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """numba's cache only knows its version, not a patch, llvmlite or its options."""
+    """numba's cache key has its own version only, not a patch, llvmlite or its options."""
     monkeypatch.setenv("BODYCHECK_CACHE_DIR", str(tmp_path))
     monkeypatch.delenv("BODYCHECK_KERNELS_FOR_NOW", raising=False)
     before = compiled_cache.cache_directory.__wrapped__()
@@ -142,7 +142,7 @@ def test_kernels_of_another_compiler_have_their_own_folder(
 def test_processor_is_its_name_and_its_features(
     listed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Another flag is another processor, whatever the order of the flags; x86 and ARM list them."""
+    """Another flag means another processor, in any order of the flags; x86 and ARM use different keys."""
     found = []
     for flags in ("fpu sse2 avx2", "avx2 fpu sse2", "fpu sse2 avx2 avx512f"):
         file = tmp_path / "cpuinfo"

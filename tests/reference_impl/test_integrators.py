@@ -42,7 +42,7 @@ Load: TypeAlias = Torque | PointForce
 
 
 def where(promised: Callable[[Integrator], bool]) -> pytest.MarkDecorator:
-    """Return the mark for a law of the methods whose facts promise it."""
+    """Return the mark for a law of the methods whose facts state it."""
     methods = [method for method in INTEGRATORS.values() if promised(method)]
     return pytest.mark.parametrize("method", methods, ids=[method.name for method in methods])
 
@@ -88,21 +88,21 @@ def constant_loads(scene: Scene) -> list[Load]:
 
 @dataclass(frozen=True)
 class Motion:
-    """A state of any method, in the same quantities."""
+    """A state of any method in common quantities."""
 
     position: Array
     velocity: Array
     quaternion: Array
-    """As it is, or that of the polar factor."""
+    """Unchanged, or that of the polar factor."""
     omega_body: Array
     momentum: Array
     """Angular momentum about the centre of mass, world axes."""
     attitude: Array
-    """Quaternion or matrix, as the method holds it."""
+    """Quaternion or matrix, as the method stores it."""
 
 
 def packed_start(scene: Scene, method: Integrator) -> Array:
-    """Return the initial state as the method holds it."""
+    """Return the initial state in the variables of the method."""
     start, rotation = scene.initial, scene.initial.rotation
     spin = {
         "omega_body": start.omega_body,
@@ -114,7 +114,7 @@ def packed_start(scene: Scene, method: Integrator) -> Array:
 
 
 def packed_load(scene: Scene) -> Array:
-    """Return the load of a scene whose loads last from beginning to end."""
+    """Return the load of a scene whose loads act from beginning to end."""
     return wrench_between(scene, 0.0, scene.duration_s).packed(scene.body, scene.gravity)
 
 
@@ -133,7 +133,7 @@ def unpacked(state: Array, scene: Scene, method: Integrator) -> Motion:
 
 
 def stepped(scene: Scene, method: Integrator, steps: int, dt_s: float | None = None) -> Motion:
-    """Return the state after this many steps, by default of the scene's duration."""
+    """Return the state after this many steps, by default those of the scene's duration."""
     state = packed_start(scene, method)
     dt = scene.duration_s / steps if dt_s is None else dt_s
     method.advance(state, packed_body(scene.body), packed_load(scene), dt, steps)
@@ -174,7 +174,7 @@ def solved(scene: Scene) -> Motion:
 
 
 def gaps(one: Motion, other: Motion) -> dict[str, float]:
-    """Return how far apart two motions are, quantity by quantity."""
+    """Return the distance of two motions, quantity by quantity."""
     return {
         "orientation": float(geodesic_angle(one.quaternion, other.quaternion)),
         "omega": float(np.linalg.norm(one.omega_body - other.omega_body)),
@@ -192,14 +192,14 @@ def slope(steps: tuple[int, ...], errors: list[float]) -> float:
 
 
 def test_every_method_of_the_package_is_found() -> None:
-    """The registry holds one entry, by a name of its own, for each module that assigns METHOD."""
+    """The registry has one entry with a unique name for each module that assigns METHOD."""
     sources = [path.read_text() for path in Path(integrators.__path__[0]).glob("*.py")]
     assert len(INTEGRATORS) == sum(source.count("\nMETHOD = ") for source in sources)
 
 
 @pytest.mark.parametrize("module", ["continuous_loads", "integrators.facts", "integrators.callback_motion"])
 def test_a_module_that_the_methods_import_can_be_imported_first(module: str) -> None:
-    """The methods, which the package imports, import nothing that imports the package."""
+    """The package imports the methods, so they import nothing that imports the package."""
     code = f"import bodycheck.reference_impl.{module}"
     subprocess.run([sys.executable, "-c", code], check=True)
 
@@ -216,7 +216,7 @@ def test_method_states_its_facts(method: Integrator) -> None:
     assert method.evaluations >= 1
 
 
-# by the order: numbers of steps, and what the error of the orientation is below after the last
+# order -> the numbers of steps, and the limit of the orientation error after the last
 REFINEMENTS: dict[int, tuple[tuple[int, ...], float]] = {
     1: ((256, 512, 1024, 2048), 3e-3),
     2: ((64, 90, 128, 181, 256), 3e-5),
@@ -228,7 +228,7 @@ REFINEMENTS: dict[int, tuple[tuple[int, ...], float]] = {
 @every_load
 @where(lambda method: method.order in REFINEMENTS)  # the others: test_high_order.py
 def test_error_has_the_stated_order(method: Integrator, loads: tuple[Load, ...]) -> None:
-    """Against an independent solution the orientation converges with the order that the method states."""
+    """The orientation converges to an independent solution with the order that the method states."""
     scene = scene_of(loads)
     exact = solved(scene)
     steps, bound = REFINEMENTS[method.order]
@@ -237,13 +237,13 @@ def test_error_has_the_stated_order(method: Integrator, loads: tuple[Load, ...])
     assert found[-1]["orientation"] < bound
     for quantity in ("omega", "position", "velocity"):
         errors = [gap[quantity] for gap in found]
-        if max(errors) > max(steps) * 4 * EPS:  # else exact to round-off: a free body's position
+        if max(errors) > max(steps) * 4 * EPS:  # otherwise exact to round-off, as a free body's position
             assert slope(steps, errors) >= method.order - 0.15, quantity
 
 
 @every_integrator
 def test_motion_of_the_centre_is_exact_without_force(method: Integrator) -> None:
-    """Without force x = x0 + v t and v = v0, to round-off, while the body rotates."""
+    """Without force x = x0 + v t and v = v0 to round-off while the body rotates."""
     found = stepped(scene_of(LOADS["world torque"]), method, 1000)
     assert np.array_equal(found.velocity, START.velocity)
     assert np.max(np.abs(found.position - START.position - START.velocity)) <= 1000 * EPS * 3.0
@@ -267,7 +267,7 @@ def acceleration_at(rotation: Array, load: Array, mass: float) -> Array:
 
 
 def rotation_of(state: Array) -> Array:
-    """Return the attitude of a state as a matrix, a quaternion's or its own."""
+    """Return the attitude of a state as a matrix, converted from a quaternion if necessary."""
     return state[9:].reshape(3, 3) if len(state) == 18 else quaternion_to_matrix(state[9:])
 
 
@@ -302,7 +302,7 @@ def commutator_free_step(state: Array, body: RigidBody, load: Array, dt: float) 
     velocity, momentum, q = state[3:6], state[6:9], state[9:]
 
     def rates(q: Array, moved: Array) -> tuple[Array, Array]:
-        """Return omega in body axes, and the rates of x, v, L, which have moved by so much."""
+        """Return omega in body axes, and the rates of x, v, L, after moving them by these increments."""
         matrix = quaternion_to_matrix(q)
         omega = inverse @ matrix.T @ (momentum + moved[6:])
         acceleration = acceleration_at(matrix, load, body.mass)
@@ -436,11 +436,11 @@ FORMULAS: dict[str, Callable[[Array, RigidBody, Array, float], Array]] = {
     "cf4": commutator_free_step,
     "splitting6": split_step,
 }
-"""One step in numpy, of the methods that are not a tableau."""
+"""One step in numpy for the methods without a tableau."""
 
 
 def one_step(method: Integrator, state: Array, body: RigidBody, load: Array, dt: float) -> Array:
-    """Return the state after one step, by numpy, from the tableau or the formula that the method states."""
+    """Return the state after one step in numpy, by the tableau or the formula that the method states."""
     if method.tableau is not None:
         return explicit_step(method.tableau, state, body, load, dt)
     return FORMULAS[method.name](state, body, load, dt)
@@ -449,7 +449,7 @@ def one_step(method: Integrator, state: Array, body: RigidBody, load: Array, dt:
 @where(lambda method: method.tableau is not None or method.name in FORMULAS)
 @pytest.mark.parametrize("seed", range(5))
 def test_one_step_is_the_stated_formula(method: Integrator, seed: int) -> None:
-    """One step from any state under any packed load is the method's formula, computed by numpy."""
+    """One step from any state under any packed load equals the method's formula, computed by numpy."""
     rng = np.random.default_rng(seed)
     load = rng.normal(size=21)
     start = State(
@@ -461,13 +461,13 @@ def test_one_step_is_the_stated_formula(method: Integrator, seed: int) -> None:
     assert np.max(np.abs(state - expected)) <= 64 * EPS * float(np.max(np.abs(expected)))
 
 
-# ------------------------------------------------------------------------------------ laws of all
+# ---------------------------------------------------------------------------- laws of all methods
 
 
 @every_load
 @every_integrator
 def test_steps_may_be_made_in_any_portions(method: Integrator, loads: tuple[Load, ...]) -> None:
-    """advance(n) twice is advance(2 n), and n times advance(1), to the last bit; advance(0) does nothing."""
+    """advance(n) twice is advance(2 n) and n times advance(1), to the last bit; advance(0) does nothing."""
     scene = scene_of(loads)
     body, load = packed_body(BODY), packed_load(scene)
     whole, halves, single = (packed_start(scene, method) for _ in range(3))
@@ -484,7 +484,7 @@ def test_steps_may_be_made_in_any_portions(method: Integrator, loads: tuple[Load
 
 
 def in_turned_world(scene: Scene, turn: Array) -> Scene:
-    """Return the same scene seen from other world axes."""
+    """Return the same scene in other world axes."""
     start, q = scene.initial, matrix_to_quaternion(turn)
     initial = State(
         turn @ start.position,
@@ -500,7 +500,7 @@ def in_turned_world(scene: Scene, turn: Array) -> Scene:
 
 
 def in_turned_body(scene: Scene, turn: Array) -> Scene:
-    """Return the same scene with other body axes: components become turn^T of what they were."""
+    """Return the same scene in other body axes: components are multiplied by turn^T."""
     start, q = scene.initial, matrix_to_quaternion(turn)
     tensor = turn.T @ scene.body.inertia @ turn
     initial = replace(
@@ -517,7 +517,7 @@ def in_turned_body(scene: Scene, turn: Array) -> Scene:
 
 
 TURN = Rotation.from_rotvec([-1.1, 0.8, 2.0]).as_matrix()
-# 100 steps, some 30 roundings each of numbers up to 10, while errors grow little within a second
+# 100 steps, about 30 roundings each of numbers up to 10, with little growth of errors within a second
 ROUND_OFF = 100 * 30 * EPS * 2
 
 
@@ -540,7 +540,7 @@ def test_world_axes_do_not_matter(method: Integrator, loads: tuple[Load, ...]) -
 @every_load
 @every_integrator
 def test_body_axes_do_not_matter(method: Integrator, loads: tuple[Load, ...]) -> None:
-    """With other body axes, and so another tensor, the motion is the same to round-off."""
+    """With other body axes, and thus another tensor, the motion is the same to round-off."""
     scene = replace(scene_of(loads), gravity=GRAVITY)
     one, other = stepped(scene, method, 100), stepped(in_turned_body(scene, TURN), method, 100)
     expected = replace(
@@ -551,7 +551,7 @@ def test_body_axes_do_not_matter(method: Integrator, loads: tuple[Load, ...]) ->
     assert max(gaps(other, expected).values()) <= ROUND_OFF
 
 
-# by the order: numbers of steps there and back, and what the distance from the start is below after the last
+# order -> the numbers of steps there and back, and the limit of the distance from the start after the last
 REVERSALS: dict[int, tuple[tuple[int, ...], float]] = {
     1: ((256, 512, 1024), 1e-2),
     2: ((64, 128, 256), 1e-4),
@@ -567,7 +567,7 @@ REVERSALS: dict[int, tuple[tuple[int, ...], float]] = {
 @every_load
 @every_integrator
 def test_motion_is_reversible_to_the_methods_order(method: Integrator, loads: tuple[Load, ...]) -> None:
-    """With omega and v reversed the body returns to its start within the order's error."""
+    """If omega and v are reversed, the body returns to its start within an error of the method's order."""
     scene = scene_of(loads)
     steps, bound = REVERSALS[method.order]
     returned = []
@@ -591,9 +591,7 @@ def test_rest_stays_at_rest(method: Integrator) -> None:
     state = packed_start(scene, method)
     before = state.copy()
     method.advance(state, packed_body(BODY), packed_load(scene), 0.01, 1000)
-    if (
-        method.attitude == "matrix" and "rotation group" in method.preserves
-    ):  # R is projected, which rounds it
+    if method.attitude == "matrix" and "rotation group" in method.preserves:  # the projection rounds R
         assert np.max(np.abs(state - before)) <= 1000 * 4 * EPS
         assert np.array_equal(state[:9], before[:9])
     else:
@@ -608,7 +606,7 @@ SPHERE = RigidBody(2.5, np.eye(3))
 
 @every_integrator
 def test_sphere_spins_steadily(method: Integrator) -> None:
-    """omega stays, and every step rotates the sphere by the angle that the method states."""
+    """omega is constant, and every step rotates the sphere by the angle that the method states."""
     scene = scene_of(body=SPHERE, start=replace(START, omega_body=np.array([1.0, -2.0, 0.5])))
     omega, steps, dt = scene.initial.omega_body, 500, 0.02
     found = stepped(scene, method, steps, dt)
@@ -644,7 +642,7 @@ def test_projectile_is_ahead_by_the_stated_weight(method: Integrator) -> None:
     assert np.max(np.abs(found.position - parabola - ahead)) <= steps * 10 * EPS
 
 
-# ------------------------------------------------------------------------------ what a method keeps
+# ------------------------------------------------------------------------------ conserved quantities
 
 
 @where(lambda method: method.spin == "angular_momentum")
@@ -718,7 +716,7 @@ def test_rk4_norm_follows_its_polynomial() -> None:
     x = 0.5 * 0.2 * float(np.linalg.norm(START.omega_body))
     expected = (1.0 - x**6 / 72.0 + x**8 / 576.0) ** 250
     assert np.linalg.norm(found.attitude) == pytest.approx(expected, rel=500 * 8 * EPS, abs=0.0)
-    assert 1.0 - expected > 1e-6  # there is something to see
+    assert 1.0 - expected > 1e-6  # otherwise nothing is tested
 
 
 def test_euler_loses_orthogonality_and_the_projection_keeps_it() -> None:

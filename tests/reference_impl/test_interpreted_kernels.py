@@ -1,4 +1,4 @@
-"""Kernels that are interpreted give the bits of compiled ones, and are chosen while that takes less time."""
+"""Interpreted kernels give the bits of compiled ones, and are used while that takes less time."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FREE = [
 
 @pytest.mark.parametrize("name", [name for name, _ in FREE])
 def test_interpreted_truth_equals_compiled_truth_bit_for_bit(name: str) -> None:
-    """Motion, bounds and sensitivities of each free body of the suites, at every ninth sample."""
+    """Motion, bounds and sensitivities of each free body of the suites agree at every ninth sample."""
     scene = dict(FREE)[name]
     times = scene.sample_times[::9]
     with interpreted():
@@ -38,7 +38,7 @@ def test_interpreted_truth_equals_compiled_truth_bit_for_bit(name: str) -> None:
 
 
 def test_kernel_is_interpreted_only_within_the_context() -> None:
-    """Arithmetic that compiled code answers by inf raises an error where it is interpreted."""
+    """A division by zero raises an error if interpreted, and gives inf in compiled code."""
     inverse = exact_kernel(_inverse)
     with interpreted(), pytest.raises(ZeroDivisionError):
         inverse(0.0)
@@ -52,7 +52,7 @@ def _inverse(x: float) -> float:
 def test_closed_forms_are_interpreted_until_compiling_takes_less_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Few samples are interpreted; many are not, nor few after much was interpreted, nor what is compiled."""
+    """Only a few samples are interpreted, and none after much time was spent or if kernels are compiled."""
     monkeypatch.setattr(precompile, "cache_directory", lambda: tmp_path)
     monkeypatch.setattr(precompile, "_interpreted_s", 0.0)
     assert precompile.interprets_closed_forms([101, 201])

@@ -1,4 +1,4 @@
-"""Files of compiled kernels are checked: a damaged one is compiled again, once."""
+"""Files of compiled kernels are checked, and a damaged one is compiled again once."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ def _doubled(x: float) -> float:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return an empty folder in which the kernels of a test are kept."""
+    """Return an empty folder in which the kernels of a test are stored."""
     monkeypatch.setattr(jit, "cache_directory", lambda: tmp_path)
     return tmp_path
 
 
 def used() -> Any:
-    """Return a new kernel of the same function, called once."""
+    """Return a new kernel of the same function after calling it once."""
     made = jit.kernel(_doubled)
     assert made(1.5) == 3.0
     return made
 
 
 def found(kernel: Any) -> bool:
-    """Return whether a kernel found its code on disk."""
+    """Return whether a kernel loaded its code from disk."""
     return bool(sum(kernel.dispatcher.stats.cache_hits.values()))
 
 
@@ -62,7 +62,7 @@ def test_damaged_kernel_file_is_rebuilt_once(folder: Path, suffix: str, damage: 
 
 
 def test_kernel_files_of_numba_itself_are_replaced(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Files without a digest, as an earlier release left them, count as damaged."""
+    """Files without a digest, as an earlier release wrote them, count as damaged."""
     monkeypatch.setattr(cache_files, "check_files_of", lambda dispatcher: dispatcher)
     used()
     monkeypatch.undo()
@@ -74,7 +74,7 @@ def test_kernel_files_of_numba_itself_are_replaced(folder: Path, monkeypatch: py
 def test_full_disk_prints_one_line(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A kernel that cannot be stored still works; the reason is printed once."""
+    """A kernel that cannot be stored still works, and the reason is printed once."""
 
     def full(*_: Any, **__: Any) -> Any:
         raise OSError(28, "No space left on device")

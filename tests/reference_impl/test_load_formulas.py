@@ -1,4 +1,4 @@
-"""Continuous loads at a state against 40 digits, and the fixed-step methods under them."""
+"""Continuous loads at a state compared with 40 digits, and the fixed-step methods under them."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def exact_rotation_vector(r: mp.matrix) -> mp.matrix:
 def exact_wrench(
     load: ContinuousLoad, t: float, x: Array, q: Array, v: Array, w: Array
 ) -> tuple[Array, Array]:
-    """Return force and torque in world axes by the formula of the load's own docstring, at 40 digits."""
+    """Return force and torque in world axes with 40 digits, by the formula in the load's docstring."""
     with mp.workdps(40):
         r, force, torque = exact_rotation(q), mp.zeros(3, 1), mp.zeros(3, 1)
         match load:
@@ -129,7 +129,7 @@ def exact_wrench(
 @every_kind
 @pytest.mark.parametrize("seed", range(10))
 def test_load_is_its_formula(load: ContinuousLoad, seed: int) -> None:
-    """Force and torque at any time and state are those of 40 digits, to a few roundings."""
+    """Force and torque at any time and state agree with 40 digits to a few roundings."""
     rng = np.random.default_rng(seed)
     t, q = float(rng.uniform(0.0, 10.0)), normalised(rng.normal(size=4))
     x, v, w = rng.normal(size=(3, 3))
@@ -140,7 +140,7 @@ def test_load_is_its_formula(load: ContinuousLoad, seed: int) -> None:
 
 
 def test_loads_are_summed() -> None:
-    """All loads together are the sum of each alone, two of a kind among them."""
+    """All loads together, two of them of one kind, give the sum of each alone."""
     loads = (*CONTINUOUS.values(), SineTorque("body", np.array([0.1, 0.2, 0.3]), 5.0, 1.0))
     at = (0.7, START.position, START.rotation, START.velocity, START.omega_world)
     sums = sum(continuous_wrench_at(*at, packed_continuous_loads(scene_of(load))) for load in loads)
@@ -150,7 +150,7 @@ def test_loads_are_summed() -> None:
 
 
 def test_spring_of_zero_length_exerts_no_force() -> None:
-    """Where the body point lies on the anchor there is no force."""
+    """If the body point lies on the anchor there is no force."""
     spring = Spring(START.position, np.zeros(3), 3.0, 0.5)
     at = (0.0, START.position, START.rotation, START.velocity, START.omega_world)
     np.testing.assert_array_equal(
@@ -161,7 +161,7 @@ def test_spring_of_zero_length_exerts_no_force() -> None:
 @pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (3, 0, 4), (1, 2, -2)])
 @pytest.mark.parametrize("angle", [0.0, 1e-150, 1e-12, 1e-6, 0.1, 1.5, 2.2, 3.0, 3.141, np.pi - 1e-9])
 def test_rotation_vector_is_right_at_any_angle(axis: tuple[float, float, float], angle: float) -> None:
-    """The logarithm of a rotation matrix is right from angle 0 to nearly pi, to 8 eps absolutely."""
+    """The logarithm of a rotation matrix has an error below 8 eps, from angle 0 to nearly pi."""
     expected = angle * np.array(axis) / np.linalg.norm(axis)
     found = rotation_vector(tuple(exp_matrix(expected).ravel()))
     np.testing.assert_allclose(found, expected, rtol=0, atol=8 * EPS)
@@ -171,14 +171,14 @@ def test_rotation_vector_is_right_at_any_angle(axis: tuple[float, float, float],
 
 
 def built(scene: Scene, method: str, dt_s: float) -> FixedStep:
-    """Return the scene stepped by a method."""
+    """Return the motion of the scene as stepped by a method."""
     simulation = Reference().build(scene, method, dt_s)
     assert isinstance(simulation, FixedStep)
     return simulation
 
 
 def distances(reading: Reading, truth: Trajectory) -> tuple[float, float, float, float]:
-    """Return how far a reading is from a truth of one sample: angle, omega, position, velocity."""
+    """Return the distance of a reading from a truth of one sample: angle, omega, position, velocity."""
     motion = Trajectory(
         t_s=truth.t_s,
         position_m=reading.position[None],
@@ -197,7 +197,7 @@ def distances(reading: Reading, truth: Trajectory) -> tuple[float, float, float,
 
 
 def solved(scene: Scene) -> Trajectory:
-    """Solve the equations of motion to a relative tolerance of 1e-13: the end as a trajectory of one sample.
+    """Return the end of a motion, solved to a relative tolerance of 1e-13, as a trajectory of one sample.
 
     The loads are those of the tests above.
     """
@@ -218,7 +218,7 @@ def solved(scene: Scene) -> Trajectory:
     )
 
 
-# by the order: the numbers of steps tried
+# order -> the numbers of steps
 REFINEMENTS: dict[int, tuple[int, ...]] = {
     1: (256, 512, 1024),
     2: (64, 128, 256),
@@ -234,7 +234,7 @@ REFINEMENTS: dict[int, tuple[int, ...]] = {
 @every_kind
 @every_integrator
 def test_order_under_a_continuous_load(method: Integrator, load: ContinuousLoad) -> None:
-    """Under a zero-order hold the motion converges with order 1, else with the method's own order."""
+    """Under a zero-order hold the motion converges with order 1, otherwise with the method's own order."""
     scene = scene_of(load)
     if Reference().unsupported(scene, method.name):
         assert type(load) in method.refused
@@ -245,7 +245,7 @@ def test_order_under_a_continuous_load(method: Integrator, load: ContinuousLoad)
         simulation = built(scene, method.name, scene.duration_s / n)
         simulation.advance(n)
         error = max(distances(simulation.read(), truth))
-        if error > 5e-13:  # well above what the truth itself is off
+        if error > 5e-13:  # well above the error of the truth itself
             steps.append(n)
             errors.append(error)
     assert len(steps) >= 3

@@ -1,7 +1,7 @@
 """A magnet in a uniform field: a pendulum about one axis; energy and axial momentum in general.
 
-`compass` in test_forced_truth.py compares it with fifty digits, test_load_formulas.py its torque with forty,
-and tests/adapters/test_continuous_loads.py every engine, free and about a pivot.
+test_forced_truth.py compares `compass` with fifty digits, test_load_formulas.py its torque with forty, and
+tests/adapters/test_continuous_loads.py tests every engine, free and about a pivot.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ COMPASS = load_scenario("compass").scene
 
 
 def pendulum(rate: float, own_rate: float, t: float) -> tuple[mp.mpf, mp.mpf]:
-    """Return angle and rate of theta'' = -n^2 sin theta from 0 at 40 digits, n the own rate.
+    """Return angle and rate of theta'' = -n^2 sin theta from 0 with 40 digits, n the natural rate.
 
-    sin(theta / 2) = k sn(n t, k), k = rate / (2 n), to and fro; sn(k n t, 1 / k) around. Source: Whittaker
-    (1937), A Treatise on the Analytical Dynamics of Particles and Rigid Bodies, section 44.
+    sin(theta / 2) = k sn(n t, k), k = rate / (2 n), if it swings; sn(k n t, 1 / k) if it turns over. Source:
+    Whittaker (1937), A Treatise on the Analytical Dynamics of Particles and Rigid Bodies, section 44.
     """
     n, k = mp.mpf(own_rate), mp.mpf(rate) / (2 * mp.mpf(own_rate))
     if k < 1:
@@ -45,7 +45,7 @@ def pendulum(rate: float, own_rate: float, t: float) -> tuple[mp.mpf, mp.mpf]:
 
 @pytest.mark.parametrize("rate", [0.3, 1.5, 2.9, 4.5])
 def test_magnet_about_one_axis_is_a_pendulum(rate: float) -> None:
-    """Angle and rate are those of the elliptic functions, within the bounds, also when turning over."""
+    """Angle and rate equal the elliptic functions within the bounds, also if the magnet turns over."""
     body = RigidBody(1.0, np.diag([1.0, 2.0, 2.5]))
     start = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.0, 0.0, rate]))
     dipole = MagneticDipole(np.array([2.0, 0.0, 0.0]), np.array([2.5, 0.0, 0.0]))

@@ -18,7 +18,7 @@ SCENE = Scene(RigidBody(2.0, np.diag([1.0, 2.0, 2.5])), START, (SPRING,), np.arr
 
 @pytest.mark.parametrize("rows", [1, 7, 40, 1000])
 def test_rounding_is_the_sum_over_all_numbers(rows: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is half an ulp in each number of a state, however many are computed together."""
+    """The distance is half an ulp in each number of a state, however many quantities are computed at once."""
     random = np.random.default_rng(3)
     motion = Trajectory(
         t_s=SCENE.sample_times,
@@ -27,7 +27,7 @@ def test_rounding_is_the_sum_over_all_numbers(rows: int, monkeypatch: pytest.Mon
         quaternion=random.normal(size=(7, 4)),
         omega_body_rad_s=random.normal(size=(7, 3)),
     )
-    step = 2.0**-24  # which doubles can show
+    step = 2.0**-24  # representable in doubles
     expected = np.zeros((6, 7))
     for name in ("position_m", "velocity_m_s", "quaternion", "omega_body_rad_s"):
         value = getattr(motion, name)

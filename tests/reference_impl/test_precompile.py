@@ -1,4 +1,4 @@
-"""Precompilation: kernels that are missing are compiled, and nothing else is computed."""
+"""Precompilation: missing kernels are compiled, and nothing else is computed."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ SCENES = [Scene(RigidBody(mass, np.eye(3)), START, (), np.zeros(3), 1.0, 3) for 
 
 
 class Finished:
-    """Another process that has ended without compiling anything."""
+    """Another process that has ended without compiling a kernel."""
 
     def poll(self) -> int:
-        """Have ended."""
+        """Return the status of a process that has ended."""
         return 0
 
 
@@ -31,9 +31,9 @@ class Finished:
 def test_solved_scene_needs_no_kernels(
     missing: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """With all kernels compiled only unsolved truths are computed; with any missing, every truth.
+    """With all kernels compiled only unsolved truths are computed; with any missing, every truth is.
 
-    Kernels are reported only where some are compiled: those of m2, which the other process left.
+    Kernels are reported only if some are compiled: those of m2, which the other process did not compile.
     """
     called: list[Scene] = []
 
@@ -62,7 +62,7 @@ def test_solved_scene_needs_no_kernels(
 
 
 def test_two_processes_share_the_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each name is compiled by one of them; the other process ends when none is left."""
+    """Each name is compiled by one of the two processes, and the other process ends when no name is left."""
     monkeypatch.setenv("BODYCHECK_CACHE_DIR", str(tmp_path))
     waiting = deque(["m1", "m3", "quaternion-euler", "lie-euler"])
     with precompile._second_process(waiting) as other:
@@ -86,7 +86,7 @@ for name in ("intermediate-axis", "world-torque", "satellite-libration", "sine-t
 
 @pytest.mark.slow
 def test_taylor_solver_compiles_nothing_in_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """All that it calls along principal axes was compiled ahead, with and without torques."""
+    """All kernels of the solver were compiled ahead, with and without torques."""
     monkeypatch.setenv("BODYCHECK_CACHE_DIR", str(tmp_path))
     with precompile._second_process(deque(["taylor"])) as other:
         assert other.wait(timeout=120.0) == 0

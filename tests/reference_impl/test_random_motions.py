@@ -1,4 +1,4 @@
-"""A sample of `python tools/truth_trials.py`: random motions against fifty digits."""
+"""A sample of `python tools/truth_trials.py`: random motions compared with fifty digits."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ quaternions = (
 )
 axes = vectors.map(lambda v: v / np.linalg.norm(v))
 log_uniform_angles = st.floats(math.log(1e-200), math.log(PI)).map(math.exp)
-"""Everything down to 1e-200: no switch at 1e-4, 1e-8 or sqrt(eps) can hide between two examples."""
+"""Down to 1e-200, so that no switch at 1e-4, 1e-8 or sqrt(eps) lies between two examples."""
 
 FIXED_ANGLES = (
     1e-300,
@@ -74,7 +74,7 @@ FIXED_ANGLES = (
 
 
 def seeded(seed: int) -> np.random.Generator:
-    """Return a generator of its own for each test."""
+    """Return a separate generator for each test."""
     return np.random.default_rng(seed)
 
 
@@ -83,26 +83,26 @@ def unit_quaternions(count: int, seed: int) -> Array:
     return normalised(seeded(seed).normal(size=(count, 4)))
 
 
-# ---------------------------------------------------------------------- the same at fifty digits
+# ------------------------------------------------------------------------ the same in fifty digits
 
 
 def mp_vector(v: Sequence[float] | Array) -> Any:
-    """Return v at fifty digits, as a column."""
+    """Return v with fifty digits as a column."""
     return MP.matrix([MP.mpf(float(x)) for x in v])
 
 
 def mp_norm(v: Any) -> Any:
-    """|v| at fifty digits."""
+    """|v| in fifty digits."""
     return MP.sqrt(sum((x * x for x in v), MP.mpf(0)))
 
 
 def mp_hat(v: Any) -> Any:
-    """[v]x at fifty digits."""
+    """[v]x in fifty digits."""
     return MP.matrix([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
 
 
 def mp_exp_matrix(v: Any) -> Any:
-    """exp([v]x) at fifty digits; 1 - cos = 2 sin^2 of the half angle."""
+    """exp([v]x) in fifty digits; 1 - cos = 2 sin^2 of the half angle."""
     angle, k = mp_norm(v), mp_hat(v)
     if angle == 0:
         return MP.eye(3)
@@ -110,14 +110,14 @@ def mp_exp_matrix(v: Any) -> Any:
 
 
 def mp_exp_quaternion(v: Any) -> list[Any]:
-    """exp(v / 2) at fifty digits."""
+    """exp(v / 2) in fifty digits."""
     angle = mp_norm(v)
     factor = MP.sin(angle / 2) / angle if angle else MP.mpf("0.5")
     return [MP.cos(angle / 2), *(factor * x for x in v)]
 
 
 def mp_angle(p: Array, q: Array) -> Any:
-    """Return the angle of p^-1 q for these very doubles, at fifty digits and more."""
+    """Return the angle of p^-1 q for exactly these doubles, in fifty digits or more."""
     with mpmath.workdps(50):
         pw, px, py, pz = mp_vector(p)
         qw, qx, qy, qz = mp_vector(q)
@@ -158,7 +158,7 @@ def test_vee_undoes_hat(v: Array) -> None:
 
 
 def check_exp(v: Array) -> None:
-    """Both exponentials are right to a few eps, the small parts relative to the angle."""
+    """Both exponentials are accurate to a few eps, with small components relative to the angle."""
     exact_matrix, exact_quaternion = mp_exp_matrix(mp_vector(v)), mp_exp_quaternion(mp_vector(v))
     angle = float(mp_norm(mp_vector(v)))
     slack = EPS * (4.0 + angle)  # the angle itself is known to eps |a|
@@ -176,19 +176,19 @@ def check_exp(v: Array) -> None:
 @law
 @given(axes, log_uniform_angles)
 def test_exponentials_match_fifty_digits(axis: Array, angle: float) -> None:
-    """exp of an angle of any size is right to round-off, its small parts relative to the angle."""
+    """exp of an angle of any size is accurate to round-off, with small components relative to the angle."""
     check_exp(angle * axis)
 
 
 @pytest.mark.parametrize("angle", [*FIXED_ANGLES, 3.2, 2 * PI, 7.0, 100.0])
 def test_exponentials_match_fifty_digits_at_special_angles(angle: float) -> None:
-    """The same at the usual switches, at pi and beyond."""
+    """Both exponentials are accurate at the usual switches, at pi and beyond."""
     for axis in (*np.eye(3), *normalised(seeded(1).normal(size=(5, 3)))):
         check_exp(angle * axis)
 
 
 def test_exponentials_and_logarithms_at_dense_angles() -> None:
-    """The same at angles dense on a logarithmic scale where series and closed forms usually meet."""
+    """Both exponentials are accurate at closely spaced angles where series and closed forms usually meet."""
     rng = seeded(16)
     for angle, axis in zip(np.geomspace(1e-12, PI, 250), normalised(rng.normal(size=(250, 3))), strict=True):
         check_exp(angle * axis)
@@ -203,14 +203,14 @@ def test_log_undoes_exp(axis: Array, angle: float) -> None:
     """log(exp(v)) = v relative to |v|, from 1e-200 up to pi, by quaternion and by matrix."""
     v = angle * axis
     if angle > PI - 1e-9:
-        return  # either sign of the axis may come back: the next tests
+        return  # either sign of the axis is valid: see the next tests
     assert np.max(np.abs(log_quaternion(exp_quaternion(v)) - v)) <= 8 * EPS * angle
     assert np.max(np.abs(log_matrix(exp_matrix(v)) - v)) <= 16 * EPS * angle
 
 
 @pytest.mark.parametrize("angle", FIXED_ANGLES)
 def test_log_undoes_exp_at_special_angles(angle: float) -> None:
-    """The same at the usual switches and at pi, where either sign of the axis is right."""
+    """log(exp(v)) = v at the usual switches and at pi, where either sign of the axis is valid."""
     for axis in (*np.eye(3), *normalised(seeded(2).normal(size=(5, 3)))):
         v = angle * axis
         for back, slack in (
@@ -224,7 +224,7 @@ def test_log_undoes_exp_at_special_angles(angle: float) -> None:
 @law
 @given(axes, st.floats(1e-300, 100.0))
 def test_exp_undoes_log(axis: Array, angle: float) -> None:
-    """exp(log(R)) = R for every R, those from angles beyond pi too."""
+    """exp(log(R)) = R for every R, including those of angles beyond pi."""
     rotation = exp_matrix(angle * axis)
     vector = log_matrix(rotation)
     assert np.linalg.norm(vector) <= PI * (1 + 2 * EPS)
@@ -249,12 +249,12 @@ def test_log_beyond_pi_takes_the_short_way(axis: Array, angle: float) -> None:
     """log(exp(a u)) = (a - 2 pi) u for a between pi and 2 pi."""
     back = log_quaternion(exp_quaternion(angle * axis))
     off = [float(x - (MP.mpf(angle) - 2 * MP.pi) * MP.mpf(float(u))) for x, u in zip(back, axis, strict=True)]
-    # the axis of a double is of unit length to eps only; near pi the sign may go either way
+    # the axis has unit length to eps only; near pi it may have either sign
     assert largest(off) <= 16 * EPS or (angle - PI < 1e-9 and np.max(np.abs(back - PI * axis)) < 3e-9)
 
 
 def test_zero_angle_is_the_identity_both_ways() -> None:
-    """exp(0) is exactly the identity and log of the identity exactly 0."""
+    """exp(0) is exactly the identity, and log of the identity is exactly 0."""
     assert np.array_equal(exp_matrix(np.zeros(3)), np.eye(3))
     assert np.array_equal(exp_quaternion(np.zeros(3)), [1.0, 0.0, 0.0, 0.0])
     assert np.array_equal(log_quaternion(np.array([-1.0, 0.0, 0.0, 0.0])), np.zeros(3))
@@ -275,7 +275,7 @@ def test_product_is_associative(p: Array, q: Array, r: Array) -> None:
 @law
 @given(quaternions, quaternions)
 def test_right_factor_is_the_product(p: Array, q: Array) -> None:
-    """M(q) p = p q; and M(1) leaves every digit of p."""
+    """M(q) p = p q, and M(1) leaves every digit of p unchanged."""
     assert np.max(np.abs(right_factor(q) @ p - quaternion_product(p, q))) <= 4 * EPS
     assert np.array_equal(right_factor(np.array([1.0, 0.0, 0.0, 0.0])) @ p, p)
 
@@ -291,7 +291,7 @@ def test_product_becomes_the_product_of_matrices(p: Array, q: Array) -> None:
 
 
 def test_hamilton_units() -> None:
-    """i j = k, j k = i, k i = j, i i = -1: the order of a product is Hamilton's."""
+    """i j = k, j k = i, k i = j, i i = -1: the product is Hamilton's."""
     one, i, j, k = np.eye(4)
     for a, b, c in ((i, j, k), (j, k, i), (k, i, j)):
         assert np.array_equal(quaternion_product(a, b), c)
@@ -311,7 +311,7 @@ def test_conjugate_is_the_inverse(q: Array) -> None:
 @law
 @given(quaternions, vectors, st.floats(-300.0, 300.0))
 def test_rotate_is_the_sandwich(q: Array, v: Array, exponent: float) -> None:
-    """R(q) v = q v q*, body axes to world axes, for q of any norm."""
+    """R(q) v = q v q* takes body axes to world axes, for q of any norm."""
     pure = np.concatenate([[0.0], v])
     sandwich = quaternion_product(quaternion_product(q, pure), conjugate(q))
     assert abs(sandwich[0]) <= 8 * EPS
@@ -330,7 +330,7 @@ def test_positive_angle_about_z_takes_x_to_y() -> None:
 
 @pytest.mark.parametrize("branch", range(4))
 def test_matrix_to_quaternion_is_right_in_each_branch(branch: int) -> None:
-    """Whichever component is the largest, it is positive and all four are right to round-off."""
+    """The largest component is positive and all four are accurate to round-off, whichever is the largest."""
     q = unit_quaternions(500, seed=branch)
     q[:, branch] += np.copysign(1.5, q[:, branch])
     q = normalised(q)
@@ -354,7 +354,7 @@ def test_matrix_and_quaternion_are_inverse(q: Array) -> None:
 
 @pytest.mark.parametrize("gap", [0.0, 1e-16, 1e-12, 1e-8, 1e-4])
 def test_matrix_to_quaternion_is_right_at_half_rotations(gap: float) -> None:
-    """At and near the angle pi, where w vanishes, the axis and the small w are right to round-off."""
+    """At and near the angle pi, where w vanishes, the axis and the small w are accurate to round-off."""
     for axis in (*np.eye(3), *normalised(seeded(3).normal(size=(20, 3)))):
         q = np.concatenate([[math.sin(gap / 2)], math.cos(gap / 2) * axis])
         back = matrix_to_quaternion(quaternion_to_matrix(q))
@@ -371,7 +371,7 @@ def test_matrix_of_a_quaternion_of_any_norm(q: Array, exponent: int) -> None:
 
 
 def test_zero_vector_is_normalised_to_nan() -> None:
-    """A zero vector has no direction: NaN, without a warning."""
+    """A zero vector has no direction, so the result is NaN, without a warning."""
     assert np.all(np.isnan(normalised(np.zeros(4))))
     assert np.array_equal(normalised(np.array([0.0, -5e-324, 0.0])), [0.0, -1.0, 0.0])
 
@@ -408,7 +408,7 @@ def test_rates_agree_with_each_other(q: Array, omega: Array) -> None:
 
 
 def turned(p: Array, angle: float, rng: np.random.Generator) -> Array:
-    """Return p turned by this angle about a random axis, as it rounds."""
+    """Return p rotated by this angle about a random axis, with its rounding."""
     axis = normalised(rng.normal(size=3))
     return quaternion_product(p, exp_quaternion(angle * axis))
 
@@ -418,18 +418,18 @@ ANGLES = (0.0, 1e-18, 1e-17, 1e-16, 1e-15, 1e-12, 1e-8, 1e-3, 1.0, 3.0, PI - 1e-
 
 @pytest.mark.parametrize("angle", ANGLES)
 def test_geodesic_angle_is_accurate(angle: float) -> None:
-    """The angle between quaternions is right relatively, down to 1e-18."""
+    """The angle between quaternions has a small relative error, down to 1e-18."""
     rng = seeded(4)
     for p in unit_quaternions(100, seed=5):
         q = turned(p, angle, rng)
         exact = float(mp_angle(p, q))
-        # q - p is exact where they are near; four products and three sums of what is left
+        # q - p is exact if they are close; four products and three sums of the remainder
         assert abs(geodesic_angle(p, q) - exact) <= 8 * EPS * exact
         assert abs(geodesic_angle(3.0 * p, 0.7 * q) - exact) <= 8 * EPS
 
 
 def test_geodesic_angle_between_multiples_is_zero() -> None:
-    """q and c q are one orientation, for c within an ulp or two of 1 as for any other."""
+    """q and c q are the same orientation, for c within an ulp or two of 1 and for any other c."""
     p = np.array([0.5, 0.5, 0.5, 0.5])
     for factor in (1 + EPS, 1 + 2 * EPS, 1 - EPS, 3.0, 0.1):
         assert geodesic_angle(p, factor * p) == 0.0
@@ -447,7 +447,7 @@ def test_geodesic_angle_is_symmetric(p: Array, q: Array) -> None:
 
 @pytest.mark.parametrize("factor", [1e-100, 1e-20, 1e-10, 1e-2, 3.0, 1e20])
 def test_geodesic_angle_does_not_depend_on_norms(factor: float) -> None:
-    """The angle to c q is that to q, and that from c p that from p, for any c."""
+    """The angle to c q equals that to q, and the angle from c p that from p, for any c."""
     for p, q in zip(unit_quaternions(100, seed=17), unit_quaternions(100, seed=18), strict=True):
         angle = geodesic_angle(p, q)
         assert abs(geodesic_angle(p, factor * q) - angle) <= 8 * EPS
@@ -456,7 +456,7 @@ def test_geodesic_angle_does_not_depend_on_norms(factor: float) -> None:
 
 @pytest.mark.parametrize("size", [1e-200, 1e200])
 def test_geodesic_angle_of_extreme_norms(size: float) -> None:
-    """Where the squares of both norms under- or overflow the angle is still right, without a warning."""
+    """If the squares of both norms underflow or overflow, the angle is still accurate, without a warning."""
     p, q = np.array([0.8, 0.0, 0.6, 0.0]), np.array([0.6, 0.8, 0.0, 0.0])
     assert abs(geodesic_angle(size * p, size * q) - geodesic_angle(p, q)) <= 8 * EPS
 
@@ -464,7 +464,7 @@ def test_geodesic_angle_of_extreme_norms(size: float) -> None:
 @law
 @given(quaternions, quaternions, quaternions)
 def test_geodesic_angle_is_an_invariant_distance(p: Array, q: Array, r: Array) -> None:
-    """Triangle inequality, and invariance when both are rotated from the left or from the right."""
+    """The triangle inequality holds, and rotating both from the left or the right changes nothing."""
     angle = geodesic_angle(p, q)
     assert angle <= geodesic_angle(p, r) + geodesic_angle(r, q) + 16 * EPS
     assert abs(geodesic_angle(quaternion_product(r, p), quaternion_product(r, q)) - angle) <= 16 * EPS
@@ -474,7 +474,7 @@ def test_geodesic_angle_is_an_invariant_distance(p: Array, q: Array, r: Array) -
 @law
 @given(quaternions)
 def test_geodesic_angle_to_itself_is_zero(q: Array) -> None:
-    """The angle to itself is exactly 0, and to itself rotated by half a revolution pi."""
+    """The angle of q to itself is exactly 0, and to itself rotated by half a revolution it is pi."""
     assert geodesic_angle(q, q) == 0.0
     assert geodesic_angle(q, -q) == 0.0
     assert abs(geodesic_angle(q, quaternion_product(q, np.eye(4)[2])) - PI) <= 8 * EPS
@@ -484,7 +484,7 @@ def test_geodesic_angle_to_itself_is_zero(q: Array) -> None:
 
 
 def is_rotation(matrix: Array) -> bool:
-    """Whether R^T R = I and det R = +1 to round-off."""
+    """Assert that R^T R = I and det R = +1 to round-off."""
     orthogonal = np.max(np.abs(matrix.T @ matrix - np.eye(3))) <= 16 * EPS
     return bool(orthogonal and abs(np.linalg.det(matrix) - 1.0) <= 16 * EPS)
 
@@ -492,7 +492,7 @@ def is_rotation(matrix: Array) -> bool:
 @law
 @given(quaternions, st.lists(components, min_size=9, max_size=9), st.floats(-16.0, 0.5))
 def test_projection_is_a_rotation_and_a_critical_point(q: Array, noise: list[float], exponent: float) -> None:
-    """The result is a rotation and R^T M symmetric, which marks the critical points of |M - R|."""
+    """The result is a rotation and R^T M is symmetric, as at every critical point of |M - R|."""
     matrix = quaternion_to_matrix(q) + 10.0**exponent * np.array(noise).reshape(3, 3)
     nearest = project_to_so3(matrix)
     assert is_rotation(nearest)
@@ -502,13 +502,13 @@ def test_projection_is_a_rotation_and_a_critical_point(q: Array, noise: list[flo
 
 @pytest.mark.parametrize("seed", range(20))
 def test_projection_is_the_nearest_rotation(seed: int) -> None:
-    """No rotation is nearer, locally or globally, for reflections and singular matrices too."""
+    """No rotation is closer, locally or globally, also for reflections and singular matrices."""
     rng = seeded(seed)
     matrix = rng.normal(size=(3, 3))
     if seed % 4 == 0:
         matrix[:, 2] = 1e-9 * matrix[:, 2] + matrix[:, 0]  # nearly singular
     if seed % 4 == 1:
-        matrix *= -np.sign(np.linalg.det(matrix))  # turns the hand over
+        matrix *= -np.sign(np.linalg.det(matrix))  # changes the sign of the determinant
     nearest = project_to_so3(matrix)
     assert is_rotation(nearest)
     distance = np.linalg.norm(matrix - nearest)
@@ -539,7 +539,7 @@ def test_projection_of_reflections_and_singular_matrices(matrix: Array) -> None:
 @law
 @given(quaternions)
 def test_projection_keeps_rotations(q: Array) -> None:
-    """A rotation is its own projection, and projecting twice is projecting once."""
+    """A rotation is its own projection, and a second projection changes nothing."""
     rotation = quaternion_to_matrix(q)
     once = project_to_so3(rotation)
     assert np.max(np.abs(once - rotation)) <= 16 * EPS
@@ -547,7 +547,7 @@ def test_projection_keeps_rotations(q: Array) -> None:
 
 
 def test_projection_of_a_stretched_rotation_is_the_rotation() -> None:
-    """R S with S symmetric and positive projects to R: the polar decomposition."""
+    """R S with S symmetric and positive definite projects to R, as in the polar decomposition."""
     rng = seeded(10)
     for q in unit_quaternions(50, seed=11):
         a = rng.normal(size=(3, 3))
@@ -557,7 +557,7 @@ def test_projection_of_a_stretched_rotation_is_the_rotation() -> None:
         assert np.max(np.abs(project_to_so3(rotation @ stretch) - rotation)) <= 16 * EPS * condition
 
 
-# --------------------------------------------------------------------------- batches, SciPy as witness
+# ------------------------------------------------------------------- batches, comparison with SciPy
 
 
 @pytest.mark.parametrize(
@@ -600,12 +600,12 @@ def test_batches_equal_single_calls(function: Callable[..., Array], shapes: list
 
 
 def scalar_last(q: Array) -> Array:
-    """Reorder (w, x, y, z) as SciPy has it."""
+    """Reorder (w, x, y, z) as SciPy does."""
     return np.roll(q, -1, axis=-1)
 
 
 def test_scipy_agrees() -> None:
-    """Conversions, products, exponentials, logarithms and distances are SciPy's, to round-off."""
+    """Conversions, products, exponentials, logarithms and distances equal SciPy's to round-off."""
     p, q = unit_quaternions(1000, seed=13), unit_quaternions(1000, seed=14)
     v = seeded(15).normal(size=(1000, 3))
     first, second = Rotation.from_quat(scalar_last(p)), Rotation.from_quat(scalar_last(q))

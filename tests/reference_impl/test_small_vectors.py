@@ -1,4 +1,4 @@
-"""The kernels on tuples against numpy on arrays."""
+"""The kernels on tuples compared with numpy on arrays."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_kernel_equals_numpy(name: str) -> None:
     for _ in range(100):
         arguments = [rng.normal(size=shape) for shape in shapes]
         result = np.array(kernel(*(packed(argument) for argument in arguments)))
-        # the largest term is below the product of the arguments' norms, the last one squared where it is
+        # the largest term is below the product of the norms, squared because some kernels are quadratic
         scale = 1.0 + float(np.prod([1.0 + np.linalg.norm(argument) for argument in arguments]) ** 2)
         assert np.max(np.abs(result - expected(*arguments))) <= 4 * EPS * scale
 
@@ -63,7 +63,7 @@ def test_scaled_add() -> None:
 
 
 def test_solve_has_the_error_of_the_condition_number() -> None:
-    """Cramer's rule solves m x = b to eps times the condition number, for nonsymmetric m too."""
+    """Cramer's rule solves m x = b to eps times the condition number, also if m is not symmetric."""
     rng = np.random.default_rng(2)
     for _ in range(500):
         m, b = rng.normal(size=(3, 3)), rng.normal(size=3)
@@ -74,7 +74,7 @@ def test_solve_has_the_error_of_the_condition_number() -> None:
 
 @pytest.mark.parametrize("norm", [1e-100, 1e-8, 0.5, 3.0, 1e100])
 def test_matrix_of_takes_any_norm(norm: float) -> None:
-    """R(c q) = R(q), orthogonal to round-off whatever c."""
+    """R(c q) = R(q) is orthogonal to round-off for any c."""
     rng = np.random.default_rng(3)
     for _ in range(100):
         q = rng.normal(size=4)
@@ -85,7 +85,7 @@ def test_matrix_of_takes_any_norm(norm: float) -> None:
 
 @pytest.mark.parametrize("angle", [0.0, 1e-300, 1e-162, 1e-154, 1e-20, 1e-8, 1e-4, 1.0, 3.0, 10.0])
 def test_quaternion_exp_at_any_angle(angle: float) -> None:
-    """(cos(a/2), sin(a/2) u) relative to the angle, where its square underflows too."""
+    """(cos(a/2), sin(a/2) u) is accurate relative to the angle, even if its square underflows."""
     for axis in (*np.eye(3), *np.random.default_rng(4).normal(size=(10, 3))):
         v = angle * axis / np.linalg.norm(axis)
         w, *vector = small_vectors.quaternion_exp(packed(v))
@@ -142,12 +142,12 @@ def test_compiled_kernels_equal_their_python_source() -> None:
     compiled, interpreted = (printed_json(SHORT_MOTIONS, interpreted=plain) for plain in (False, True))
     assert compiled.keys() == interpreted.keys()
     for name, values in compiled.items():
-        # 50 steps of some 100 fused or unfused operations on numbers of size 3
+        # 50 steps of about 100 fused or separate operations on numbers of size 3
         assert np.max(np.abs(np.array(values) - interpreted[name])) <= 1e-13, name
 
 
 def test_jacobi_svd_gives_the_nearest_rotation() -> None:
-    """U V^T by one-sided Jacobi rotations is that of LAPACK's SVD, near SO(3) and far from it."""
+    """U V^T by one-sided Jacobi rotations equals that of LAPACK's SVD, close to SO(3) and far from it."""
     rng = np.random.default_rng(11)
     for spread in (0.0, 1e-9, 1e-3, 1.0, 1e3):
         for _ in range(50):

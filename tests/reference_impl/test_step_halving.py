@@ -1,4 +1,4 @@
-"""The truth of callback loads by step halving, against the certified truth of the same loads in series."""
+"""The truth of callback loads by step halving, compared with the certified truth of the same loads."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ NAMES = [
     "damped-fall",
     pytest.param("satellite-libration", marks=pytest.mark.slow),
     *(
-        pytest.param(name, marks=pytest.mark.nightly)  # the solver of each takes some 15 s to compile
+        pytest.param(name, marks=pytest.mark.nightly)  # each solver takes about 15 s to compile
         for name in ("sine-torque", "spring-pendulum", "torsion-spring")
     ),
 ]
@@ -37,7 +37,7 @@ NAMES = [
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_callback_load_gives_the_motion_of_its_loads(name: str) -> None:
-    """Each truth is within the other's bounds, and the function's is certified to 1e-11."""
+    """Each truth is within the other's bounds, and that of the callback is certified to 1e-11."""
     scene = load_scenario(name).scene
     t_s = np.linspace(0.0, 0.2 * scene.duration_s, 6)
     open_truth, truth = solve_truth(scene, t_s), solve_truth(hidden(scene), t_s)
@@ -51,7 +51,7 @@ def test_callback_load_gives_the_motion_of_its_loads(name: str) -> None:
 
 @pytest.mark.slow
 def test_switches_of_other_loads_are_met_exactly() -> None:
-    """Next to a function, a load acts exactly from its switching time between samples on."""
+    """Next to a callback, a load acts exactly from its switching time between two samples."""
     pulses = (
         Torque("body", np.array([0.3, 0.0, -0.2]), 0.123, 0.777),
         PointForce("world", np.array([0.0, 1.0, 0.0]), np.array([0.2, 0.0, 0.1]), 0.5),
@@ -67,7 +67,7 @@ def test_switches_of_other_loads_are_met_exactly() -> None:
 
 @pytest.mark.slow
 def test_discontinuous_function_is_only_estimated() -> None:
-    """Where halved steps do not converge with order 8, the truth is not certified."""
+    """If halved steps do not converge with order 8, the truth is not certified."""
 
     def bang(t: float, *_: Array) -> tuple[Array, Array]:
         sign = 1.0 if np.sin(37.0 * t) > 0.0 else -1.0
@@ -91,7 +91,7 @@ def test_every_load_has_the_wrench_of_its_formula() -> None:
 
 
 def test_force_that_is_not_finite_is_refused_with_its_time(expected_message: ExpectedMessage) -> None:
-    """A function's NaN gives no truth; the message has the time."""
+    """If a function returns NaN there is no truth, and the message has the time."""
     nothing = CallbackLoad("tests:nan", lambda *_: (np.full(3, np.nan), np.zeros(3)))
     scene = replace(load_scenario("detumbling").scene, loads=(nothing,))
     with expected_message.raises(ValueError):
@@ -99,7 +99,7 @@ def test_force_that_is_not_finite_is_refused_with_its_time(expected_message: Exp
 
 
 def test_times_may_be_none_or_the_start_alone() -> None:
-    """No times give no rows, and time 0 the initial state."""
+    """An empty list of times gives no rows, and time 0 gives the initial state."""
     scene = hidden(load_scenario("detumbling").scene)
     assert solve_truth(scene, np.zeros(0)).trajectory.attitude.shape == (0, 4)
     start = solve_truth(scene, np.zeros(2)).trajectory

@@ -32,7 +32,7 @@ def tableau_of(method: Integrator) -> Tableau:
 
 @cache
 def forests(nodes: int, largest: int) -> list[tuple[Tree, ...]]:
-    """Return all multisets of trees of so many nodes in total, none of more than `largest`."""
+    """Return all multisets of trees with this many nodes in total and none above `largest`."""
     if nodes == 0:
         return [()]
     if largest == 0:
@@ -45,7 +45,7 @@ def forests(nodes: int, largest: int) -> list[tuple[Tree, ...]]:
 
 
 def trees(nodes: int) -> list[Tree]:
-    """Return all rooted trees of so many nodes."""
+    """Return all rooted trees with this many nodes."""
     return forests(nodes - 1, nodes - 1)
 
 
@@ -82,7 +82,7 @@ def test_number_of_trees_is_cayleys() -> None:
 
 @every_tableau
 def test_tableau_is_explicit_and_its_nodes_are_the_sums_of_its_rows(method: Integrator) -> None:
-    """a is strictly lower triangular, sum_j a_ij = c_i."""
+    """a is strictly lower triangular, and sum_j a_ij = c_i."""
     a, b, c = tableau_of(method)
     assert a.shape == (len(b), len(b))
     assert np.array_equal(a, np.tril(a, -1))
@@ -92,7 +92,7 @@ def test_tableau_is_explicit_and_its_nodes_are_the_sums_of_its_rows(method: Inte
 
 @every_tableau
 def test_tableau_has_exactly_the_stated_order(method: Integrator) -> None:
-    """b . g(t) = 1 / gamma(t) for every tree of up to `order` nodes, and not for all of one node more.
+    """b . g(t) = 1 / gamma(t) for every tree of up to `order` nodes, but not for all of one node more.
 
     Butcher (1963); Hairer, Norsett and Wanner (1993), Solving ODEs I, theorem II.2.13.
     """

@@ -1,7 +1,7 @@
-"""The Taylor integrator, in both precisions, against forty digits in another formulation.
+"""The Taylor integrator, in both precisions, compared with forty digits in another formulation.
 
-The oracle integrates R' = [omega]x R and L' = torque in world axes, with each load as it is defined there, by
-the Gragg-Bulirsch-Stoer method in mpmath: neither its variables nor its method are those of the kernels.
+The forty digits are of R' = [omega]x R and L' = torque in world axes, with each load as it is defined there,
+by the Gragg-Bulirsch-Stoer method in mpmath: neither its variables nor its method are those of the kernels.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def transposed(m: Vector) -> Vector:
 
 
 def rotation_vector(m: Vector) -> Vector:
-    """a u of a rotation matrix with a < pi."""
+    """Return the vector a u of a rotation matrix with a < pi."""
     axis = [(m[7] - m[5]) / 2, (m[2] - m[6]) / 2, (m[3] - m[1]) / 2]
     sine = mpmath.sqrt(sum(x * x for x in axis))
     if not sine:
@@ -84,7 +84,7 @@ def matrix_of(q: Array) -> Vector:
 
 
 class Oracle:
-    """One scene's right-hand side: y = R row by row, L, v, x, all in world axes."""
+    """The right-hand side of one scene: y = R row by row, L, v, x, all in world axes."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene, body = scene, scene.body
@@ -116,7 +116,7 @@ class Oracle:
         return [*rates, *torque, *(f / self.mass for f in force), *y[12:15]]
 
     def act(self, load: Load, t: mpmath.mpf, y: Vector, omega_body: Vector) -> tuple[Vector, Vector]:
-        """Return a load's force and torque in world axes, as it is defined."""
+        """Return the force and torque of a load in world axes, by its definition."""
         rotation, none = y[:9], [mpmath.mpf(0)] * 3
         match load:
             case Torque():
@@ -222,7 +222,7 @@ LOADS: dict[str, tuple[Load, ...]] = {
 
 
 def scene_under(*loads: Load, duration_s: float = 2.0) -> Scene:
-    """Return a full tensor, askew and moving, under gravity and the loads."""
+    """Return a scene of a moving body with a full tensor and rotated axes under gravity and the loads."""
     start = State(
         np.array([0.1, -0.2, 0.3]),
         normalised(np.array([0.8, -0.3, 0.4, 0.2])),
@@ -233,7 +233,7 @@ def scene_under(*loads: Load, duration_s: float = 2.0) -> Scene:
 
 
 CASES = {name: scene_under(*loads) for name, loads in LOADS.items()}
-OWN_KERNEL = {"sine world", "torsion spring"}  # takes 10 s to compile, and is in the mixture too
+OWN_KERNEL = {"sine world", "torsion spring"}  # takes 10 s to compile, and is also covered by the mixture
 every_load = pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[pytest.mark.nightly] * (n in OWN_KERNEL)) for n in LOADS]
 )
@@ -243,7 +243,7 @@ FINE = Resolution(18, 1e-17)
 
 
 def distances(solution: Solution, row: int, expected: Vector) -> Array:
-    """(4,): the largest differences of R, omega, v and x from the oracle's, at its precision."""
+    """Return the largest differences of R, omega, v and x from the oracle's, at its precision, (4,)."""
     with mpmath.workdps(50):
         q = [
             mpmath.mpf(float(a)) + mpmath.mpf(float(b))
@@ -256,7 +256,7 @@ def distances(solution: Solution, row: int, expected: Vector) -> Array:
 
 
 def rotation_of(q: Vector) -> Vector:
-    """R(q), quadratic in q: a norm that is not 1 shows."""
+    """Return R(q), quadratic in q, so that a norm other than 1 is visible."""
     w, x, y, z = q
     rows = [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)]
     rows += [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)]
@@ -279,7 +279,7 @@ def test_double_doubles_are_right_to_thirty_digits(name: str) -> None:
 @pytest.mark.slow
 @every_load
 def test_doubles_are_right_to_their_round_off(name: str) -> None:
-    """The same in doubles to ten times eps times the sensitivity, which is small within two seconds."""
+    """The doubles agree within ten times eps times the sensitivity, which is small within two seconds."""
     scene = CASES[name]
     solution = solve(forcings_of(scene, 2.0), scene.initial, np.array([1.0, 2.0]), FINE)
     for row, expected in enumerate(forty_digits(name, 6)):
@@ -308,7 +308,7 @@ def test_truth_lies_within_its_bounds(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["spring", "two springs", "torsion spring"])
 def test_springs_conserve_the_energy(name: str) -> None:
-    """K + U of gravity and springs is constant along the truth, to its bound."""
+    """K + U of gravity and springs is constant along the truth, within its bound."""
     scene = replace(CASES[name], duration_s=8.0, samples=41)
     truth = solve_truth(scene, scene.sample_times)
     kinetic, _ = kinetic_energies(scene, truth.trajectory)
@@ -319,7 +319,7 @@ def test_springs_conserve_the_energy(name: str) -> None:
 
 
 def test_gravity_gradient_conserves_the_jacobi_integral() -> None:
-    """K - n . L + 3/2 n^2 u . I u - (constant) does not change, n along -y of the orbit's frame."""
+    """K - n . L + 3/2 n^2 u . I u is constant, with n along -y of the orbit's frame."""
     scene = replace(CASES["gravity gradient"], gravity=np.zeros(3), duration_s=10.0, samples=51)
     motion = solve_truth(scene, scene.sample_times).trajectory
     n, t, tensor = 0.8, motion.t_s, scene.body.inertia
@@ -327,14 +327,14 @@ def test_gravity_gradient_conserves_the_jacobi_integral() -> None:
     u_body = np.einsum("nji,nj->ni", motion.rotation_matrices, u)
     spin = rotate(motion.attitude, motion.omega_body @ tensor)
     kinetic = 0.5 * np.sum(motion.omega_body * (motion.omega_body @ tensor), axis=-1)
-    # u' = n y x u: the frame of the orbit turns about +y
+    # u' = n y x u: the frame of the orbit rotates about +y
     jacobi = kinetic - n * spin[:, 1] + 1.5 * n**2 * np.sum(u_body * (u_body @ tensor), axis=-1)
     assert np.max(np.abs(jacobi - jacobi[0])) <= 32 * EPS * np.max(kinetic)
 
 
 @every_load
 def test_calls_of_few_steps_continue_bit_for_bit(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compiled code that returns after every second step gives the states of one call."""
+    """Compiled code that returns after every second step gives the same states as one call."""
     scene, times = CASES[name], np.array([0.0, 0.1, 0.77, 1.1, 2.0])
     whole = solve(forcings_of(scene, 2.0), scene.initial, times, FINE)
     monkeypatch.setattr("bodycheck.reference_impl.taylor.solution._STEPS_PER_CALL", 2)
@@ -346,7 +346,7 @@ def test_calls_of_few_steps_continue_bit_for_bit(name: str, monkeypatch: pytest.
 
 
 def test_signal_interrupts_a_motion_that_would_take_years() -> None:
-    """Compiled code returns now and then, so that the process can handle a signal."""
+    """Compiled code returns regularly, so that the process can handle a signal."""
 
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
@@ -363,7 +363,7 @@ def test_signal_interrupts_a_motion_that_would_take_years() -> None:
 
 
 def test_specialised_kernels_equal_the_general_one() -> None:
-    """Loads of zero strength change nothing: the general kernel gives the free motion."""
+    """Loads of zero strength change nothing, so the general kernel gives the free motion."""
     idle: tuple[Load, ...] = (
         Torque("world", np.zeros(3)),
         PointForce("body", np.zeros(3), B),
@@ -432,7 +432,7 @@ def test_dense_output_equals_short_runs() -> None:
 
 
 def test_motion_without_a_series_is_refused(expected_message: ExpectedMessage) -> None:
-    """A torsion spring wound to pi, and a spring shortened to length zero, have no truth."""
+    """A torsion spring wound to pi and a spring shortened to length zero have no truth."""
     wound = replace(scene_under(TorsionSpring(0.01)), gravity=np.zeros(3))
     with expected_message.raises(ValueError):
         solve_truth(wound, np.array([5.0]))
@@ -483,9 +483,9 @@ print(json.dumps(found))
 """
 
 
-@pytest.mark.nightly  # of test_small_vectors.py and test_taylor_motion.py: at each push
+@pytest.mark.nightly  # test_small_vectors.py and test_taylor_motion.py test this at each push
 def test_compiled_kernels_equal_their_python_source() -> None:
-    """Compiled and interpreted, doubles agree to 1e-14 and double-doubles to 1e-29."""
+    """Compiled and interpreted doubles agree to 1e-14 and double-doubles to 1e-29."""
     compiled, interpreted = (
         np.array(printed_json(SHORT_MOTIONS, interpreted=plain)) for plain in (False, True)
     )

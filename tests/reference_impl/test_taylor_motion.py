@@ -74,7 +74,7 @@ BODIES = {
 
 
 def scene_of(inertia: Array, *loads: Load, duration_s: float = 10.0) -> Scene:
-    """Return the tumbling about the intermediate axis of (1, 2, 3), under gravity."""
+    """Return a tumbling motion about the intermediate axis of (1, 2, 3) under gravity."""
     start = State(
         np.array([0.1, -0.2, 0.3]),
         normalised(np.array([0.8, -0.3, 0.4, 0.2])),
@@ -92,7 +92,7 @@ def truth_of(name: str) -> tuple[Scene, Truth]:
 
 
 def askew(inertia: Array) -> Array:
-    """The same body in other axes, symmetric to the last bit."""
+    """Return the same body in other axes, symmetric to the last bit."""
     r = quaternion_to_matrix(normalised(np.array([0.3, 0.7, -0.5, 0.4])))
     turned = r @ inertia @ r.T
     return 0.5 * (turned + turned.T)
@@ -113,7 +113,7 @@ def test_errors_are_those_of_doubles(name: str) -> None:
 @every_load
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-9, 1e-12])
 def test_errors_follow_the_tolerance(name: str, tolerance: float) -> None:
-    """The angle after ten seconds is off by at most tolerance x sensitivity; a wider one is fewer steps."""
+    """The angle error after ten seconds is at most tolerance x sensitivity; looser ones need fewer steps."""
     scene, truth = truth_of(name)
     loose = TaylorMotion.of(scene, tolerance).solve(scene.sample_times)
     sensitivity = truth.round_off_rad[-1] / EPS
@@ -123,7 +123,7 @@ def test_errors_follow_the_tolerance(name: str, tolerance: float) -> None:
 
 @every_load
 def test_the_centre_of_mass_is_that_of_the_truth(name: str) -> None:
-    """x and v are within 32 eps of their largest values of the truth, also over switches."""
+    """x and v are within 32 eps of the largest values of the truth, also across switches."""
     scene, truth = truth_of(name)
     motion = TaylorMotion.of(scene, 1e-17).solve(scene.sample_times).trajectory
     for found, expected in (
@@ -136,7 +136,7 @@ def test_the_centre_of_mass_is_that_of_the_truth(name: str) -> None:
 @pytest.mark.parametrize("name", BODIES)
 @pytest.mark.parametrize("turned", [False, True], ids=["principal axes", "askew"])
 def test_any_body_in_any_axes_follows_its_closed_form(name: str, turned: bool) -> None:
-    """A free body, its axes principal or not, is within ten times eps x sensitivity of the exact motion."""
+    """A free body, with principal axes or not, is within ten times eps x sensitivity of the exact motion."""
     inertia = askew(BODIES[name]) if turned else BODIES[name]
     scene = scene_of(inertia)
     exact = solve_truth(scene, scene.sample_times)
@@ -148,7 +148,7 @@ def test_any_body_in_any_axes_follows_its_closed_form(name: str, turned: bool) -
 
 @pytest.mark.parametrize("omega", [(0.1, 2.0, 0.1), (0.7, -0.4, 0.9), (1.0, 0.2, -0.5)])
 def test_hundred_thousand_steps_conserve_to_3e_14(omega: tuple[float, float, float]) -> None:
-    """|dE/E|, |dL|/|L| and ||q| - 1| stay below 3e-14 in plain doubles over some 1e5 steps."""
+    """|dE/E|, |dL|/|L| and ||q| - 1| stay below 3e-14 in plain doubles over about 1e5 steps."""
     scene = scene_of(BODIES["brick"], duration_s=4e4)
     scene = replace(scene, initial=replace(scene.initial, omega_body=np.array(omega)))
     found = TaylorMotion.of(scene, 1e-17).solve(np.array([4e4]))
@@ -186,18 +186,18 @@ def test_principal_axes_are_right_to_thirty_digits(name: str) -> None:
 
 @pytest.mark.parametrize("name", BODIES)
 def test_diagonal_tensor_is_its_own_frame(name: str) -> None:
-    """A diagonal tensor is its own frame, bit for bit."""
+    """The principal frame of a diagonal tensor is the body's own frame, bit for bit."""
     p, moments = principal_quaternion(fractions(BODIES[name]))
     assert p == (1, 0, 0, 0)
     assert [float(x) for x in moments] == np.diag(BODIES[name]).tolist()
 
 
-# ------------------------------------------------------------------------------------------- what is asked
+# ------------------------------------------------------------------------------------ the requested times
 
 
 @every_load
 def test_solve_is_repeatable(name: str) -> None:
-    """Solved again after other times, a motion and each of its samples are the same, bit for bit."""
+    """A motion that is solved again after other times is the same bit for bit, as is each of its samples."""
     scene, _ = truth_of(name)
     motion = TaylorMotion.of(scene, 1e-14)
     once = motion.solve(scene.sample_times)
@@ -227,7 +227,7 @@ def test_no_times_give_no_states() -> None:
 
 @pytest.mark.parametrize("times", [[1.0, 0.5], [-1.0], [0.0, np.nan], [1.0, np.inf]], ids=str)
 def test_impossible_times_are_refused(times: list[float], expected_message: ExpectedMessage) -> None:
-    """A time out of order, negative or not finite is refused with its value."""
+    """A time that is out of order, negative or not finite is refused with its value."""
     with expected_message.raises(ValueError):
         TaylorMotion.of(scene_of(BODIES["brick"]), 1e-12).solve(np.array(times))
 
@@ -242,7 +242,7 @@ def test_impossible_tolerances_are_refused(tolerance: float) -> None:
 
 @pytest.mark.parametrize("loads", [(), (Torque("world", A),)], ids=["free", "forced"])
 def test_overflowing_motion_ends_in_nan(loads: tuple[Load, ...]) -> None:
-    """Where the coefficients overflow, the states are NaN from there on, and finite before."""
+    """If the coefficients overflow, the states are NaN from that time on and finite before."""
     scene = scene_of(BODIES["brick"], *loads)
     scene = replace(scene, initial=replace(scene.initial, omega_body=np.full(3, 1e200)))
     found = TaylorMotion.of(scene, 1e-12).solve(np.array([0.0, 1.0, 2.0]))
@@ -273,7 +273,7 @@ print(json.dumps(found))
 
 @pytest.mark.slow
 def test_compiled_kernels_equal_their_python_source() -> None:
-    """Compiled and interpreted, states agree to 1e-14, free and under every load that the frame knows."""
+    """Compiled and interpreted states agree to 1e-14, free and under every load that the frame supports."""
     compiled, interpreted = (
         np.array(printed_json(SHORT_MOTIONS, interpreted=plain)) for plain in (False, True)
     )

@@ -1,4 +1,4 @@
-"""The truth of a scene against forty digits, in other variables: R and the angular momentum in world axes."""
+"""The truth of a scene compared with forty digits, with R and the momentum in world axes as variables."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ EPS = float(np.finfo(np.float64).eps)
 
 @dataclass(frozen=True)
 class Errors:
-    """How far a truth is from forty digits at each time, with its bounds: (n,) each."""
+    """The errors of a truth relative to forty digits at each time, with its bounds: (n,) each."""
 
     angle: Array
     energy: Array
@@ -36,7 +36,7 @@ class Errors:
 
 
 def errors(scene: Scene, truth: Truth, exact: list[Exact]) -> Errors:
-    """Return the errors of a truth in doubles against forty digits."""
+    """Return the errors of a truth in doubles relative to forty digits."""
     motion, tensor = truth.trajectory, scene.body.inertia
     assert motion.quaternion is not None
     found: dict[str, list[mpmath.mpf]] = {
@@ -96,7 +96,7 @@ def errors(scene: Scene, truth: Truth, exact: list[Exact]) -> Errors:
 
 
 def check_bounds(scene: Scene, times: Sequence[float]) -> tuple[Truth, Errors]:
-    """The truth lies within all of its bounds of forty digits."""
+    """Assert that the truth lies within all of its bounds of forty digits."""
     truth = solve_truth(scene, np.array(times))
     off = errors(scene, truth, exact_states(scene, times))
     assert np.all(off.angle <= truth.bound_rad), off.angle / truth.bound_rad
@@ -137,7 +137,7 @@ def test_truth_of_the_library_lies_within_its_bounds(name: str) -> None:
 
 
 def random_scene(seed: int, strength: float) -> Scene:
-    """Return a full tensor, an initial rotation, gravity, and loads of each kind, two that come and go."""
+    """Return a full tensor, an initial rotation, gravity, and a load of each kind, two of which switch."""
     rng = np.random.default_rng(seed)
     turn = Rotation.random(random_state=seed).as_matrix()
     a, b, c = rng.uniform(0.5, 1.5, size=3)
@@ -169,12 +169,12 @@ def test_truth_of_random_scenes_lies_within_its_bounds(seed: int) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(10, 14))
 def test_truth_under_strong_loads_lies_within_its_bounds(seed: int) -> None:
-    """Where strong loads amplify every error the bound grows, and still holds."""
+    """If strong loads amplify every error, the bound grows and still holds."""
     check_bounds(random_scene(seed, 3.0), (0.0, 0.3, 1.3, 2.3, 3.7, 5.0))
 
 
 def torqued_from_rest(acceleration: float) -> Scene:
-    """Return a body at rest that a torque in its own axes sets turning."""
+    """Return a body at rest that a torque in its own axes accelerates."""
     body = RigidBody(1.0, np.diag([1.0, 2.0, 2.5]))
     still = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3))
     load = Torque("body", acceleration * np.array([1.0, 0.5, -0.3]))
@@ -183,7 +183,7 @@ def torqued_from_rest(acceleration: float) -> Scene:
 
 @pytest.mark.parametrize("acceleration", [1e-6, 1.0, 10.0, 50.0, 1e3, 1e9])
 def test_truth_of_a_body_that_starts_from_rest(acceleration: float) -> None:
-    """A torque may accelerate any body from rest: scaled by sqrt(1 / a), all are one motion."""
+    """A torque may accelerate any body from rest, since scaling by sqrt(1 / a) gives the same motion."""
     unit = 1.0 / math.sqrt(max(acceleration, 1.0))
     scene = torqued_from_rest(acceleration)
     check_bounds(scene, (0.0, 0.1 * unit, unit))
@@ -208,7 +208,7 @@ def test_central_force_does_not_rotate_the_body() -> None:
     times = np.array([0.0, 1.0, 5.0])
     one, other = solve_truth(free, times), solve_truth(pushed, times)
     same = np.abs(np.sum(one.trajectory.attitude * other.trajectory.attitude, axis=-1))
-    assert np.all(np.sqrt(np.maximum(2.0 - 2.0 * same, 0.0)) <= 1e-7)  # eps under the root
+    assert np.all(np.sqrt(np.maximum(2.0 - 2.0 * same, 0.0)) <= 1e-7)  # the square root of eps
     assert np.max(np.abs(one.trajectory.omega_body - other.trajectory.omega_body)) <= 10 * np.max(
         other.bound_rad
     )
@@ -219,7 +219,7 @@ def test_central_force_does_not_rotate_the_body() -> None:
 
 @pytest.mark.parametrize("name", ["boxes", "free-body"])
 def test_gravity_alone_is_a_parabola(name: str) -> None:
-    """x = x0 + v0 t + g t^2 / 2 and v = v0 + g t to round-off, at any time, and the kind is exact."""
+    """x = x0 + v0 t + g t^2 / 2 and v = v0 + g t to round-off at any time, and the kind is exact."""
     scene = load_scenario(name).scene
     t = np.array([0.0, 1e-9, 0.3, 10.0, 1000.0])[:, None]
     truth = solve_truth(scene, t[:, 0])
@@ -265,7 +265,7 @@ def test_times_may_come_in_any_order_and_twice(name: str) -> None:
 
 @both_kinds
 def test_truth_does_not_depend_on_the_other_times(name: str) -> None:
-    """The state at one time is the same within the bound, whatever other times are requested."""
+    """The state at a time is the same within the bound, whatever other times are requested."""
     scene = load_scenario(name).scene
     many = solve_truth(scene, scene.sample_times)
     for k in (0, 1, 25, 60, 61, 100):
@@ -277,7 +277,7 @@ def test_truth_does_not_depend_on_the_other_times(name: str) -> None:
 
 @both_kinds
 def test_truth_at_zero_is_the_initial_state(name: str) -> None:
-    """At t = 0 it is the initial state with its quaternion normalised; no times give no rows."""
+    """At t = 0 the truth is the initial state with a normalised quaternion; no times give no rows."""
     scene = load_scenario(name).scene
     for times in ([0.0], [0.0, 0.0], [4.0, 0.0], [-0.0]):
         motion = solve_truth(scene, np.array(times)).trajectory
@@ -302,11 +302,11 @@ def test_impossible_times_are_refused(name: str, bad: float, expected_message: E
 
 @both_kinds
 def test_quaternions_have_unit_length(name: str) -> None:
-    """Every returned quaternion is a unit to round-off, over the whole duration."""
+    """Every returned quaternion has unit length to round-off, over the whole duration."""
     scene = load_scenario(name).scene
     q = solve_truth(scene, scene.sample_times).trajectory.attitude
     assert np.max(np.abs(np.linalg.norm(q, axis=-1) - 1.0)) <= 4 * EPS
-    # the sign never jumps: neighbours are near
+    # the sign never jumps, so successive quaternions are close
     assert np.min(np.sum(q[1:] * q[:-1], axis=-1)) > 0.9
 
 
@@ -322,7 +322,7 @@ def test_bounds_never_shrink(name: str) -> None:
 
 @pytest.mark.slow
 def test_sensitivity_of_a_chaotic_motion_is_not_saturated() -> None:
-    """A perturbation of 1e-13 grows in forty digits as the truth states; in doubles it saturates."""
+    """A perturbation of 1e-13 grows as the truth states in forty digits; in doubles it saturates."""
     start = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.1, 2.0, 0.1]))
     torque = Torque("world", np.array([0.3, -0.2, 0.1]))
     scene = Scene(RigidBody(1.0, np.diag([1.0, 2.0, 3.0])), start, (torque,), np.zeros(3), 50.0, 2)
@@ -333,7 +333,7 @@ def test_sensitivity_of_a_chaotic_motion_is_not_saturated() -> None:
         exact_states(replace(scene, initial=initial), [50.0]) for initial in (start, pushed)
     )
     apart = [float(a - b) for a, b in zip(there.values()[:9], elsewhere.values()[:9], strict=True)]
-    # |R - S|_F = sqrt(2) angle for a small angle; the truth's nudges are relative to its largest |omega|
+    # |R - S|_F = sqrt(2) angle for a small angle; the truth's perturbations are relative to max |omega|
     grown = float(np.linalg.norm(apart)) / math.sqrt(2.0) / nudge
     assert grown > 1e8
     assert grown < predicted < 30.0 * grown

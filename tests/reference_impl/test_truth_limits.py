@@ -1,4 +1,4 @@
-"""Where a truth ends, from which state it starts, and what a long one costs."""
+"""Where a truth ends, the state from which it starts, and the cost of a long one."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def spring(rest_length: float) -> Spring:
 @pytest.mark.slow
 @pytest.mark.parametrize("x", [1.5, 1.001])
 def test_no_truth_beyond_the_anchor_of_a_spring(x: float, expected_message: ExpectedMessage) -> None:
-    """A body that swings through the anchor, or near it, has a truth until then and no longer."""
+    """A body that swings through the anchor or near it has a truth up to that time only."""
     scene = scene_of(spring(0.5), x=(x, 0.0, 0.0))
     rate = math.sqrt(3.0)
     reached = (math.pi - math.acos(0.5 / (x - 0.5))) / rate  # x = 1/2 + (x0 - 1/2) cos(rate t)
@@ -68,7 +68,7 @@ def test_no_truth_beyond_the_anchor_of_a_spring(x: float, expected_message: Expe
 
 @pytest.mark.slow
 def test_spring_that_reverses_before_its_anchor_has_a_truth() -> None:
-    """A body that comes within a thousandth of the anchor and returns has a truth."""
+    """A body that comes within 1e-3 m of the anchor and returns has a truth."""
     scene = scene_of(spring(0.5), x=(0.999, 0.0, 0.0))
     truth = solve_truth(scene, np.array([0.0, 10.0]))
     assert truth.trajectory.position_m[1, 0] == pytest.approx(
@@ -79,7 +79,7 @@ def test_spring_that_reverses_before_its_anchor_has_a_truth() -> None:
 
 @pytest.mark.slow
 def test_truth_ends_at_a_start_next_to_the_anchor() -> None:
-    """Where the force jumps next to the start, neighbours diverge: the truth ends after the start."""
+    """If the force jumps next to the start, neighbours diverge, so the truth ends after the start."""
     truth = solve_truth(scene_of(spring(0.5), x=(0.0, 0.0, 0.0)), np.array([0.0, 1.0, 2.0]))
     assert truth.trusted_until_s == 1.0
     assert np.isfinite(truth.bounds[:, 0]).all()
@@ -117,7 +117,7 @@ rest_length_m = 0.5
 @pytest.mark.slow
 @pytest.mark.parametrize("x", ["1.5", "0.0"])
 def test_run_without_a_truth_is_refused(x: str, tmp_path: Path, expected_message: ExpectedMessage) -> None:
-    """A run whose truth ends within it is refused with the reason; so is a truth beyond its end."""
+    """A run whose truth ends too early is refused with the reason, and so is a truth beyond its end."""
     path = tmp_path / "through.toml"
     path.write_text(THROUGH.format(x=x), encoding="utf-8")
     with expected_message.raises(InputError):
@@ -129,7 +129,7 @@ def test_run_without_a_truth_is_refused(x: str, tmp_path: Path, expected_message
 # --------------------------------------------------------------------------------------- where it begins
 
 
-ROTATED = np.array([0.6, 0.48, -0.64, 3e-7])  # whose norm is 1 + 4.5e-14
+ROTATED = np.array([0.6, 0.48, -0.64, 3e-7])  # its norm is 1 + 4.5e-14
 WORLD = np.array([0.3, 1.0, -0.2])
 
 
@@ -137,7 +137,7 @@ WORLD = np.array([0.3, 1.0, -0.2])
     "tensor", [np.diag([2.0, 2.0, 2.0]), np.diag([2.0, 2.0, 3.0])], ids=["sphere", "top"]
 )
 def test_omega_is_that_of_the_world_after_1e9_s(tensor: np.ndarray) -> None:
-    """A start that is given in world axes is not rounded: the momentum stays, and the angle is right.
+    """A start in world axes is not rounded, so the momentum is constant and the angle is right.
 
     R(t) = exp(L t / A) R(0) exp((1 / C - 1 / A) l3 t e3), of a symmetric top and of a sphere.
     """
@@ -198,7 +198,7 @@ def test_norm_of_the_quaternion_does_not_matter() -> None:
     assert np.max(np.abs(one.trajectory.attitude - other.trajectory.attitude)) <= one.bound_rad[0] < 1e-15
 
 
-# ------------------------------------------------------------------------------------------ what it costs
+# --------------------------------------------------------------------------------------------- the cost
 
 FIXED_AXIS: dict[str, tuple[Load, ...]] = {
     "sine": (SineTorque("body", np.array([0.0, 0.0, 0.3]), 0.7, 0.4),),
@@ -224,7 +224,7 @@ def test_closed_form_takes_no_steps(name: str, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_growth_about_the_middle_axis_is_that_of_linear_theory() -> None:
-    """Spun about the middle axis at w, an offset grows as cosh(w t r), r r = (C - B)(B - A) / A C."""
+    """For a spin w about the middle axis, an offset grows as cosh(w t r), r r = (C - B)(B - A) / A C."""
     scene = replace(scene_of(Torque("body", np.zeros(3)), omega=(0.0, 1.5, 0.0)))
     closed = closed_form_of(
         replace(scene, loads=(SineTorque("body", np.array([0.0, 1e-300, 0.0]), 1.0, 0.0),))

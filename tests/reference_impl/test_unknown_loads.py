@@ -1,4 +1,4 @@
-"""A load of a kind that a consumer does not know is refused by name, never ignored."""
+"""A load of an unknown kind is refused by name and never ignored."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from tests.helpers.expected_messages import ExpectedMessage
 
 @dataclass(frozen=True, eq=False)
 class Magnet:
-    """A load that nobody knows; as one that comes and goes, and as one that lasts."""
+    """A load of an unknown kind, with the fields of a constant and of a continuous load."""
 
     strength: float = 1.0
     from_s: float = 0.0
@@ -96,7 +96,7 @@ def test_unknown_load_is_refused_by_name(name: str, expected_message: ExpectedMe
 def test_no_engine_steps_an_unknown_load(
     engine: str, module: str, method: str, expected_message: ExpectedMessage
 ) -> None:
-    """An adapter refuses it when it builds its model, or makes its first step."""
+    """An adapter refuses the load when it builds its model or makes its first step."""
     pytest.importorskip(module)
     setting = Setting(tolerance=1e-12) if method == "taylor" else Setting(dt_s=0.05)
     with expected_message.raises(ValueError):

@@ -1,4 +1,4 @@
-"""The wrench on the body, and the plan of steps that meets the switching times."""
+"""The wrench on the body, and the plan of steps that accounts for switching times."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def scene_with(
 
 
 def pulse(from_s: float, until_s: float) -> Torque:
-    """Return a torque of 1 N m about x, in body axes, that comes and goes."""
+    """Return a torque of 1 N m about x in body axes that acts between two times."""
     return Torque("body", np.array([1.0, 0.0, 0.0]), from_s, until_s)
 
 
@@ -52,7 +52,7 @@ def pulse(from_s: float, until_s: float) -> Torque:
 
 @pytest.mark.parametrize("seed", range(20))
 def test_packed_wrench_is_the_sum_of_its_loads(seed: int) -> None:
-    """At any R the kernels' torque and acceleration are the sums over the loads, by np.cross."""
+    """At any R the kernels' torque and acceleration equal the sums over the loads with np.cross."""
     rng = np.random.default_rng(seed)
     rotation = Rotation.random(random_state=seed).as_matrix()
     loads: list[ConstantLoad] = []
@@ -87,7 +87,7 @@ def test_packed_wrench_is_the_sum_of_its_loads(seed: int) -> None:
     ],
 )
 def test_each_load_is_in_its_own_part(load: ConstantLoad, parts: dict[str, list[float]]) -> None:
-    """A load is in the parts of its kind and axes only, times its share."""
+    """A load contributes only to the parts of its kind and axes, multiplied by its share."""
     wrench = wrench_of(((load, 0.25),))
     for name in ("torque_body", "torque_world", "force_body", "force_world"):
         assert np.array_equal(getattr(wrench, name), 0.25 * np.array(parts.get(name, [0.0, 0.0, 0.0])))
@@ -96,7 +96,7 @@ def test_each_load_is_in_its_own_part(load: ConstantLoad, parts: dict[str, list[
 
 
 def test_world_force_off_the_centre_is_kept_with_its_point() -> None:
-    """A world force with a moment stays a pair of point and force, times its share."""
+    """A world force with a moment is stored as a point and a force, multiplied by its share."""
     wrench = wrench_of(((PointForce("world", np.array([1.0, 0.0, 0.0]), np.array([0.0, 2.0, 0.0])), 0.5),))
     assert len(wrench.point_forces) == 1
     at, force = wrench.point_forces[0]
@@ -106,7 +106,7 @@ def test_world_force_off_the_centre_is_kept_with_its_point() -> None:
 
 
 def test_no_load_is_zero_and_gravity_is_not_a_load() -> None:
-    """Without loads the wrench is zero; the weight is added when it is packed."""
+    """Without loads the wrench is zero; the weight is added when the wrench is packed."""
     wrench = wrench_between(scene_with(gravity=GRAVITY), 0.0, 1.0)
     assert wrench.is_zero
     packed = wrench.packed(BODY, GRAVITY)
@@ -118,7 +118,7 @@ def test_no_load_is_zero_and_gravity_is_not_a_load() -> None:
     ("begin", "end", "share"),
     [
         (0.0, 0.2, 0.0),  # before
-        (0.1, 0.2, 0.0),  # up to the start: [from_s, until_s) is not yet
+        (0.1, 0.2, 0.0),  # up to the start: [from_s, until_s) excludes earlier times
         (0.2, 0.6, 1.0),
         (0.3, 0.4, 1.0),
         (0.6, 0.7, 0.0),  # from the end on
@@ -128,7 +128,7 @@ def test_no_load_is_zero_and_gravity_is_not_a_load() -> None:
     ],
 )
 def test_wrench_is_the_mean_over_the_interval(begin: float, end: float, share: float) -> None:
-    """A load acts by the share of the interval that it covers."""
+    """A load acts in proportion to the part of the interval that it covers."""
     wrench = wrench_between(scene_with(pulse(0.2, 0.6)), begin, end)
     assert np.allclose(wrench.torque_body, [share, 0.0, 0.0], rtol=0.0, atol=4 * EPS)
 
@@ -178,7 +178,7 @@ def test_plan_covers_the_time_and_keeps_the_impulse(
     assert sampled == [stride * k for k in range(1, samples)]
     durations = [min(load.until_s, duration) - max(load.from_s, 0.0) for load in loads]
     expected = sum(max(time, 0.0) for time in durations)
-    # a switch within 1e-9 of a step counts as on the grid: that much of a step may be lost, at both ends
+    # a switch within 1e-9 of a step counts as on the grid, so both ends may lose that part of a step
     slack = (2e-9 * plan.dt_s + 8 * EPS * duration) * max(len(loads), 1)
     assert impulse(plan, plan.legs())[0] == pytest.approx(expected, rel=0.0, abs=slack)
     assert impulse(plan, plan.uninterrupted())[0] == pytest.approx(expected, rel=0.0, abs=slack)
@@ -187,7 +187,7 @@ def test_plan_covers_the_time_and_keeps_the_impulse(
 @law
 @given(st.integers(0, 100), st.integers(0, 100), st.sampled_from([1.0, 0.7, 10.0, 1e-3]))
 def test_switches_on_the_grid_cut_the_legs_there(first: int, last: int, duration: float) -> None:
-    """Where a load switches on the grid, each step has all of it or none."""
+    """If a load switches on the grid, each step has all of it or none."""
     assume(first < last)
     scene = scene_with(
         pulse(first * (duration / 100), last * (duration / 100)), duration_s=duration, samples=11
@@ -201,7 +201,7 @@ def test_switches_on_the_grid_cut_the_legs_there(first: int, last: int, duration
 
 
 def test_switch_inside_a_step_gives_the_mean_load() -> None:
-    """A pulse from 0.23 to 0.5 on steps of 0.1: one step with 0.7 of it, then whole ones."""
+    """A pulse from 0.23 to 0.5 on steps of 0.1 has one step with 0.7 of it, followed by whole steps."""
     plan = plan_steps(scene_with(pulse(0.23, 0.5)), 0.1)
     assert plan.mid_step_switches == 1
     carried = [
@@ -217,7 +217,7 @@ def test_pulse_inside_one_step_is_not_lost() -> None:
 
 
 def test_switches_inside_steps_are_counted() -> None:
-    """Each switch off the grid counts, also two in one step; those on the grid and outside do not."""
+    """Each switch off the grid is counted, even two in one step; switches on the grid or outside are not."""
     plan = plan_steps(scene_with(pulse(0.42, 0.45), pulse(0.3, 0.61), pulse(-0.05, 1.05)), 0.1)
     assert plan.mid_step_switches == 3
 
@@ -233,7 +233,7 @@ def test_loads_outside_the_duration_change_nothing() -> None:
 
 
 def test_switches_are_those_inside_the_open_interval() -> None:
-    """Only ends strictly between 0 and the given time are switches, each once, ascending."""
+    """Only ends strictly between 0 and the given time are switches, each listed once in ascending order."""
     scene = scene_with(pulse(0.5, 0.8), pulse(0.0, 0.5), pulse(0.2, math.inf), pulse(-1.0, 3.0))
     assert scene.switches_before(1.0) == (0.2, 0.5, 0.8)
     assert scene.switches_before(0.8) == (0.2, 0.5)
@@ -241,7 +241,7 @@ def test_switches_are_those_inside_the_open_interval() -> None:
 
 
 def test_uninterrupted_legs_stop_only_where_the_wrench_changes() -> None:
-    """Timing runs through all samples in one leg per wrench."""
+    """Timing advances through all samples in one leg per wrench."""
     plan = plan_steps(scene_with(pulse(0.25, 0.55)), 0.05)
     assert [leg.steps for leg in plan.uninterrupted()] == [5, 6, 9]
     assert not any(leg.ends_at_sample for leg in plan.uninterrupted())
@@ -253,7 +253,7 @@ def test_uninterrupted_legs_stop_only_where_the_wrench_changes() -> None:
 @law
 @given(st.floats(1e-6, 1e6), st.integers(1, 10**6))
 def test_every_whole_fraction_of_the_interval_is_accepted(interval: float, n: int) -> None:
-    """interval / n, rounded, is accepted and makes n steps."""
+    """interval / n with its rounding is accepted and gives n steps."""
     assert steps_per_sample(interval, interval / n) == n
 
 
@@ -271,7 +271,7 @@ def test_every_whole_fraction_of_the_interval_is_accepted(interval: float, n: in
 def test_refused_step_names_the_nearest_that_divide(
     interval: float, dt: float, named: tuple[float, ...], expected_message: ExpectedMessage
 ) -> None:
-    """A step that does not divide the interval is refused with the nearest that do."""
+    """A step that does not divide the interval is refused with the nearest steps that do."""
     with expected_message.raises(ValueError) as refusal:
         steps_per_sample(interval, dt)
     message = str(refusal.value)
@@ -284,7 +284,7 @@ def test_refused_step_names_the_nearest_that_divide(
 
 @pytest.mark.parametrize("dt", [0.0, -0.0, -0.1, math.nan, math.inf, -math.inf])
 def test_impossible_steps_are_refused(dt: float, expected_message: ExpectedMessage) -> None:
-    """Zero, negative, infinite and undefined steps are refused, the value in the message."""
+    """Zero, negative, infinite and undefined steps are refused with their value."""
     with expected_message.raises(ValueError) as refusal:
         plan_steps(scene_with(), dt)
     assert repr(dt) in str(refusal.value)
@@ -292,7 +292,7 @@ def test_impossible_steps_are_refused(dt: float, expected_message: ExpectedMessa
 
 @pytest.mark.parametrize("dt", [1e-12, 1e-310, 5e-324])
 def test_tiny_steps_are_refused(dt: float, expected_message: ExpectedMessage) -> None:
-    """A step so small that its count overflows or takes too long is refused with its value."""
+    """A step so small that the number of steps overflows or takes too long is refused with its value."""
     with expected_message.raises(ValueError) as refusal:
         steps_per_sample(1.0, dt)
     assert repr(dt) in str(refusal.value)

@@ -16,7 +16,7 @@ from tests.helpers.shared_folder import shared_folder
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 LONG_MS = 120_000
-"""What the browser may take on a machine that is busy."""
+"""Time limit of the browser, long enough for a busy machine."""
 expect.set_options(timeout=LONG_MS)
 
 
@@ -53,7 +53,7 @@ def report_file(html: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Browser]:
-    """Return the Chromium that is there; without one the test is skipped."""
+    """Return the installed Chromium; without one the test is skipped."""
     if CHROMIUM is None:
         pytest.skip("no Chromium on the path")
     with sync_playwright() as playwright:

@@ -1,4 +1,4 @@
-"""What advise answers: the cheapest settings that meet an error, and the error of a step."""
+"""Answers of `advise`: the cheapest settings that meet an error, and the error at a step."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def advise(
 
 
 def steps(answer: Answer) -> list[tuple[str, str, float | None, float | None]]:
-    """Return what an answer recommends."""
+    """Return the settings that an answer recommends."""
     return [(one.engine, one.method, one.setting, one.cpu_s) for one in answer.options]
 
 
@@ -83,7 +83,7 @@ def printed(capsys: pytest.CaptureFixture[str], answers: Sequence[Answer]) -> st
 
 
 def test_the_cheapest_measured_setting_is_recommended() -> None:
-    """Of two methods, the one that costs less, at its coarsest step that meets the error."""
+    """Of two methods the cheaper one is recommended, at its coarsest step that meets the error."""
     cases = [*sequence("euler", [1e-1, 5e-2, 9e-4, 4e-4]), *sequence("rk4", [1e-3 - 2e-14, 1e-5], cost=3.0)]
     (answer,) = advise(cases, 1e-3)
     assert steps(answer) == [("mujoco", "rk4", 0.1, 3.0)]
@@ -100,7 +100,7 @@ def test_the_bound_of_the_truth_counts_as_error(error: float, kept: bool) -> Non
 
 
 def test_an_error_that_is_small_by_accident_is_not_recommended() -> None:
-    """A coarse step within the error with a finer one beyond it: only a step finer than that is taken."""
+    """If a coarse step meets the error but a finer one misses it, only steps below that are recommended."""
     (answer,) = advise(sequence("euler", [1e-4, 5e-2, 8e-4, 4e-4]), 1e-3)
     assert steps(answer) == [("mujoco", "euler", 0.025, 4.0)]
 
@@ -112,7 +112,7 @@ def test_round_off_of_finer_steps_excludes_no_coarser_one() -> None:
 
 
 def test_a_case_that_did_not_end_well_meets_nothing() -> None:
-    """Nor does anything coarser than a step that failed."""
+    """A failed case meets no error, and neither does any coarser step."""
     (answer,) = advise(sequence("euler", [1e-4, None, None]), 1e-3)
     assert answer.options == ()
     assert [engine for engine, _ in answer.without] == ["mujoco"]
@@ -121,7 +121,7 @@ def test_a_case_that_did_not_end_well_meets_nothing() -> None:
 
 
 def test_the_best_of_each_engine_is_shown_cheapest_first() -> None:
-    """One row per engine; an engine that meets it with no method is named."""
+    """Each engine has one row; an engine without a method that meets the error is named."""
     cases = [
         *sequence("euler", [9e-4], cost=5.0),
         *sequence("rk4", [1e-6], cost=2.0, engine="reference"),
@@ -133,9 +133,9 @@ def test_the_best_of_each_engine_is_shown_cheapest_first() -> None:
 
 
 def test_all_scenarios_together_need_a_method_that_meets_it_in_each() -> None:
-    """The finest of its steps counts, and the total time at this step; the limiting scenario is named.
+    """The finest of the method's steps counts, with the total time there; the limiting scenario is named.
 
-    The one command runs them all, with --allow-code where one of them needs it.
+    A single command runs all scenarios, with --allow-code if one of them needs it.
     """
     cases = [
         *sequence("euler", [9e-4, 4e-4]),
@@ -163,14 +163,14 @@ def test_a_method_without_an_option_on_one_scenario_has_none_on_all() -> None:
 
 
 def test_the_nearest_setting_is_shown_where_none_meets_the_error(capsys: pytest.CaptureFixture[str]) -> None:
-    """With its error and its command."""
+    """The nearest setting is printed with its error and its command."""
     shown = printed(capsys, advise([*sequence("euler", [1e-1, 5e-2]), *sequence("rk4", [1e-3])], 1e-6))
     assert "no setting is known to meet it; the nearest is mujoco:rk4, dt 0.1 s: 0.001" in shown
     assert "bodycheck run free --engine mujoco:rk4 --dt 0.1" in shown
 
 
 def test_settings_without_a_time_follow_those_with_one() -> None:
-    """Their cost is unknown."""
+    """A setting without a measured time comes last, because its cost is unknown."""
     cases = [case("euler", 0.1, 1e-5, None), case("rk4", 0.1, 1e-5, 2.0, engine="dart")]
     (answer,) = advise(cases, 1e-3)
     assert [one.engine for one in answer.options] == ["dart", "mujoco"]
@@ -178,7 +178,7 @@ def test_settings_without_a_time_follow_those_with_one() -> None:
 
 
 def test_without_times_the_fewest_evaluations_are_recommended() -> None:
-    """They are all that is known of the cost."""
+    """Without times, the number of evaluations is all that is known of the cost."""
     cases = [
         *(case("euler", dt_s, 1e-5, None, rhs_evaluations=10.0 / dt_s) for dt_s in (1e-3, 5e-4)),
         *(case("rk4", dt_s, 1e-5, None, rhs_evaluations=40.0 / dt_s) for dt_s in (0.1, 0.05)),
@@ -205,7 +205,7 @@ def test_a_coarser_step_is_predicted_with_its_cost_and_command() -> None:
 
 
 def test_a_sure_option_takes_precedence_over_a_cheaper_unsure_one() -> None:
-    """One point and the order in theory make only a guess."""
+    """One point and the theoretical order give only a guess."""
     cases = [
         case("euler", 0.1, 0.2, 1e-3, order=1),
         *sequence("rk4", [1e-2 / 16**k for k in range(5)], cost=100.0),
@@ -220,7 +220,7 @@ def test_a_sure_option_takes_precedence_over_a_cheaper_unsure_one() -> None:
 
 
 def test_the_error_of_a_step_is_measured_or_predicted_for_each_method() -> None:
-    """The most accurate method first; over several scenarios the largest error, with its scenario."""
+    """The most accurate method is first; the error over several scenarios is that of the limiting one."""
     cases = [
         *sequence("rk2", [1e-2 / 4**k for k in range(5)]),
         *sequence("rk2", [1e-1 / 4**k for k in range(5)], scenario="forced"),
@@ -261,7 +261,7 @@ def test_advice_is_plain_data() -> None:
 
 
 def test_the_last_line_of_an_answer_is_the_one_to_paste(capsys: pytest.CaptureFixture[str]) -> None:
-    """It is that of the first option whose engine declares one."""
+    """It is the snippet of the first option whose engine declares one."""
     cases = sequence("rk2", [1e-2 / 4**k for k in range(5)])
     lines = printed(capsys, advise(cases, 1e-3)).splitlines()
     assert lines[-2].endswith("bodycheck run free --engine mujoco:rk2 --dt 0.025")

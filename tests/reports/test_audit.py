@@ -166,7 +166,7 @@ def test_linter_reports_a_link_that_moves_and_has_no_inertia(
 
 
 def test_linter_reports_a_root_without_inertia(tmp_path: Path) -> None:
-    """As a note: a fixed base needs none, and the file does not state which it is."""
+    """It is a note: a fixed base needs none, and the file does not state whether the base is fixed."""
     (found,) = lint(read_model(_robot(tmp_path, {"base": "", "arm": _inertial(0.0, 0.0)})))
     assert (found.rule, found.link, found.line, found.severity) == ("missing-inertial", "base", 2, "note")
 
@@ -392,7 +392,7 @@ def shards(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Audit]:
 
 @pytest.mark.slow
 def test_merged_shards_equal_one_audit(shards: tuple[Path, Audit], tmp_path: Path) -> None:
-    """In all data; each shard spins some of the links, and each link is spun by one."""
+    """All data are equal; each shard spins some of the links, and each link is spun by one shard."""
     folder, whole = shards
     found, findings = merge_audits([folder / "part-2", folder / "part-1"], tmp_path / "whole")
     assert json_text(audit_data(found)) == json_text(audit_data(whole))
@@ -484,7 +484,7 @@ def test_audit_command_writes_shards_that_merge_puts_together(
 
 @pytest.mark.slow
 def test_spellings_move_alike_where_no_tensor_is_discarded(tmp_path: Path) -> None:
-    """As URDF: PyBullet's default import breaks the law, its recommended one and DART's obey it."""
+    """As URDF, PyBullet's default import breaks the law, its recommended import and DART's obey it."""
     done = run_bodycheck(tmp_path, "audit", "--spellings", "--engine", "pybullet,dart", "--quiet")
     assert done.returncode == 1
     found = [one for one in run_spellings(["pybullet", "dart"], 60.0) if one.format == "urdf"]

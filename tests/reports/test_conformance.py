@@ -60,7 +60,7 @@ def test_mistake_of_an_adapter_is_described(name: str) -> None:
 
 @pytest.mark.slow
 def test_example_adapter_passes_every_check() -> None:
-    """The template of `new-adapter` fails nothing, and only its pivot is refused."""
+    """The template of `new-adapter` fails no check, and only its pivot is refused."""
     found = list(findings(Example(), "euler"))
     assert failures(Example(), "euler") == []
     assert {check.name for check, one in found if one.verdict == "not-measured"} == {"pivot"}
@@ -84,7 +84,7 @@ class Crashing(Example):
     """An engine that raises where a case has a link."""
 
     def build(self, scene: Scene, method: str, dt_s: float) -> ExampleSimulation:
-        """Raise where there is a link."""
+        """Raise if there is a link."""
         if scene.link is not None:
             raise RuntimeError("links are not written yet")
         return super().build(scene, method, dt_s)
@@ -92,7 +92,7 @@ class Crashing(Example):
 
 @pytest.mark.slow
 def test_crash_is_a_failure_with_status_1(tmp_path: Path) -> None:
-    """A case that fails is no refusal: its checks fail with the engine's own words, and the status is 1."""
+    """A failed case is not a refusal: its checks fail with the engine's own words, and the status is 1."""
     with registered(Crashing()):
         reported = run_bodycheck(tmp_path, "check-adapter", "example", "--quiet", "--json")
     assert reported.returncode == 1

@@ -32,7 +32,7 @@ value_n_m = [0.3, -0.2, 0.1]
 
 @pytest.fixture(scope="module")
 def obedient() -> bodycheck.Run:
-    """Return a run of the Taylor method on a free and a forced scenario, by its own tolerances."""
+    """Return a run of the Taylor method on a free and a forced scenario, at its own tolerances."""
     return bodycheck.run(["full-tensor", "body-torque"], engines=["reference:taylor"], speed=False)
 
 
@@ -137,7 +137,7 @@ def test_chaotic_motion_is_compared_until_its_truth_ends(tmp_path: Path) -> None
 
 @pytest.mark.slow
 def test_horizon_is_where_a_case_leaves_the_truth(tmp_path: Path) -> None:
-    """Up to it no error exceeds 0.3 rad, the next one does; finer steps have a later one."""
+    """Up to the horizon no error exceeds 0.3 rad, the next one does; finer steps have a later horizon."""
     path = tmp_path / "chaotic.toml"
     path.write_text(CHAOTIC)
     run = bodycheck.run([path], engines=["reference:rk4", "reference:cf4"], dt_s=[0.05, 0.025], speed=False)

@@ -1,4 +1,4 @@
-"""Floors, orders, verdicts and further steps, on made-up errors, and each rule at its edge."""
+"""Floors, orders, verdicts and further steps on made-up errors, and the limits of each rule."""
 
 from __future__ import annotations
 
@@ -58,36 +58,36 @@ def test_fine_steps_on_the_round_off_floor_are_left_out() -> None:
 
 
 def test_errors_within_ten_floors_are_at_the_floor() -> None:
-    """An error that is all rounding is neither converging nor failing to."""
+    """Errors that consist of rounding alone neither converge nor fail to converge."""
     points = [Point(dt, error) for dt, error in zip(STEPS, (2e-15, 5e-15, 3e-15, 9e-15, 1e-14), strict=True)]
     assert convergence_of(points, CRITERIA).verdict == "at-floor"
 
 
 @pytest.mark.parametrize("level", [1e-7, 1e-3, 0.1])
 def test_errors_that_have_stopped_falling_do_not_converge(level: float) -> None:
-    """A fall of order 2, then a plateau over three steps: it is looked for at the fine end."""
+    """A fall of order 2 and then a plateau over the three finest steps is not convergence."""
     points = [*power_law(2.0, 2.0 * level, (1e-2, 7e-3)), *(Point(dt, level) for dt in (4e-3, 2e-3, 1e-3))]
     assert convergence_of(points, CRITERIA).verdict == "does-not-converge"
 
 
 def test_a_wrong_limit_outweighs_an_order_at_coarser_steps() -> None:
-    """Five steps of order 2, then three that are flat: a settled order does not hide the plateau."""
+    """After five steps of order 2 and three flat ones, the order does not hide the plateau."""
     points = [*power_law(2.0, 1e-1), *(Point(dt, 1.0e-3) for dt in (5e-4, 2e-4, 1e-4))]
     assert convergence_of(points, CRITERIA).verdict == "does-not-converge"
 
 
 def test_the_limit_needs_three_steps() -> None:
-    """Two equal errors say nothing yet."""
+    """Two equal errors give no verdict yet."""
     assert convergence_of([Point(2e-3, 1e-3), Point(1e-3, 1e-3)], CRITERIA).verdict == "too-few-points"
 
 
 def test_an_error_that_is_saturated_without_a_motion_has_no_limit() -> None:
-    """Errors near pi stand still although the motion does not."""
+    """Errors near pi are constant although the motion still changes, so they show no limit."""
     assert convergence_of([Point(dt, 3.1) for dt in STEPS], CRITERIA).verdict == "pre-asymptotic"
 
 
 def test_a_method_of_which_nothing_ended_is_unstable() -> None:
-    """Without one error the verdict is unstable, never at-floor."""
+    """Without a single error the verdict is unstable, never at-floor."""
     assert convergence_of([Point(dt, None) for dt in STEPS], CRITERIA).verdict == "unstable"
 
 
@@ -122,21 +122,21 @@ def test_finer_steps_are_tried_while_errors_are_too_large() -> None:
 
 
 def test_refinement_ends_two_decades_down() -> None:
-    """A method too crude for the budget stays pre-asymptotic, and is not accused."""
+    """A method too inaccurate at all permitted steps stays pre-asymptotic, and is not reported as faulty."""
     tried, verdict = climb((1.0, 1000.0))
     assert tried == [5e-4, 2e-4]
     assert verdict == "pre-asymptotic"
 
 
 def test_coarser_steps_are_tried_while_errors_are_at_the_floor() -> None:
-    """A method too good for the steps listed is made coarser, up to the sampling interval."""
+    """A method too accurate at the listed steps is run at coarser ones, up to the sampling interval."""
     tried, verdict = climb((8.0, 1e3))
     assert tried == [5e-2, 1e-1]
     assert verdict in ("converges", "too-few-points", "pre-asymptotic")
 
 
 def test_finer_steps_are_tried_where_large_errors_hardly_shrink() -> None:
-    """Three points are few, but coarser ones would not tell what errors like these converge to."""
+    """Although three points are few, coarser steps would not show what errors like these converge to."""
     points = [Point(0.02, 0.15), Point(0.01, 0.11), Point(0.005, 0.1)]
     assert next_step_size(points, CRITERIA, (0.02, 0.01, 0.005), 0.1, 10.0) == 0.002
     falling = [Point(0.02, 0.015), Point(0.01, 0.0011), Point(0.005, 0.0001)]
@@ -156,7 +156,7 @@ def test_nothing_is_tried_when_the_order_shows() -> None:
 
 
 def test_a_quantity_that_needs_no_order_is_refined_until_it_is_decided() -> None:
-    """At the floor nothing more is tried; above it finer steps are."""
+    """At the floor no further step is tried; above it a finer one is."""
     at_floor = [Point(dt, 1e-15) for dt in STEPS]
     assert next_step_size(at_floor, CRITERIA, STEPS, 0.1, 10.0, needs_order=False) is None
     lost = [Point(dt, 3.1, LOST[k]) for k, dt in enumerate(STEPS)]
@@ -164,7 +164,7 @@ def test_a_quantity_that_needs_no_order_is_refined_until_it_is_decided() -> None
 
 
 def test_every_step_tried_divides_the_sampling_interval() -> None:
-    """Whatever the interval, a further step goes a whole number of times into it."""
+    """Whatever the interval, it is a whole multiple of each further step."""
     for interval in (0.1, 0.05, 0.02, 1.0 / 3.0, 7e-3):
         steps = tuple(interval / n for n in (5, 10, 20))
         points = [Point(dt, 3.0) for dt in steps]
@@ -174,7 +174,7 @@ def test_every_step_tried_divides_the_sampling_interval() -> None:
 
 
 def test_nothing_is_said_where_the_truth_itself_is_lost() -> None:
-    """Where bound or sensitivity times eps is large, the verdict is chaotic, never at-floor."""
+    """Where bound or sensitivity times eps is large, the verdict is chaotic and no further step is tried."""
     lost, how = [Point(dt, 3.1) for dt in STEPS], Criteria(floor=90.0)
     assert convergence_of(lost, how).verdict == "chaotic"
     assert next_step_size(lost, how, STEPS, 0.1, 10.0) is None
@@ -194,11 +194,11 @@ def halved_power_law(order: float, *, at_1: float = 1e-3, steps: list[float] | N
     return points(*((dt_s, at_1 * dt_s**order) for dt_s in steps or HALVED))
 
 
-# --------------------------------------------------------------------------------------- what can be used
+# ------------------------------------------------------------------------------------------ usable errors
 
 
 def test_usable_errors_lie_strictly_between_ten_floors_and_three_tenths() -> None:
-    """Coarsest first; a case that did not end well is none."""
+    """The coarsest comes first; a case that did not end well has no usable error."""
     edge = 10.0 * LIMIT
     some = points((0.1, edge), (0.4, 0.3), (0.2, None), (0.3, math.nextafter(0.3, 0.0)))
     some += points((0.5, math.nextafter(edge, 1.0)))
@@ -208,7 +208,7 @@ def test_usable_errors_lie_strictly_between_ten_floors_and_three_tenths() -> Non
 @pytest.mark.parametrize(
     ("coarser", "finer", "floor"),
     [
-        (2.0**-31, 2.0**-32, LIMIT),  # a fourth of the step gains a half: that is order 1/2
+        (2.0**-31, 2.0**-32, LIMIT),  # a quarter of the step halves the error: order 1/2
         (math.nextafter(2.0**-31, 0.0), 2.0**-32, 2.0**-31),
         (2.0**-33, 2.0**-32, 2.0**-32),
         (1e-9, 1e-9, LIMIT),  # no round-off is that large
@@ -218,7 +218,7 @@ def test_usable_errors_lie_strictly_between_ten_floors_and_three_tenths() -> Non
 def test_the_floor_is_where_finer_steps_gain_less_than_half_an_order(
     coarser: float, finer: float, floor: float
 ) -> None:
-    """Both errors lie on it then; cases that did not end well are passed over."""
+    """Both errors are then at the floor; cases that did not end well are skipped."""
     some = points((4e-3, coarser), (2e-3, None), (1e-3, finer))
     assert round_off_floor(some, LIMIT) == pytest.approx(floor, rel=1e-15, abs=0.0)
     assert round_off_floor(some, 1e-8) == 1e-8
@@ -237,7 +237,7 @@ def test_the_floor_is_where_finer_steps_gain_less_than_half_an_order(
     ],
 )
 def test_an_order_settles_from_four_points_from_a_half_on(some: list[Point], verdict: str) -> None:
-    """Fewer points or a lower order are none."""
+    """Fewer points or a lower order give no order."""
     found = convergence_of(some, Criteria(LIMIT))
     assert found.verdict == verdict
     assert (found.order is None) == (verdict != "converges")
@@ -265,7 +265,7 @@ def test_an_order_settles_from_four_points_from_a_half_on(some: list[Point], ver
 def test_a_verdict_without_an_order_has_its_reason(
     some: list[Point], limit: float, reported: tuple[str, int, float]
 ) -> None:
-    """Verdict, usable points and floor, in whatever order the cases come."""
+    """Verdict, usable points and floor do not depend on the order in which the cases are given."""
     for ordered in (some, some[::-1]):
         found = convergence_of(ordered, Criteria(limit))
         assert (found.verdict, found.points, found.floor) == reported
@@ -290,13 +290,13 @@ def test_a_verdict_without_an_order_has_its_reason(
 def test_a_tolerance_is_obeyed_where_errors_fall_with_its_root(
     some: list[Point], limit: float, reported: tuple[str, int, float]
 ) -> None:
-    """Or down to the floor; two decades of tolerance are needed to say that they do not."""
+    """Errors at the floor also obey it; a failure is reported only over two decades of tolerance."""
     assert tolerance_convergence(some, Criteria(limit)) == Convergence(*reported)
     assert tolerance_convergence(some[::-1], Criteria(limit)) == Convergence(*reported)
 
 
 def test_a_property_of_the_state_does_not_fail_to_obey() -> None:
-    """Flat errors of what the state holds are no fault."""
+    """Constant errors of a property of the state are not a fault."""
     flat = points((1e-4, 1e-3), (1e-2, 1e-3))
     assert tolerance_convergence(flat, Criteria(LIMIT)).verdict == "does-not-converge"
     assert tolerance_convergence(flat, Criteria(LIMIT, judged="property")).verdict == "pre-asymptotic"
@@ -314,7 +314,7 @@ def test_a_property_of_the_state_does_not_fail_to_obey() -> None:
 def test_a_method_without_steps_is_exact_within_ten_floors(
     error: float | None, floor: float, verdict: str
 ) -> None:
-    """One error decides."""
+    """A single error decides the verdict."""
     assert stepless_verdict(points((0.0, error)), Criteria(floor)).verdict == verdict
 
 
@@ -324,7 +324,7 @@ def test_a_method_without_steps_is_exact_within_ten_floors(
 @pytest.mark.parametrize(
     ("some", "duration_s", "strides"),
     [
-        (points((0.1, 1.0)), 10.0, 20),  # ten steps an interval, then 20, 50, 100, ...
+        (points((0.1, 1.0)), 10.0, 20),  # ten steps per interval, then 20, 50, 100, ...
         (points((0.05, 1.0)), 10.0, 50),
         (points((0.01, 1.0)), 10.0, 200),
         (points((0.02, 1.0), (0.1, 1.0)), 10.0, 100),
@@ -332,8 +332,8 @@ def test_a_method_without_steps_is_exact_within_ten_floors(
         (points((0.1, 1.0)), 10_001.0, None),  # more than 200 000 steps
         (points((0.1, None), (0.02, 1e-16)), 10.0, None),
         (points((0.1, None), (0.02, None)), 10.0, 100),
-        (points((0.1, 1e-14), (0.02, 1e-16)), 10.0, 5),  # too good: coarser
-        # four that can be used, and no order: finer
+        (points((0.1, 1e-14), (0.02, 1e-16)), 10.0, 5),  # too accurate: coarser
+        # four usable points without an order: finer
         (points((0.1, 0.2), (0.05, 0.01), (0.02, 0.1), (0.01, 0.01)), 10.0, 200),
         (points((1.0, 1e-14)), 10.0, None),  # nothing is coarser than the interval
         (halved_power_law(2.0, steps=[0.1, 0.05, 0.02, 0.01]), 10.0, None),

@@ -1,4 +1,4 @@
-"""The diagnosis names the fault of a wrong motion, its parameter, and what cannot be told from it."""
+"""The diagnosis names the fault behind a wrong motion, its parameter, and faults that fit equally well."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def diagnosis_of(
 @pytest.mark.parametrize("base", ["m1", "m2", "rk4"])
 @pytest.mark.parametrize("scenario", ["full-tensor", "powered-flight"])
 def test_the_motion_of_a_healthy_map_is_no_fault(base: str, scenario: str) -> None:
-    """Its map is named, up to round-off."""
+    """The diagnosis is `healthy` and names the map."""
     found = diagnosis_of(scenario, motion_of(scenario, base), 4 if base == "rk4" else 1)
     assert (found.verdict, found.base, found.faults) == ("healthy", base, ())
 
@@ -91,10 +91,10 @@ def test_the_motion_of_a_healthy_map_is_no_fault(base: str, scenario: str) -> No
 def test_a_planted_fault_is_named_with_its_parameter(
     scenario: str, base: str, fault: str, name: str, value: float | None
 ) -> None:
-    """The first name, or one of those that the scene cannot tell from it, is right, and so is the value."""
+    """The fault, with its value, is first or among those that the scene cannot distinguish from it."""
     found = diagnosis_of(scenario, motion_of(scenario, base, [fault]), 4 if base == "rk4" else 1)
     assert found.verdict == "explained"
-    assert found.base == base or fault == "no-gyroscopic-term"  # M1 and M2 are the same without it
+    assert found.base == base or fault == "no-gyroscopic-term"  # without the term, M1 and M2 are equal
     assert (name,) in ((found.faults[0].name,), *found.alike_names)
     if value is not None and found.faults[0].name == name:
         fitted = found.faults[0].parameters[0]
@@ -104,7 +104,7 @@ def test_a_planted_fault_is_named_with_its_parameter(
 
 
 def test_faults_that_a_scene_cannot_tell_apart_are_one_class() -> None:
-    """Without a torque, a missing gyroscopic term and a sphere keep omega; with one, they differ."""
+    """Without a torque, a missing gyroscopic term and a sphere both keep omega; with one they differ."""
     free = diagnosis_of("full-tensor", motion_of("full-tensor", "m1", ["no-gyroscopic-term"]), 1)
     assert {"gyroscopic-term", "inertia-sphere"} <= {free.faults[0].name, *(n for (n,) in free.alike_names)}
     forced = diagnosis_of("body-torque", motion_of("body-torque", "m1", ["no-gyroscopic-term"]), 1)
@@ -113,7 +113,7 @@ def test_faults_that_a_scene_cannot_tell_apart_are_one_class() -> None:
 
 @pytest.mark.slow
 def test_pybullet_untouched_is_damped_and_clamped() -> None:
-    """Damping 0.04 on velocity and omega, each component clamped at 100."""
+    """With its defaults, PyBullet damps velocity and omega by 0.04 and clamps each component at 100."""
     scene = problem_of("fast-flight").scenario.scene
     motion = record(PyBullet(), Case(scene, "multibody@defaults", Setting(dt_s=2e-4))).trajectory
     assert motion is not None
@@ -124,13 +124,13 @@ def test_pybullet_untouched_is_damped_and_clamped() -> None:
 
 @pytest.mark.parametrize(("order", "name"), [(4, "rk4"), (2, "midpoint")])
 def test_maps_of_the_order_of_the_method_come_first(order: int, name: str) -> None:
-    """Of maps that a fault fits about equally well, the first is taken."""
+    """Among maps that explain a motion about equally well the first is taken, so these are tried first."""
     assert bases_for(order)[0].name == name
     assert {base.name for base in bases_for(order)} == {"midpoint", "rk4", "exact"}
 
 
 def test_of_two_known_faults_only_those_with_an_effect_are_named() -> None:
-    """A limit that another motion of the method reaches, and this one does not, explains nothing here."""
+    """A limit that another motion of the method reaches, and this one does not, is not named here."""
     motion = motion_of("full-tensor", "m1", ["damping-angular-1e-3"])
     found = diagnosis_of("full-tensor", motion, 1, [("velocities-clamped", "damping-angular")])
     assert [fault.name for fault in found.faults] == ["damping-angular"]
@@ -152,7 +152,7 @@ def test_of_two_known_faults_only_those_with_an_effect_are_named() -> None:
 def test_two_specific_faults_are_named_rather_than_a_general_one(
     scenario: str, base: str, planted_names: tuple[str, str], names: set[str]
 ) -> None:
-    """A free tensor and a free vector of gravity contain both, with more parameters."""
+    """A general inertia tensor and gravity vector could explain both, but with more parameters."""
     found = diagnosis_of(scenario, motion_of(scenario, base, planted_names), 1)
     assert names in [{fault.name for fault in found.faults}, *map(set, found.alike_names)]
     assert not {"inertia-tensor", "gravity-vector"} & {fault.name for fault in found.faults}
@@ -160,7 +160,7 @@ def test_two_specific_faults_are_named_rather_than_a_general_one(
 
 
 def test_each_pair_that_makes_the_same_motion_is_named_once() -> None:
-    """Either fault of a pair has a twin here: four pairs are the same, whatever the order of their faults."""
+    """Each of the two faults has an equivalent one here: four pairs, whatever the order within a pair."""
     motion = motion_of("body-torque", "m1", ["torque-frozen", "first-step-free"])
     found = diagnosis_of("body-torque", motion, 1)
     pairs = [frozenset(fault.name for fault in found.faults), *map(frozenset, found.alike_names)]
@@ -174,7 +174,7 @@ def test_each_pair_that_makes_the_same_motion_is_named_once() -> None:
 
 @pytest.mark.slow
 def test_an_unknown_fault_is_unexplained() -> None:
-    """A motion whose omega is replaced by noise is not made by any fault."""
+    """No fault explains a motion whose omega contains noise."""
     motion = motion_of("full-tensor", "m1")
     noise = np.random.default_rng(25).normal(size=motion.omega_body.shape)
     found = diagnosis_of("full-tensor", replace(motion, omega_body_rad_s=motion.omega_body + 0.1 * noise), 1)
@@ -190,7 +190,7 @@ def test_a_motion_without_omega_or_attitude_is_not_examined() -> None:
 
 @pytest.mark.parametrize("scenario", ["full-tensor", "powered-flight"])
 def test_faults_with_healthy_parameters_change_nothing(scenario: str) -> None:
-    """For each fault with finite healthy values; all names differ, and every sentence has its numbers."""
+    """A fault at its healthy values changes no step; names are unique, and texts contain their numbers."""
     problem = problem_of(scenario)
     scene = problem.scenario.scene
     grid = Grid.of(scene, STEPS[scenario])
@@ -209,7 +209,7 @@ def test_faults_with_healthy_parameters_change_nothing(scenario: str) -> None:
 
 
 def test_each_upstream_issue_is_of_the_kind_of_a_fault() -> None:
-    """Every pattern fits a name of the registry, and every address is that of an issue or a pull request."""
+    """Each pattern matches the name of a fault, and each address is that of an issue or a pull request."""
     names = [fault.name for fault in FAULTS]
     for issue in upstream_issues():
         assert issue.url.startswith("https://github.com/")
@@ -254,7 +254,7 @@ def test_a_run_diagnoses_wrong_methods_only(
 
 @pytest.mark.slow
 def test_judge_explains_a_trajectory_of_any_program(tmp_path: Path) -> None:
-    """With the step of the program, the fault is named to round-off; without it, from the exact flow."""
+    """With the program's step the fault is named to round-off; without it, relative to the exact flow."""
     motion = motion_of("full-tensor", "rk4", ["damping-angular"])
     np.savez(
         tmp_path / "motion.npz",

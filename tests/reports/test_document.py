@@ -1,4 +1,4 @@
-"""A document on a console of any width, as Markdown, as a page and as JSON: complete, and the same."""
+"""Documents on a console of any width, as Markdown, as a page and as JSON have the same, complete content."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ NAMES = ("mujoco:rk4", "reference:quaternion-euler", "pybullet:multibody@default
 
 
 def on_console(parts: tuple[Part, ...], width: int, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Return the lines that a terminal of this width shows, without the command lines' own wrapping."""
+    """Return the lines that a terminal of this width shows; a command is one line, however long."""
     made = Console(width=width, force_terminal=True, color_system=None, highlight=False)
     monkeypatch.setattr(document, "console", lambda: made)
     with made.capture() as shown:
@@ -61,7 +61,7 @@ def rows(verdict: str) -> tuple[tuple[str, ...], ...]:
 def test_no_cell_but_a_name_loses_a_character(
     width: int, verdict: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Every word of every row is there, commands are whole, and nothing else is wider than the terminal."""
+    """Every word of every row is printed, commands are whole, and nothing else is wider than the terminal."""
     lines = on_console((Table(COLUMNS, rows(verdict)),), width, monkeypatch)
     assert sum(COMMAND in line for line in lines) == len(NAMES)
     for line in lines:
@@ -76,7 +76,7 @@ def test_no_cell_but_a_name_loses_a_character(
 def test_a_long_name_is_shortened_in_its_middle_only_where_room_is_needed(
     width: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Both ends of it remain, and different names remain different."""
+    """Both ends of the name remain, and different names stay different."""
     verdict = "converges with the expected order"
     lines = on_console((Table(COLUMNS[:4], tuple(row[:4] for row in rows(verdict))),), width, monkeypatch)
     shown = [line.split()[0] for line in lines if re.match(r"(mujoco|refer|pybul)", line)]
@@ -91,7 +91,7 @@ def test_a_long_name_is_shortened_in_its_middle_only_where_room_is_needed(
 
 
 def test_names_that_would_become_equal_are_not_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The row is shown as text instead."""
+    """The rows are printed as text instead."""
     names = [f"engine:{'a' * 30}{k}{'b' * 30}" for k in range(3)]
     table = Table((Column("m", "name"), Column("n", "number")), tuple((name, "1") for name in names))
     shown = "".join(on_console((table,), 40, monkeypatch))
@@ -100,7 +100,7 @@ def test_names_that_would_become_equal_are_not_shortened(monkeypatch: pytest.Mon
 
 
 def test_shortened_text_has_exactly_the_width() -> None:
-    """For any width, also below that of the dots."""
+    """The length is the smaller of the width and the text's own, even below the width of the dots."""
     for width in range(1, 40):
         text = shortened("reference:quaternion-euler", width)
         assert len(text) == min(width, 26)
@@ -111,7 +111,7 @@ KINDS: tuple[Kind, ...] = ("text", "name", "fixed", "number", "command")
 
 @pytest.mark.parametrize("seed", range(200))
 def test_no_drawn_table_is_wider_than_its_terminal(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Tables of any columns at any width: words are complete, or longer than a line."""
+    """For random columns and widths, each word is complete or longer than a line."""
     dice = random.Random(seed)
     columns = tuple(Column(f"head{k}", dice.choice(KINDS[:4])) for k in range(dice.randint(1, 7)))
     words = [f"{'w' * dice.randint(1, 12)}{k}" for k in range(60)]
@@ -131,7 +131,7 @@ def test_no_drawn_table_is_wider_than_its_terminal(seed: int, monkeypatch: pytes
 
 
 def test_a_short_list_of_a_long_table_says_where_the_rest_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On the console and in Markdown alike."""
+    """The console and Markdown both say so."""
     table = Table((Column("a"),), tuple((f"row {k}",) for k in range(5)), max_rows=2, rest="--out FILE.html")
     lines = on_console((table,), 80, monkeypatch)
     assert lines == ["a", "row 0", "row 1", "and 3 more lines: --out FILE.html"]
@@ -142,7 +142,7 @@ def test_a_short_list_of_a_long_table_says_where_the_rest_is(monkeypatch: pytest
 
 
 def test_a_part_or_column_of_some_media_is_left_out_of_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A sentence for Markdown and a column for pages."""
+    """A sentence may be for Markdown only, and a column for pages only."""
     table = Table((Column("a"), Column("b", only=("page",))), (("shown", "hidden"),))
     parts = (Sentence("in Markdown", only=("markdown",)), Command("true"), table)
     assert on_console(parts, 80, monkeypatch) == ["    true", "a", "shown"]
@@ -153,7 +153,7 @@ def test_a_part_or_column_of_some_media_is_left_out_of_the_others(monkeypatch: p
 
 @dataclass(frozen=True)
 class Answer:
-    """What a command may have found."""
+    """A possible answer of a command."""
 
     error: float
     values: Any
@@ -162,7 +162,7 @@ class Answer:
 
 
 def test_json_has_dataclasses_arrays_and_paths_and_no_nan() -> None:
-    """Numbers parse back to the same doubles; what is not finite is null."""
+    """Numbers parse back to the same doubles; those that are not finite become null."""
     found = json.loads(json_text(Answer(0.1, np.array([1e-300, math.nan]), Path("a/b"), (Span("t"),))))
     assert found == {
         "error": 0.1,

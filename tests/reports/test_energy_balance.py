@@ -43,7 +43,7 @@ def imbalance(scene: Scene, working: Scene) -> float:
 
 
 def _early(scene: Scene) -> Array:
-    """Return edges ever closer to the start where a drag is at work, which may end within milliseconds."""
+    """Return times ever closer to the start if a drag acts, which may be over within milliseconds."""
     drags = any(isinstance(load, Drag) for load in scene.loads)
     return np.geomspace(1e-4, 1.0, _PANELS if drags else 1) * scene.duration_s
 

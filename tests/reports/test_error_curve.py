@@ -68,7 +68,7 @@ def test_the_intervals_of_predictions_hold_as_often_as_they_say() -> None:
 @pytest.mark.parametrize("order", [1.0, 2.0, 4.0])
 @pytest.mark.parametrize("error", [1e-2, 1e-4, 1e-6])
 def test_the_predicted_setting_meets_the_error(order: float, error: float) -> None:
-    """It is the coarsest of the admissible steps that does, but for one that is too close."""
+    """The setting is the coarsest admissible step that meets the error, except for one too close to it."""
     found = curve(order).coarsest_within(error)
     kept = [dt_s for dt_s in STEPS if error_of(dt_s, order) <= error]
     if found is None:
@@ -81,7 +81,7 @@ def test_the_predicted_setting_meets_the_error(order: float, error: float) -> No
 
 
 def test_a_measured_step_is_not_predicted() -> None:
-    """Its own error counts."""
+    """A measured step has its measured error."""
     found = curve().at(0.01)
     assert found is not None
     assert (found.error, found.basis) == (error_of(0.01), "measured")
@@ -122,7 +122,7 @@ UNSURE = {
 
 @pytest.mark.parametrize("name", UNSURE)
 def test_a_prediction_without_ground_is_unsure(name: str) -> None:
-    """It says why."""
+    """The estimate gives the reason."""
     found, dt_s, why = UNSURE[name]
     estimate = found.at(dt_s)
     assert estimate is not None
@@ -131,20 +131,20 @@ def test_a_prediction_without_ground_is_unsure(name: str) -> None:
 
 
 def test_what_does_not_converge_is_not_predicted() -> None:
-    """Its finer steps approach another motion than the truth."""
+    """Finer steps of such a method approach a motion other than the truth."""
     assert replace(curve(), verdict="does-not-converge").at(1e-4) is None
     assert replace(curve(), verdict="does-not-converge").finer_step(1e-9) is None
 
 
 def test_no_step_above_the_stability_limit_is_recommended() -> None:
-    """Nor one above the finest measured step that was unstable."""
+    """Neither is a step above the finest measured step that was unstable."""
     assert curve(4.0, stable_s=0.03).coarsest_within(1.0 / 16.0) is None
     cases = [*curve().cases, case(0.1, None)]
     assert replace(curve(), cases=cases).coarsest_within(0.2) is None
 
 
 def test_steps_inside_which_a_load_switches_are_left_out() -> None:
-    """Unless such steps were measured, whose errors then show it."""
+    """They are used only if such steps were measured, because these errors include the effect."""
     assert {0.05, 0.02, 0.01} <= set(curve(switches_s=(0.3,)).steps)
     assert 0.04 not in curve(switches_s=(0.3,)).steps
     switched = [case(dt_s, error_of(dt_s), f"{SWITCH_NOTE}: 2") for dt_s in STEPS]

@@ -1,4 +1,4 @@
-"""The known map of a method, from its single steps, and the leading error of an unknown one."""
+"""Identification of a method's one-step map from single steps, and the leading error of an unknown map."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ ENGINE = Engine("numpy", "1", {METHOD.name: METHOD})
 
 
 def stepping(step: Step, *, altered: Callable[[Scene], Scene] = lambda scene: scene) -> Callable[..., Answer]:
-    """Return an engine of numpy that makes these steps, in a scene that it may misunderstand."""
+    """Return a numpy engine that makes these steps, in a scene that it may misread."""
 
     def ask(engine: Engine, case: Case) -> Answer:
         del engine
@@ -76,7 +76,7 @@ def stepping(step: Step, *, altered: Callable[[Scene], Scene] = lambda scene: sc
 
 
 def found_for(step: Step) -> Fingerprint:
-    """Return the fingerprint of these steps."""
+    """Return the fingerprint of a method that makes these steps."""
     return fingerprint_of(ENGINE, METHOD, stepping(step))
 
 
@@ -90,7 +90,7 @@ def found_for(step: Step) -> Fingerprint:
     ],
 )  # fmt: skip
 def test_a_planted_map_is_named_and_the_runner_up_is_a_thousand_times_farther(name: str) -> None:
-    """Each map is named from its own steps, free and under each constant load."""
+    """Each map is identified from its own steps, without loads and under each constant load."""
     one = BY_ALIAS[name]
     found = found_for(one.step)
     assert found.name == one.name
@@ -134,7 +134,7 @@ def test_no_two_maps_of_the_library_are_the_same() -> None:
     "name", ["M1", "RK3 (Kutta), additive quaternion", "RK4 Munthe-Kaas", "Moser-Veselov"]
 )
 def test_a_free_step_has_the_order_that_the_library_states(name: str) -> None:
-    """The error of one step against the exact flow falls by 2^(order + 1) as the step is halved."""
+    """The error of one step against the exact flow falls by 2^(order + 1) when the step is halved."""
     one, solid = BY_ALIAS[name], Solid(np.asarray(1.0), np.diag([1.0, 2.0, 3.0]))
     start = Motion(
         np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)), np.eye(4)[:1], np.array([[0.6, 0.5, 0.6]])
@@ -163,7 +163,7 @@ def test_an_unknown_map_is_described_by_its_leading_error() -> None:
 
 
 def test_an_unrenormalised_quaternion_is_told_from_a_renormalised_one() -> None:
-    """The norm of the quaternion counts, so that M4 is not M1 with renormalisation."""
+    """The norm of the quaternion is compared, so M4 is not M1 with renormalisation."""
     scene = replace(STATES["free, |omega| dt = 0.3"][0], samples=2)
     scene = replace(scene, duration_s=scene.duration_s / 16)
     ask = stepping(MAPS["M1, additive quaternion"].step)
@@ -242,7 +242,7 @@ def _shorter_if_sampled_once(scene: Scene) -> Scene:
     ],
 )
 def test_each_law_reports_a_fault_that_breaks_it(law: str, fault: Callable[[Scene], Scene]) -> None:
-    """A planted fault that depends on the description of the scene breaks its law."""
+    """A planted fault that depends on the description of the scene breaks the law about this description."""
     found = laws_of(stepping(MAPS["M1"].step, altered=fault))
     assert found[law].verdict == "broken"
     assert found[law].message
@@ -250,7 +250,7 @@ def test_each_law_reports_a_fault_that_breaks_it(law: str, fault: Callable[[Scen
 
 @pytest.mark.slow
 def test_a_second_run_that_differs_breaks_repeat_alone() -> None:
-    """An engine that keeps something after reset breaks `repeat`, and no other law."""
+    """An engine whose second run starts otherwise breaks `repeat`, and no other law."""
     again = stepping(MAPS["M1"].step, altered=_damped_start)
     found = laws_of(stepping(MAPS["M1"].step), again)
     assert [name for name, one in found.items() if one.verdict == "broken"] == ["repeat"]
@@ -263,7 +263,7 @@ def replayed(*ways: Callable[..., Answer]) -> Checked:
 
 
 def test_replay_holds_where_every_run_has_the_same_bits() -> None:
-    """The size is 0, which a gate can require."""
+    """The reported size is 0, which a gate can require."""
     same = stepping(MAPS["M1"].step)
     found = replayed(same, same)
     assert found.worst is not None
@@ -271,7 +271,7 @@ def test_replay_holds_where_every_run_has_the_same_bits() -> None:
 
 
 def test_replay_reports_one_bit_and_the_run_that_has_it() -> None:
-    """One unit in the last place of one component is a property, and is stated with its run."""
+    """One unit in the last place is a property; the message names the quantity and the run."""
     same = stepping(MAPS["M1"].step)
 
     def one_bit_off(engine: Engine, case: Case) -> Answer:
@@ -290,15 +290,15 @@ def test_replay_reports_one_bit_and_the_run_that_has_it() -> None:
 
 
 def test_replay_is_not_measured_where_a_run_fails() -> None:
-    """A method that runs nothing, or not again, has no verdict."""
-    fails = lambda engine, case: Answer("failed", "gone")  # noqa: E731, ARG005 - the shortest engine
+    """A method whose run fails, or is not repeated, has no verdict."""
+    fails = lambda engine, case: Answer("failed", "gone")  # noqa: E731, ARG005 - the shortest possible engine
     assert replayed(fails).verdict == "not-measured"
     assert check_replays(ENGINE, [METHOD], fails, [])[METHOD.name].message == "failed: gone"
 
 
 @pytest.mark.slow
 def test_a_reversible_map_must_reverse() -> None:
-    """M1 breaks `reverse` where its map is said to be reversible; Moser-Veselov obeys."""
+    """M1 breaks `reverse` if its map is declared reversible; Moser-Veselov obeys it."""
     for name, verdict in (("M1", "broken"), ("Moser-Veselov", "holds")):
         checked = check_laws(ENGINE, METHOD, stepping(MAPS[name].step), reversible=True)
         assert {one.law.name: one.verdict for one in checked}[REVERSE] == verdict

@@ -64,7 +64,7 @@ def test_synthetic_series_is_classified(kind: str) -> None:
 
 @pytest.mark.parametrize(("kind", "exponent"), [("sqrt", 0.5), ("linear", 1.0), ("quadratic", 2.0)])
 def test_interval_contains_the_exponent(kind: str, exponent: float) -> None:
-    """In at least nine of ten seeds."""
+    """The interval contains the exponent for at least nine of ten seeds."""
     generator = np.random.default_rng(8)
     grown = [growth_of(TIMES, SERIES[kind](generator), 1e-12) for _ in range(SEEDS)]
     held = [
@@ -251,7 +251,7 @@ def drift_of(slopes: tuple[float, ...]) -> Array:
 
 
 def test_oscillation_before_its_return_is_not_a_random_walk() -> None:
-    """Neither a first slope of 1, nor a jump, nor a final slope of 0 is one."""
+    """A first slope of 1, a jump, and a final slope of 0 each exclude a random walk."""
     for slopes, kind in (
         ((0.5, 0.5, 0.5, 0.5), "sqrt"),
         ((1.0, 0.4, 0.4, 0.3), None),

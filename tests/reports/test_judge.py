@@ -41,7 +41,7 @@ def test_stored_trajectory_has_the_measures_of_its_case(stored: tuple[Path, pd.S
 
 
 def write(table: pd.DataFrame, path: Path) -> Path:
-    """Write a table as CSV and return where."""
+    """Write a table as CSV and return the path."""
     table.to_csv(path, index=False, na_rep="nan")
     return path
 
@@ -111,7 +111,7 @@ def test_trajectory_with_nan_is_unstable(tmp_path: Path) -> None:
 
 
 def test_trajectory_with_infinite_energy_is_unstable(tmp_path: Path) -> None:
-    """It is an outcome, without a warning of numpy."""
+    """Infinite energy is an outcome, without a warning of numpy."""
     table = truth_table()
     table.loc[4, "wx_body_rad_s"] = 1e200
     judged = bodycheck.judge(write(table, tmp_path / "wild.csv"), "boxes")

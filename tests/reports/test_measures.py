@@ -578,7 +578,7 @@ def stepped(made: Scene, dt_factor: float = 1.0, tamper: Tamper | None = None) -
 
 
 def damped(name: str) -> Trajectory:
-    """Damp v and omega by 1e-4 a second, as an engine's default may."""
+    """Damp v and omega by 1e-4 per second, as an engine's default may."""
 
     def tamper(state: Array) -> None:
         state[3:9] *= 1.0 - 1e-4 * DT
@@ -612,13 +612,13 @@ def wrong_step(name: str) -> Trajectory:
 
 
 def wrong_axes(name: str) -> Trajectory:
-    """Give out omega in world axes as if it were in body axes."""
+    """Report omega in world axes as if it were in body axes."""
     healthy = stepped(SCENES[name])
     return replace(healthy, omega_body_rad_s=healthy.omega_world)
 
 
 def stretched(name: str) -> Trajectory:
-    """Give out an attitude that is too long by one part in 10^6."""
+    """Report an attitude that is too long by one part in 10^6."""
     healthy = stepped(SCENES[name])
     assert healthy.quaternion is not None
     assert healthy.rotation is not None
@@ -701,7 +701,7 @@ def test_energy_balance_of_a_forced_scene_detects_damping() -> None:
     assert error is not None
     energy_scale = scene_scales(SCENES["forced"], truth_of("forced").trajectory).energy_scale_j
     assert faulty["energy_balance"] > 3.0 * error / energy_scale
-    # damping at rate c takes 2 c K a second: here 4 s of it, K up to its largest
+    # damping at rate c removes 2 c K per second: here for 4 s, with K up to its largest value
     assert faulty["energy_balance"] < 2e-4 * 4.0
 
 
@@ -750,7 +750,7 @@ def unstable_versions() -> dict[str, Trajectory]:
 
 
 def why_unstable(name: str, trajectory: Trajectory) -> str | None:
-    """Return the reason by which a trajectory through one of the scenes is no case, if there is one."""
+    """Return the reason for which a trajectory through one of the scenes is invalid or unstable, if any."""
     motion = Motion.of(SCENES[name], trajectory) if invalid_state(trajectory) is None else None
     if motion is None:
         return invalid_state(trajectory)
@@ -782,7 +782,7 @@ def test_drift_is_measured_as_a_vector_in_world_axes() -> None:
 
 
 def test_three_measures_have_no_verdict() -> None:
-    """Each of them says again what a judged one says."""
+    """Each of them repeats what a judged measure states."""
     unjudged = {name for name, measure in measures.MEASURES.items() if measure.judged is None}
     assert unjudged == {
         "angular_momentum_direction_error_rad",

@@ -1,4 +1,4 @@
-"""The motions that the page plays: which they are, and that they are those of the trajectories."""
+"""The choice of motions that the page plays, and their agreement with the trajectories."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def rotation(seed: int) -> Array:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_the_principal_frame_is_one_of_the_tensor(seed: int) -> None:
-    """A is a rotation, and A diag(moments) A^T is the tensor again; a diagonal one keeps its axes."""
+    """A is a rotation, and A diag(moments) A^T is the tensor; a diagonal tensor keeps its axes."""
     turned = rotation(seed)
     inertia = turned @ np.diag([1.0, 2.0, 2.5]) @ turned.T
     moments, axes = principal_frame(0.5 * (inertia + inertia.T))
@@ -47,7 +47,7 @@ def test_the_principal_frame_is_one_of_the_tensor(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_box_has_the_edges_of_the_body(seed: int) -> None:
-    """The corners of a turned box's tensor are the box's own, up to one factor and the names of the axes."""
+    """The corners derived from a rotated box's tensor are those of the box, up to a factor and axis names."""
     edges, turned = np.array([1.0, 0.5, 0.2]), rotation(seed)
     squares = edges**2
     inertia = turned @ np.diag(squares.sum() - squares) @ turned.T / 12.0
@@ -57,14 +57,14 @@ def test_the_box_has_the_edges_of_the_body(seed: int) -> None:
 
 
 def test_a_plate_is_drawn_with_some_thickness() -> None:
-    """A body without thickness keeps a rim that can be seen from its side."""
+    """A body without thickness gets a rim that is visible from the side."""
     corners = box_corners(RigidBody(1.0, np.diag([1.0, 2.0, 3.0])))
     assert np.abs(corners).min() > 0.02
 
 
 @pytest.mark.parametrize("samples", [2, 11, FRAMES, FRAMES + 1, 10_007])
 def test_frames_reach_from_the_first_sample_to_the_last(samples: int) -> None:
-    """Of many samples some are taken, in order and evenly; of few, all."""
+    """Many samples are thinned evenly and in order; few are all taken."""
     frames = frame_numbers(samples)
     assert frames[0] == 0
     assert frames[-1] == samples - 1
@@ -73,13 +73,13 @@ def test_frames_reach_from_the_first_sample_to_the_last(samples: int) -> None:
 
 
 def case(engine: str, dt_s: float, error: float, outcome: str = "ok") -> CaseResult:
-    """Return a case with as much as the choice of shown ones looks at."""
+    """Return a case with the columns that the choice of cases reads."""
     columns = {"engine": engine, "dt_s": dt_s, "outcome": outcome, "orientation_error_rad": error}
     return CaseResult(columns)
 
 
 def test_each_engine_is_shown_where_it_is_worst() -> None:
-    """At the coarsest step that most share: of each engine the ok method that is farthest off."""
+    """Of each engine the ok method with the largest error is shown, at the coarsest step that most share."""
     cases = [
         *(case("a", dt_s, error) for dt_s in (0.1, 0.01) for error in (1e-3, 2e-3)),
         case("a", 0.1, 9.0, outcome="unstable"),
@@ -93,7 +93,7 @@ def test_each_engine_is_shown_where_it_is_worst() -> None:
 
 
 def test_the_cases_to_play_begin_with_those_shown() -> None:
-    """First each engine where it is worst, then the engines at the finest shared step, each case once."""
+    """The worst case of each engine comes first, then the finest shared step; each case appears once."""
     cases = [
         *(case("a", dt_s, error) for dt_s in (0.1, 0.01) for error in (1e-3, 2e-3)),
         case("a", 0.01, 9.0, outcome="unstable"),
@@ -104,14 +104,14 @@ def test_the_cases_to_play_begin_with_those_shown() -> None:
 
 
 def unpacked(track: dict[str, Any]) -> tuple[Array, Array]:
-    """Return rotation matrices and omega of a track, both of principal axes."""
+    """Return rotation matrices and omega of a track, both in principal axes."""
     q, omega = (np.frombuffer(b64decode(track[name]), dtype="<i2") / 32767.0 for name in ("q", "omega"))
     return quaternion_to_matrix(q.reshape(-1, 4)), track["fastest"] * omega.reshape(-1, 3)
 
 
 @pytest.mark.slow
 def test_the_page_plays_the_trajectories(page: Page, run: Run) -> None:
-    """Truth and tracks have the attitude and the omega that the trajectories have, to 16 bits."""
+    """Truth and tracks have the attitude and omega of the trajectories, to 16 bits."""
     views = [data for data in map(json.loads, page.data) if "moments" in data]
     assert len(views) == len(run.problems)
     names = next(

@@ -1,4 +1,4 @@
-"""Films: which motions they show, at which samples, and that the bodies move as the trajectories do."""
+"""Films: which motions they show, at which samples, and that the bodies move."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.helpers.expected_messages import ExpectedMessage
 pytest.importorskip("matplotlib")
 
 TITLE_SHARE = 0.2
-"""The upper part of a frame, which tells the time."""
+"""The upper part of a frame, which shows the time."""
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def run(stored_run: Path) -> Run:
 
 
 def case(engine: str, method: str, dt_s: float, error: float) -> CaseResult:
-    """Return a case that ended well, with as much as the choice looks at."""
+    """Return a case that ended well, with the columns that the choice of cases reads."""
     columns = {
         "engine": engine,
         "method": method,
@@ -62,7 +62,7 @@ CASES = [
 def test_an_engine_shows_its_farthest_method_and_a_named_method_itself(
     engines: tuple[str, ...], dt_s: float | None, shown: list[int]
 ) -> None:
-    """All bodies have one step: the given one, or the coarsest that most share."""
+    """All bodies have the same step: the given one, or the coarsest that most share."""
     assert filmed_cases(CASES, engines, dt_s) == [CASES[k] for k in shown]
 
 
@@ -70,7 +70,7 @@ def test_an_engine_shows_its_farthest_method_and_a_named_method_itself(
 def test_a_missing_motion_is_refused(
     engines: tuple[str, ...], dt_s: float, expected_message: ExpectedMessage
 ) -> None:
-    """A step that no motion has, or that a named engine lacks, is refused by name."""
+    """The message names a step that no motion has, or that a named engine lacks."""
     with pytest.raises(InputError) as refused:
         filmed_cases(CASES, engines, dt_s)
     expected_message(str(refused.value))
@@ -78,7 +78,7 @@ def test_a_missing_motion_is_refused(
 
 @pytest.mark.parametrize("samples", [2, FRAMES, FRAMES + 1, 10_007])
 def test_frames_are_evenly_spaced(samples: int) -> None:
-    """At most FRAMES of them, from the first sample to within one interval of the last."""
+    """There are at most FRAMES, from the first sample to within one interval of the last."""
     frames = film_frames(samples)
     assert frames[0] == 0
     assert len(frames) <= FRAMES
@@ -89,7 +89,7 @@ def test_frames_are_evenly_spaced(samples: int) -> None:
 def test_formats_and_programs_are_checked_first(
     out: str, error: type[Exception], monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
 ) -> None:
-    """An unknown suffix is refused; without ffmpeg, .mp4 names what is needed."""
+    """An unknown suffix is refused; for .mp4 without ffmpeg, the message names what is needed."""
     monkeypatch.setenv("PATH", "")
     with pytest.raises(error) as refused:
         check_movie(Path(out))
@@ -98,7 +98,7 @@ def test_formats_and_programs_are_checked_first(
 
 @pytest.mark.slow
 def test_the_bodies_of_a_film_move(run: Run) -> None:
-    """One frame per sample, the same film each time, and below the title each frame differs from the next."""
+    """There is one frame per sample, equal films are equal bytes, and frames differ below the title."""
     from PIL import Image
 
     film = movie(run, "free", ".gif", ("reference:rk4",))
@@ -112,14 +112,14 @@ def test_the_bodies_of_a_film_move(run: Run) -> None:
             frames.append(
                 np.asarray(shown.convert("L"), dtype=float)[int(TITLE_SHARE * height) : -height // 5]
             )
-    assert shown.info["duration"] > 1500  # the last frame rests
+    assert shown.info["duration"] > 1500  # the last frame is held
     changed = [np.mean(np.abs(after - before) > 30.0) for before, after in pairwise(frames)]
     assert min(changed) > 1e-3
 
 
 @pytest.mark.slow
 def test_a_strip_names_its_bodies(run: Run) -> None:
-    """An SVG has the name of each body and the times of its frames."""
+    """The SVG has the name of each body and the times of its frames."""
     strip = movie(run, "free", ".svg", ("reference:rk4", "reference:m1")).decode()
     assert "<!-- reference:rk4 -->" in strip
     assert "<!-- reference:m1 -->" in strip

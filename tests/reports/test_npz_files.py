@@ -23,7 +23,7 @@ GOOD = {"t_s": T_S, "position_m": np.zeros((11, 3))}
 
 
 def member(header: str, content: bytes = bytes(88)) -> bytes:
-    """Return an npy file with a header as it is written here."""
+    """Return an npy file with exactly this header."""
     head = header.ljust(117).encode() + b"\n"
     return b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head + content
 
@@ -107,7 +107,7 @@ def test_invalid_npz_is_refused_before_allocation(
 @pytest.mark.parametrize("kind", ["<f8", ">f8", "<f4", "<i4", "u1"])
 @pytest.mark.parametrize("order", ["C", "F"])
 def test_npz_of_real_numbers_is_read_as_by_numpy(kind: str, order: Any, tmp_path: Path) -> None:
-    """Of any type, byte order and order of axes, compressed or not."""
+    """Arrays of any type, byte order and order of axes are read, compressed or not."""
     values = np.asarray(np.arange(33).reshape(11, 3), dtype=kind, order=order)
     for save in (np.savez, np.savez_compressed):
         save(tmp_path / "a.npz", t_s=values)

@@ -43,7 +43,7 @@ def series(rng: np.random.Generator, steps: np.ndarray, noise: float) -> tuple[f
 
 @pytest.mark.parametrize("points", LADDERS)
 def test_interval_has_its_coverage(points: int) -> None:
-    """With noise of 0.1 to 1 %, a term of the next order and a floor: in 90 to 100 of 100 trials.
+    """With noise of 0.1 to 1 %, a next-order term and a floor, 90 to 100 of 100 intervals contain the order.
 
     From five points on the median half-width is at most 0.1.
     """

@@ -1,4 +1,4 @@
-"""The page in a browser: every plot drawn, every control at work, nothing cut, light and dark, on paper."""
+"""The page in a browser: plots, controls, layout, light and dark colours, printing."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PLOTS = 3 * SECTIONS + 1
 
 @pytest.fixture
 def opened(chromium: Browser, report_file: Path) -> Iterator[Page]:
-    """Return the report in a window of its own; a script that failed fails the test."""
+    """Return the report in its own window; an error in a script fails the test."""
     page = chromium.new_page(viewport={"width": 1200, "height": 600})
     page.set_default_timeout(LONG_MS)
     errors: list[Error] = []
@@ -34,14 +34,14 @@ def opened(chromium: Browser, report_file: Path) -> Iterator[Page]:
 
 
 def draw_all(page: Page, width: int = 1200) -> None:
-    """Make the window as tall as the page, so that all of it is in view, and wait until it is drawn."""
+    """Make the window as tall as the page, so that everything is in view, and wait until it is drawn."""
     page.set_viewport_size({"width": width, "height": 25_000})
     expect(page.locator("[data-plot][data-drawn]")).to_have_count(PLOTS)
     expect(page.locator("[data-motion][data-drawn]")).to_have_count(SECTIONS)
 
 
 def test_the_browser_draws_every_plot(opened: Page) -> None:
-    """All plots in view have their lines, and a name with markup is text in a label."""
+    """All plots in view have their lines, and markup in a name is plain text in a label."""
     draw_all(opened)
     assert opened.locator("g[class^='trace scatter']").count() > PLOTS * 5
     opened.evaluate(
@@ -57,7 +57,7 @@ def test_the_browser_draws_every_plot(opened: Page) -> None:
 
 
 def test_an_axis_of_a_decade_has_more_numbers_than_one(chromium: Browser) -> None:
-    """It has 1, 2 and 5 of each decade as numbers; one of more decades has its powers, as without points."""
+    """The axis has 1, 2 and 5 of each decade as numbers; with more decades, or no points, it has powers."""
     page = chromium.new_page()
     looks = f"const colour = () => '#000'; {asset('templates/looks.js')}"
     texts = f"all => {{ {looks} return all.map(values => logAxis('', values).ticktext ?? []); }}"
@@ -69,7 +69,7 @@ def test_an_axis_of_a_decade_has_more_numbers_than_one(chromium: Browser) -> Non
 
 
 def test_what_failed_stands_at_the_edge_of_the_speed_plot(opened: Page) -> None:
-    """Marks of failed, invalid and unstable cases stand beside the axes; markup in a label is text."""
+    """Failed, invalid and unstable cases have marks next to the axes; markup in a label is plain text."""
     draw_all(opened)
     texts = opened.evaluate(
         """() => document.querySelector("[data-plot=speed]").data
@@ -92,7 +92,7 @@ def test_what_failed_stands_at_the_edge_of_the_speed_plot(opened: Page) -> None:
 
 
 def test_a_choice_of_error_changes_plots_and_tables(opened: Page) -> None:
-    """The plots are drawn against the error that is chosen, and its table is the one that is shown."""
+    """The plots show the chosen error, and only its table is visible."""
     draw_all(opened)
     section = opened.locator("section.scenario").first
     section.locator("details:has(> div .cheapest) > summary").click()
@@ -118,7 +118,7 @@ NAMES = """() => document.querySelector('section.scenario [data-plot=drift]').da
 
 
 def test_the_legend_selects_lines(opened: Page) -> None:
-    """Selected lines have their engine's colour, others are grey or gone; the address keeps the choice."""
+    """Selected lines have their engine's colour, others are grey or hidden; the address keeps the choice."""
     draw_all(opened)
     grey = opened.evaluate(CONTEXT)
     assert len(opened.evaluate(COLOURS)) == 2  # the odd engine, and the reference in grey
@@ -163,7 +163,7 @@ def test_equal_lines_are_one_with_all_names(opened: Page) -> None:
 
 
 def cheapest(run: Run, scenario: str, engine: str, tolerance: float) -> dict[str, object] | None:
-    """Return the cheapest row of the results that meets the tolerance, as do all finer ones of its method."""
+    """Return the cheapest row that meets the tolerance, as do all finer rows of its method."""
     rows = run.results[(run.results["scenario"] == scenario) & (run.results["engine"] == engine)]
     rows = rows.assign(
         error=rows["orientation_error_rad"] + rows["truth_bound_rad"],
@@ -178,7 +178,7 @@ def cheapest(run: Run, scenario: str, engine: str, tolerance: float) -> dict[str
 
 
 def test_the_slider_answers_for_each_engine(opened: Page, run: Run) -> None:
-    """At each tolerance an engine's row is its cheapest case that meets it; a cell that does is green."""
+    """At each tolerance an engine's row is its cheapest case that meets it; a cell that meets it is green."""
     scenario = run.problems[0].scenario.name
     opened.locator("#scope").select_option(scenario)
     slider = opened.locator("#error")
@@ -208,7 +208,7 @@ def test_the_slider_answers_for_each_engine(opened: Page, run: Run) -> None:
 
 
 def test_the_address_keeps_the_question(opened: Page) -> None:
-    """A link opens the same tolerance, scenario and map, and one to a cell opens that cell as well."""
+    """A link restores tolerance, scenario and map; a link to a cell also opens the cell."""
     slider = opened.locator("#error")
     slider.focus()
     opened.keyboard.press("End")
@@ -229,7 +229,7 @@ def test_the_address_keeps_the_question(opened: Page) -> None:
 
 
 def test_the_map_shows_the_error_at_a_step_and_the_speed(opened: Page, run: Run) -> None:
-    """Numbers in the map are those of the results, and green ones are within the tolerance."""
+    """The map shows the numbers of the results, and those within the tolerance are green."""
     scenario = run.problems[0].scenario.name
     own = run.results[(run.results["scenario"] == scenario) & (run.results["method"] == "sound")].set_index(
         "dt_s"
@@ -266,7 +266,7 @@ def test_a_heading_sorts_its_table(opened: Page) -> None:
 
 
 def test_a_plot_is_saved_as_picture_and_data(opened: Page, run: Run) -> None:
-    """The SVG is one, the CSV has each line's name and every case, and a plot can be enlarged."""
+    """The CSV has each line's name and every case, the picture is an SVG, and a plot can be enlarged."""
     draw_all(opened)
     figure = opened.locator("figure:has([data-plot=error])").first
     with opened.expect_download() as saved:
@@ -291,7 +291,7 @@ def test_a_plot_is_saved_as_picture_and_data(opened: Page, run: Run) -> None:
 
 
 def test_a_link_opens_its_plot(opened: Page) -> None:
-    """The button of a plot copies an address that shows this plot, its scenario unfolded, and the legend."""
+    """The button of a plot copies an address that shows the plot, with its scenario open and its legend."""
     opened.context.grant_permissions(["clipboard-read", "clipboard-write"])
     opened.get_by_label("others in grey").uncheck()
     plot = "section.scenario:nth-of-type(2) figure:has([data-plot=error])"
@@ -321,7 +321,7 @@ def test_the_axes_span_the_selected_lines(opened: Page) -> None:
 
 
 def test_the_page_of_a_run_is_short(opened: Page) -> None:
-    """With every scenario folded, as it opens with many of them, the page has at most 4,000 px."""
+    """With every scenario folded, the default for many scenarios, the page is at most 4,000 px high."""
     opened.evaluate(
         "() => document.querySelectorAll('section.scenario > details').forEach(part => part.open = false)"
     )
@@ -329,7 +329,7 @@ def test_the_page_of_a_run_is_short(opened: Page) -> None:
 
 
 def test_a_mark_of_the_heat_map_leads_to_its_cell(opened: Page) -> None:
-    """A click, or Enter, on a mark opens the part of that very cell and brings it into view."""
+    """A click, or Enter, on a mark opens the details of its cell and scrolls them into view."""
     opened.get_by_label("the reference’s own methods").check()
     marks = opened.locator("#heat td a")
     for number, act in ((3, "click"), (-2, "press")):
@@ -345,7 +345,7 @@ def test_a_mark_of_the_heat_map_leads_to_its_cell(opened: Page) -> None:
 
 
 def test_a_link_to_a_cell_opens_it(opened: Page, report_file: Path) -> None:
-    """The address of a cell, as one sends it to a colleague, shows the cell open."""
+    """The address of a cell, as sent to a colleague, shows the cell open."""
     target = opened.locator("#heat td a").first.get_attribute("href")
     opened.goto("about:blank")
     opened.goto(report_file.as_uri() + str(target))
@@ -353,9 +353,9 @@ def test_a_link_to_a_cell_opens_it(opened: Page, report_file: Path) -> None:
 
 
 def test_the_copy_button_takes_the_command(opened: Page) -> None:
-    """What is copied is the command of that very case."""
+    """The copied text is the command of this case."""
     opened.context.grant_permissions(["clipboard-read", "clipboard-write"])
-    draw_all(opened)  # a plot that is drawn during a click moves the page under it
+    draw_all(opened)  # a plot drawn during a click would move the page
     opened.locator("details.parts > summary").first.click()
     cell = opened.locator("details.cell").first
     cell.locator("summary").click()
@@ -366,7 +366,7 @@ def test_the_copy_button_takes_the_command(opened: Page) -> None:
 
 
 def picture(page: Page) -> str:
-    """Return what the last track of the first motion shows, as the text of a picture."""
+    """Return the picture of the last track of the first motion as text."""
     shown: str = page.evaluate(
         "() => [...document.querySelector('.tracks').querySelectorAll('canvas')].at(-1).toDataURL()"
     )
@@ -374,7 +374,7 @@ def picture(page: Page) -> str:
 
 
 def test_dark_mode_redraws_everything(opened: Page) -> None:
-    """In the dark the paper is dark, and plots and motions are drawn anew in colours for it."""
+    """In dark mode the page has a dark background, and plots and motions are redrawn in matching colours."""
     draw_all(opened)
     ink = "() => document.querySelector('[data-plot=speed]').layout.font.color"
     light, shown = opened.evaluate(ink), picture(opened)
@@ -411,7 +411,7 @@ OVERLAPS = """() => {
 
 @pytest.mark.parametrize("width", [360, 768, 1440])
 def test_nothing_is_cut_or_overlaps(opened: Page, width: int) -> None:
-    """At the width of a phone, a tablet and a desk the page is as wide as the window; parts stand apart."""
+    """At the widths of a phone, a tablet and a desktop the page fits the window and parts do not overlap."""
     draw_all(opened, width)
     assert opened.evaluate("() => document.documentElement.scrollWidth") == width
     assert opened.evaluate(CUT) == []
@@ -419,7 +419,7 @@ def test_nothing_is_cut_or_overlaps(opened: Page, width: int) -> None:
 
 
 def test_every_control_can_be_reached_by_keys(opened: Page) -> None:
-    """Links, buttons, boxes, selects, sliders and parts all take the focus, each with a name to say."""
+    """Links, buttons, boxes, selects, sliders and details take the focus, each with an accessible name."""
     controls = opened.locator("a[href], button, input, select, summary, .scroll")
     assert controls.count() > 50
     unnamed = controls.evaluate_all(
@@ -433,7 +433,7 @@ def test_every_control_can_be_reached_by_keys(opened: Page) -> None:
 
 
 def test_plots_wait_until_they_are_seen_or_printed(opened: Page) -> None:
-    """Plots far below the window are not drawn when the page opens, but are before it is printed."""
+    """Plots far below the window are not drawn when the page opens, but are drawn before it is printed."""
     opened.evaluate("() => new Promise(seen => new IntersectionObserver(seen).observe(document.body))")
     assert opened.locator("[data-plot][data-drawn]").count() < PLOTS
     opened.emulate_media(media="print")

@@ -1,4 +1,4 @@
-"""The motion in a browser: its time, its cases, its views, and the plots that share its time."""
+"""The motion in a browser: time, cases, views, and the plots that share its time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LONG_MS = 120_000
 
 @pytest.fixture
 def opened(chromium: Browser, report_file: Path) -> Iterator[Page]:
-    """Return the report with the first motion drawn; a script that failed fails the test."""
+    """Return the report with the first motion drawn; an error in a script fails the test."""
     page = chromium.new_page(viewport={"width": 1200, "height": 6000})
     page.set_default_timeout(LONG_MS)
     errors: list[Error] = []
@@ -38,24 +38,24 @@ def figure(opened: Page) -> Locator:
 
 
 def pictures(figure: Locator) -> list[str]:
-    """Return what each track shows, as the text of a picture."""
+    """Return the picture of each track as text."""
     shown: list[str] = figure.locator("canvas").evaluate_all("all => all.map(one => one.toDataURL())")
     return shown
 
 
 def angles(figure: Locator) -> list[float]:
-    """Return the distances from the truth that the engines' panels tell, in rad."""
+    """Return the distances from the truth that the engines' panels show, in rad."""
     reported = figure.locator(".tracks small").all_inner_texts()[1:]
     return [float(text.removesuffix(" rad off")) for text in reported]
 
 
 def set_time(figure: Locator, share: float) -> None:
-    """Move the slider to a share of the duration."""
+    """Move the slider to a fraction of the duration."""
     figure.get_by_label("Time").fill(str(round(1000 * share)))
 
 
 def test_the_motion_begins_at_the_largest_error(figure: Locator, run: Run) -> None:
-    """No other sample has a larger error of the shown cases, and each panel tells its case's error."""
+    """The first time shown has the largest error of the shown cases; each panel shows its case's error."""
     cases = [case for case in run.cases if case.columns["scenario"] == HOSTILE]
     shown = shown_cases(cases, coarsest_shared_step(cases))
     series = [case.series["orientation_error_rad"] for case in shown]
@@ -69,7 +69,7 @@ def test_the_motion_begins_at_the_largest_error(figure: Locator, run: Run) -> No
 
 
 def test_the_motion_follows_its_slider_and_its_button(opened: Page, figure: Locator) -> None:
-    """The time moves by keys and by play, stops at pause, and the picture moves with it."""
+    """Keys and the play button change the time, pause stops it, and the picture follows."""
     slider, clock = figure.get_by_label("Time"), figure.locator("output")
     assert figure.locator("canvas").count() == 3  # the truth and one case of each of two engines
     slider.focus()
@@ -94,7 +94,7 @@ def test_the_motion_follows_its_slider_and_its_button(opened: Page, figure: Loca
 
 @pytest.mark.parametrize("loops", [False, True])
 def test_a_motion_stops_at_its_end_unless_it_loops(loops: bool, figure: Locator) -> None:
-    """At the end it stops, or begins again."""
+    """At the end the motion stops, or starts again if it loops."""
     figure.get_by_label("speed").select_option("4")
     figure.get_by_label("loop").set_checked(loops)
     set_time(figure, 0.95)
@@ -112,7 +112,7 @@ def test_a_motion_stops_at_its_end_unless_it_loops(loops: bool, figure: Locator)
 
 
 def test_any_case_can_be_chosen(figure: Locator, run: Run) -> None:
-    """A panel tells the error of the chosen method and step, and changes its picture only."""
+    """A panel shows the error of the chosen method and step, and only its own picture changes."""
     panel = figure.get_by_label("Motion in panel 1")
     before = pictures(figure)
     errors = {
@@ -133,7 +133,7 @@ def test_any_case_can_be_chosen(figure: Locator, run: Run) -> None:
 
 
 def test_mouse_and_keys_rotate_the_views(opened: Page, figure: Locator) -> None:
-    """All panels are seen from the same side; dragging there and back, the picture is the first again."""
+    """All panels share one viewpoint; dragging there and back restores the first picture."""
     before = pictures(figure)
     canvas = figure.locator("canvas").nth(1)
     canvas.focus()
@@ -157,7 +157,7 @@ def test_mouse_and_keys_rotate_the_views(opened: Page, figure: Locator) -> None:
 
 
 def test_a_link_opens_its_time(opened: Page, figure: Locator) -> None:
-    """The copied address shows the motion at the time at which it stood."""
+    """The copied address shows the motion at the time at which it was copied."""
     opened.context.grant_permissions(["clipboard-read", "clipboard-write"])
     set_time(figure, 0.25)
     figure.get_by_role("button", name="link to this time").click()
@@ -180,7 +180,7 @@ POINT = """() => {
 
 
 def test_a_click_at_an_error_shows_the_body_at_that_time(opened: Page, figure: Locator) -> None:
-    """Plot, body and address have one time, and a panel the case of the line; the address opens it again."""
+    """Plot, body and address share the time, and a panel shows the line's case; the address restores it."""
     expect(opened.locator("[data-plot=drift][data-drawn]").first).to_be_visible()
     x, y, t = opened.evaluate(POINT)
     opened.mouse.move(x, y)
@@ -201,7 +201,7 @@ def test_a_click_at_an_error_shows_the_body_at_that_time(opened: Page, figure: L
 
 
 def test_the_cursor_of_a_plot_follows_the_slider(opened: Page, figure: Locator) -> None:
-    """At half of the time it stands in the middle of the axis, also after the plot is drawn again."""
+    """At half the time the cursor is in the middle of the axis, also after the plot is drawn again."""
     expect(opened.locator("[data-plot=drift][data-drawn]").first).to_be_visible()
     set_time(figure, 0.5)
     middle = """() => {

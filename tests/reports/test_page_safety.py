@@ -1,4 +1,4 @@
-"""The page as an object: names stay text, nothing is fetched, colours are seen, a large run is light."""
+"""Safety of the page: names stay text, nothing is fetched, colours have contrast, a large run stays small."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.slow
 
 
 def test_names_are_text_wherever_they_stand(html: str, page: Page) -> None:
-    """No markup of a name, message or summary becomes an element, in the page or inside its data."""
+    """No markup in a name, message or summary becomes an element, in the page or inside its data."""
     scripts = [attributes for tag, attributes in page.tags if tag == "script"]
     assert len(scripts) == html.count("<script") == html.count("</script>")
     assert not {"i", "u", "tt", "em"} & {tag for tag, _ in page.tags}
@@ -38,7 +38,7 @@ def test_names_are_text_wherever_they_stand(html: str, page: Page) -> None:
 
 
 def test_nothing_is_fetched(html: str, page: Page) -> None:
-    """No element or style names anything outside the page, and the page forbids itself to fetch."""
+    """No element or style refers to anything outside the page, and the page's policy forbids fetching."""
     for tag, attributes in page.tags:
         assert tag not in ("link", "img", "iframe", "base", "object")
         assert "src" not in attributes
@@ -61,7 +61,7 @@ def luminance(colour: str) -> float:
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_colours_have_contrast(html: str, scheme: str) -> None:
-    """Texts stand out 4.5 to 1 from what is behind them, lines and marks 3 to 1."""
+    """Text has a contrast of at least 4.5 to 1 with its background, lines and marks of 3 to 1."""
     blocks = re.findall(r":root[^{]*\{(.*?)\}", html.partition("</style>")[0], re.DOTALL)
     colours = dict(re.findall(r"--([\w-]+): (#\w+)", blocks[scheme == "dark"]))
 
@@ -79,7 +79,7 @@ def test_colours_have_contrast(html: str, scheme: str) -> None:
 
 
 def test_a_large_run_stays_light(run: Run) -> None:
-    """Twelve scenarios by seventeen methods by six steps take at most 6 MB and 5 s of the processor."""
+    """Twelve scenarios, seventeen methods and six steps take at most 6 MB and 5 s of processor time."""
     free = run.problems[0]
     sound = [case for case in run.cases if case.ok and case.columns["scenario"] == free.scenario.name]
     copies = 12 * 17 * 6 // len(sound) + 1

@@ -1,4 +1,4 @@
-"""The page's tables: complete, and equal to those of the run."""
+"""The tables of the page are complete and equal those of the run."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ pytestmark = pytest.mark.slow
 
 
 def test_the_page_holds_together(page: Page) -> None:
-    """Tags balance, ids are unique, links inside the page lead somewhere, tables have captions and scopes."""
+    """Tags balance, ids are unique, internal links have targets, and tables have captions and scopes."""
     ids = [attributes["id"] for _, attributes in page.tags if "id" in attributes]
     assert len(ids) == len(set(ids))
     for _, attributes in page.tags:
@@ -41,7 +41,7 @@ def test_the_page_holds_together(page: Page) -> None:
 
 
 def same(shown: str, stored: Any, digits: int = 4) -> bool:
-    """Whether a shown number is the stored one at so many digits; empty is missing."""
+    """Return whether a shown number equals the stored one to so many digits; "" is a missing value."""
     if shown == "":
         return bool(pd.isna(stored))
     return float(shown) == float(f"{stored:.{digits}g}")
@@ -53,13 +53,13 @@ def fineness_of(row: Any) -> float:
 
 
 def is_fineness(shown: str, row: Any) -> bool:
-    """Whether a step or a tolerance is shown as the very double that it is."""
+    """Return whether a step or a tolerance is shown as exactly the stored double."""
     fineness = fineness_of(row)
     return bool(np.isnan(fineness)) if shown == "" else float(shown) == fineness
 
 
 def test_every_number_of_the_case_tables_is_that_of_the_results(page: Page, run: Run) -> None:
-    """Row by row the tables repeat results.csv: whose, outcome, message, command, and each number shown."""
+    """Row by row the tables repeat results.csv: case, outcome, message, command, and each number shown."""
     shown = [(table.place, record) for table in page.with_class("cases") for record in table.records()]
     stored = run.results.to_dict("records")
     assert len(shown) == len(stored)
@@ -92,7 +92,7 @@ def rows_of(table: pd.DataFrame, scenario: str, engine: str, method: str) -> pd.
 
 
 def standing_rows(page: Page, run: Run) -> Iterator[tuple[str, str, str, dict[str, str]]]:
-    """Give scenario, engine, method and record of every row of the tables of methods."""
+    """Yield scenario, engine, method and record of every row of the tables of methods."""
     for table, problem in zip(page.with_class("standing"), run.problems, strict=True):
         for record in table.records():
             engine, method = record.pop("engine:method").rsplit(":", 1)
@@ -100,7 +100,7 @@ def standing_rows(page: Page, run: Run) -> Iterator[tuple[str, str, str, dict[st
 
 
 def test_the_methods_of_a_scenario_stand_as_in_the_tables(page: Page, run: Run) -> None:
-    """Each row shows the verdict, the order, and the measures at the common step that the tables have."""
+    """Each row shows the stored verdict, order, and measures at the common step."""
     verdicts = run.methods[run.methods["quantity"] == "orientation_error_rad"]
     seen = 0
     for scenario, engine, method, record in standing_rows(page, run):
@@ -124,7 +124,7 @@ def test_the_methods_of_a_scenario_stand_as_in_the_tables(page: Page, run: Run) 
 
 
 def test_the_heat_map_has_every_cell_with_its_most_severe_verdict(page: Page, run: Run) -> None:
-    """One row per scenario, one column per method: the most severe state, the order, and a link."""
+    """Rows are scenarios, columns methods; a cell has the most severe state, the order and a link."""
     cells = summary_cells(run)
     (heat,) = page.with_class("heat collapsed")
     begin = next(i for i, (tag, a) in enumerate(page.tags) if tag == "table" and a.get("id") == "heat")
@@ -150,7 +150,7 @@ def meeting_tolerance(results: pd.DataFrame, error: str, target: float) -> pd.Da
 
 
 def test_the_cheapest_cases_are_those_of_the_results(page: Page, run: Run) -> None:
-    """For each decade of each error the case named is the fastest that meets it, of all and of engines."""
+    """For each decade of each error the fastest case that meets it is named, with and without reference."""
     tables = page.with_class("cheapest")
     assert [table.error for table in tables] == [*ERRORS] * len(run.problems)
     rows = 0
@@ -176,7 +176,7 @@ def test_the_cheapest_cases_are_those_of_the_results(page: Page, run: Run) -> No
 
 
 def test_an_engine_that_misses_the_error_says_by_how_much(run: Run) -> None:
-    """Where no measured setting meets the tolerance, the row has the smallest error and where it occurs."""
+    """If no measured setting meets the tolerance, the row has the smallest error and where it occurs."""
     cases = tuple(case for case in run.cases if case.columns["method"] != "sound" or case.dt_s == 0.05)
     rows = CheapestSettings(replace(run, cases=cases)).rows
     own = run.results[(run.results["method"] == "sound") & (run.results["dt_s"] == 0.05)]
@@ -194,7 +194,7 @@ def test_an_engine_that_misses_the_error_says_by_how_much(run: Run) -> None:
 
 
 def median_costs(results: pd.DataFrame, error: str, target: float) -> pd.DataFrame:
-    """Return the median seconds a simulated second of each method, infinite where it misses the error."""
+    """Return the median CPU time per simulated second of each method, infinite where it misses the error."""
     timed = results[results["outcome"] != "unsupported"].assign(
         seconds=results["cpu_s"] / results["duration_s"]
     )
@@ -208,7 +208,7 @@ def median_costs(results: pd.DataFrame, error: str, target: float) -> pd.DataFra
 
 
 def at_several_speeds(run: Run) -> Run:
-    """Return a run of its first scenario only, four times over, with other processor times."""
+    """Return a run with four copies of its first scenario, with different processor times."""
     free, problems, cases = run.problems[0], [], []
     for copy, factor in enumerate((1.0, 7.0, 0.3, 50.0)):
         name = f"copy-{copy}"
@@ -232,7 +232,7 @@ def at_several_speeds(run: Run) -> Run:
 
 
 def test_the_front_is_that_of_the_results(run: Run) -> None:
-    """For each decade the method named has the least median cost, shown with how many scenarios keep it."""
+    """For each decade the named method has the least median cost; the scenarios that meet it are counted."""
     run = at_several_speeds(run)
     tables = Page(render_report(run)).with_class("fronts")
     assert [table.error for table in tables] == [*ERRORS]
@@ -253,7 +253,7 @@ def test_the_front_is_that_of_the_results(run: Run) -> None:
 
 
 def test_the_stability_map_is_that_of_the_table(page: Page, run: Run) -> None:
-    """Each mark has the largest stable step of stability.csv, and what is in none of its rows has no mark."""
+    """Each mark has the largest stable step of stability.csv; a pair without a row there has no mark."""
     (limits,) = page.with_class("heat limits")
     keys = list(dict.fromkeys((case.columns["engine"], case.columns["method"]) for case in run.cases))
     keys.sort(key=lambda key: key[0] == "reference")
@@ -286,7 +286,7 @@ def test_the_stability_map_is_that_of_the_table(page: Page, run: Run) -> None:
 def test_a_limit_says_how_far_a_method_is_stable(
     changes: dict[str, Any], mark: str, tint: str, words: str
 ) -> None:
-    """A limit that was found, none up to the end of the search, no stable step, and a search that failed."""
+    """The search found a limit, ended without one, found no stable step, or failed."""
     row = {"dt_stable_s": 0.1234, "dt_unstable_s": 0.1246, "reason": "it spins up", "outcome": "ok"}
     limit = limit_of(row | changes)
     assert (limit.mark, limit.tint) == (mark, tint)
@@ -295,7 +295,7 @@ def test_a_limit_says_how_far_a_method_is_stable(
 
 
 def test_what_went_wrong_is_never_hidden(page: Page, run: Run) -> None:
-    """Outcomes are counted; failed, invalid, unstable, unsupported and absent stand there with reasons."""
+    """Outcomes are counted; failed, invalid, unstable, unsupported and absent are listed with reasons."""
     for outcome, amount in run.manifest["outcomes"].items():
         assert f"{amount} {outcome}" in page.text
     (heat,) = page.with_class("heat collapsed")
@@ -314,7 +314,7 @@ def test_what_went_wrong_is_never_hidden(page: Page, run: Run) -> None:
 
 
 def test_what_an_engine_read_back_stands_in_its_cell(html: str, run: Run) -> None:
-    """The part of a cell tells what its engine holds, even where that is not what it was given."""
+    """The details of a cell show what the engine holds, even if it differs from what was given."""
     parts = html.split('<details class="cell" ')[1:]
     methods = run.results.groupby(["scenario", "engine", "method"], sort=False)["outcome"].agg(set)
     for part, outcomes in zip(parts, methods, strict=True):
@@ -325,7 +325,7 @@ def test_what_an_engine_read_back_stands_in_its_cell(html: str, run: Run) -> Non
 
 
 def test_a_run_without_speed_says_so(run: Run) -> None:
-    """Where no processor time was measured there is a sentence in place of the plots."""
+    """If no processor time was measured, a sentence replaces the plots."""
     cases = tuple(
         CaseResult({k: v for k, v in case.columns.items() if not k.startswith("cpu_")}, case.motion)
         for case in run.cases

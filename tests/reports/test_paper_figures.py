@@ -1,4 +1,4 @@
-"""Figures for papers: what is drawn is what was measured, and the same run gives the same file."""
+"""Figures for papers: they show what was measured, and the same run gives the same file."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def run(stored_run: Path) -> Run:
 
 @pytest.mark.parametrize("figure", FIGURES)
 def test_a_figure_is_the_same_each_time_and_names_every_method(figure: str, run: Run) -> None:
-    """An SVG without a date, whose text tells each method; what failed is said beside its name."""
+    """A figure is an SVG without a date whose text names each method; failures follow the name."""
     drawn = picture(run, figure, "forced, and a mesh", "orientation_error_rad", ".svg")
     assert drawn == picture(run, figure, "forced, and a mesh", "orientation_error_rad", ".svg")
     reported = re.findall(r"<!-- (.*?) -->", drawn.decode(), re.DOTALL)
@@ -59,7 +59,7 @@ def test_a_figure_is_the_same_each_time_and_names_every_method(figure: str, run:
 
 
 def figure_of(run: Run, figure: str, appearance: Appearance) -> Axes | None:
-    """Return the axes of a figure of the free scenario; None where there is nothing to draw."""
+    """Return the axes of a figure of the free scenario; None if there is nothing to draw."""
     try:
         (axes,) = drawn_figure(run, figure, "free", "orientation_error_rad", appearance).axes
     except InputError:
@@ -69,7 +69,7 @@ def figure_of(run: Run, figure: str, appearance: Appearance) -> Axes | None:
 
 @pytest.mark.parametrize("figure", ["order", "drift"])
 def test_equal_methods_are_one_line_with_all_names(figure: str, run: Run) -> None:
-    """failing:m1 and reference:m1 are the same map: one line of each engine's colour, one label with both."""
+    """failing:m1 and reference:m1 are one map: one line in both engines' colours, one label with both."""
     axes = figure_of(run, figure, Appearance())
     assert axes is not None
     own = [line for line in axes.lines if "reference:m1" in str(line.get_label()).split(" = ")]
@@ -87,7 +87,7 @@ def test_equal_methods_are_one_line_with_all_names(figure: str, run: Run) -> Non
 @pytest.mark.parametrize("columns", [1, 2])
 @pytest.mark.parametrize("figure", ["order", "polhode", "motion"])
 def test_a_figure_is_as_wide_as_its_columns(figure: str, columns: int, run: Run) -> None:
-    """The width is 3.5 in or 7.2 in, whatever the legend has."""
+    """The width is 3.5 in or 7.2 in, whatever the legend contains."""
     look = Appearance(columns=columns, engines=("reference",))
     drawn = picture(run, figure, "free", "orientation_error_rad", ".svg", look)
     found = re.search(rb'width="([\d.]+)pt"', drawn)
@@ -96,7 +96,7 @@ def test_a_figure_is_as_wide_as_its_columns(figure: str, columns: int, run: Run)
 
 
 def test_only_selected_engines_are_drawn(run: Run, expected_message: ExpectedMessage) -> None:
-    """An engine, or a method of it; a name that the run does not have is refused."""
+    """An engine or one of its methods can be selected; a name that the run does not have is refused."""
     axes = figure_of(run, "order", Appearance(engines=("failing", "reference:rk4")))
     assert axes is not None
     names = {name for line in axes.lines for name in str(line.get_label()).split(" = ")}
@@ -107,7 +107,7 @@ def test_only_selected_engines_are_drawn(run: Run, expected_message: ExpectedMes
 
 
 def test_a_style_file_is_followed(run: Run, tmp_path: Path, expected_message: ExpectedMessage) -> None:
-    """Its settings change the figure; an unknown one, or a file that is not there, is refused."""
+    """The settings of the file change the figure; an unknown setting or a missing file is refused."""
     style = tmp_path / "thick.mplstyle"
     style.write_text("axes.grid: False\naxes.linewidth: 3\n")
     plain, thick = (
@@ -123,7 +123,7 @@ def test_a_style_file_is_followed(run: Run, tmp_path: Path, expected_message: Ex
 
 
 def test_the_polhode_of_the_truth_lies_on_the_ellipsoid_of_inertia(run: Run) -> None:
-    """w . I w = 1 along the truth; a motion whose omega is a hundredth too large lies outside."""
+    """w . I w = 1 along the truth; a motion whose omega is 1 % too large lies outside."""
     problem = run.problems[0]
     inertia, truth = rotational_inertia(problem.scenario.scene), problem.truth.trajectory
     moments, _ = principal_frame(inertia)
@@ -137,7 +137,7 @@ def test_the_polhode_of_the_truth_lies_on_the_ellipsoid_of_inertia(run: Run) -> 
 
 @pytest.mark.parametrize("figure", BODIES)
 def test_a_figure_of_the_body_names_its_methods(figure: str, run: Run) -> None:
-    """The same bytes each time, with the farthest method of each engine and the step."""
+    """Equal runs give equal bytes, with the method farthest off of each engine, and the step."""
     drawn = picture(run, figure, "free", "", ".svg")
     assert drawn == picture(run, figure, "free", "", ".svg")
     reported = re.findall(r"<!-- (.*?) -->", drawn.decode())
@@ -147,7 +147,7 @@ def test_a_figure_of_the_body_names_its_methods(figure: str, run: Run) -> None:
 
 @pytest.mark.parametrize(("figure", "column"), [("work-precision", "cpu_s"), ("order", "dt_s")])
 def test_every_case_that_ended_well_is_a_point(figure: str, column: str, run: Run) -> None:
-    """At its time or step, and its error; an error below 3 bounds of the truth stands at that."""
+    """A point has the time or step and the error of its case, which is at least 3 bounds of the truth."""
     methods = dict.fromkeys(key_of(case.columns) for case in run.cases)
     points = sorted(
         tuple(point)
@@ -167,7 +167,7 @@ def test_every_case_that_ended_well_is_a_point(figure: str, column: str, run: Ru
 
 
 def test_the_largest_stable_step_of_each_method_is_drawn(run: Run) -> None:
-    """At its step, open where none broke down; one whose search failed is named with the reason."""
+    """Its mark is open if no step was unstable; a method whose search failed is named with the reason."""
     stable, limited = run.stability["dt_stable_s"], run.stability["method"] == "m1"
     run = replace(run, stability=run.stability.assign(dt_unstable_s=1.01 * stable.where(limited)))
     (axes,) = drawn_figure(run, STABILITY, "forced, and a mesh", "").axes
@@ -183,7 +183,7 @@ def test_the_largest_stable_step_of_each_method_is_drawn(run: Run) -> None:
 
 
 def test_a_picture_for_a_page_is_png(run: Run) -> None:
-    """By the end of the file's name, as is a PDF, which has no date either."""
+    """The suffix of the file selects the format; a PDF has no date either."""
     assert picture(run, "order", "free", "energy_drift", ".png")[:8] == b"\x89PNG\r\n\x1a\n"
     drawn = picture(run, "order", "free", "energy_drift", ".pdf")
     assert drawn.startswith(b"%PDF")
@@ -191,7 +191,7 @@ def test_a_picture_for_a_page_is_png(run: Run) -> None:
 
 
 def test_a_drift_that_has_no_scale_is_drawn_in_its_unit(run: Run) -> None:
-    """A label without a unit is that of a number over its scale."""
+    """A label without a unit means that the drift is divided by its scale."""
     still = {"omega_scale_rad_s": 0.0}
     at_rest = replace(run, cases=tuple(replace(c, columns={**c.columns, **still}) for c in run.cases))
     labels = [
@@ -202,7 +202,7 @@ def test_a_drift_that_has_no_scale_is_drawn_in_its_unit(run: Run) -> None:
 
 @pytest.mark.parametrize("figure", [*FIGURES, STABILITY, *BODIES])
 def test_what_has_no_points_is_no_figure(figure: str, run: Run, expected_message: ExpectedMessage) -> None:
-    """An empty picture would say that all is well."""
+    """An empty figure would suggest that all is well, so it is refused."""
     with expected_message.raises(InputError):
         picture(run, figure, "nowhere", "orientation_error_rad", ".svg")
 
@@ -211,7 +211,7 @@ def test_what_has_no_points_is_no_figure(figure: str, run: Run, expected_message
 def test_a_picture_is_asked_for_rightly(
     out: str, error: type[Exception], monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
 ) -> None:
-    """Another format is refused; without matplotlib the line names the extra."""
+    """Another format is refused; without matplotlib the message names the extra."""
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(error) as refused:
         check_picture(Path(out))

@@ -26,14 +26,14 @@ NOT_BY_PROBES = {
     "position-by-old-velocity": "an error of order 1 in the position, and no wrong reading",
     "speed-clamped": "a probe is no faster than 4 m/s",
 }
-"""What takes a whole run: verdicts and orders."""
+"""Faults that only the verdicts and orders of a whole run detect."""
 
 EVERY = 10
-"""A push runs one fault of so many through smoke, and all of them through the probes."""
+"""A push runs one fault in this many through smoke, and all of them through the probes."""
 
 
 def test_the_table_of_faults_is_long_and_clear() -> None:
-    """At least 27 kinds, each with a name of its own; what nothing can see has its reason."""
+    """At least 27 kinds have unique names, and each undetectable one has its reason."""
     assert len({fault.name for fault in FAULTS}) == len(FAULTS) >= 27
     for fault in FAULTS:
         assert fault.planted
@@ -44,7 +44,7 @@ def test_the_table_of_faults_is_long_and_clear() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("base", BASES)
 def test_probes_see_each_planted_fault_but_those_that_they_cannot(base: str) -> None:
-    """A finding or a property for each; nothing for the sound base, nor where the table says so."""
+    """Each fault gives a finding or a property; the sound base and the excepted faults do not."""
     adapter = Faulty(base)
     engine = Engine(adapter.name, adapter.version, adapter.methods)
     silent = set()
@@ -57,9 +57,9 @@ def test_probes_see_each_planted_fault_but_those_that_they_cannot(base: str) -> 
 
 
 def check_reports(base: str, faults: Sequence[Fault], capsys: pytest.CaptureFixture[str]) -> None:
-    """Run smoke by default options: each fault must be reported, with quantity and size, on every page.
+    """Run smoke with default options: each fault must be reported, with quantity and size, on every page.
 
-    So must nothing that the table calls undetectable, nor the sound base.
+    A fault that the table calls undetectable, and the sound base, must not be reported.
     """
     adapter = Faulty(base)
     methods = [f"{adapter.name}:{name}" for name in (NO_FAULT, *(fault.name for fault in faults))]
@@ -83,7 +83,7 @@ def check_reports(base: str, faults: Sequence[Fault], capsys: pytest.CaptureFixt
 
 
 def pages_of(run: Run, capsys: pytest.CaptureFixture[str]) -> dict[str, str]:
-    """Return what a run says in the terminal, in Markdown and in its report."""
+    """Return the output of a run on the terminal, in Markdown and as a page."""
     capsys.readouterr()
     print_document(run_document(run))
     return {
@@ -104,12 +104,12 @@ def pages_of(run: Run, capsys: pytest.CaptureFixture[str]) -> dict[str, str]:
 def test_smoke_reports_a_sample_of_the_planted_faults(
     base: str, first: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """By the limit, the order, the probes or a property; the sound base is accused of nothing."""
+    """The limit, the order, the probes or a property reports each fault; the sound base has no finding."""
     check_reports(base, FAULTS[first * EVERY // 2 :: EVERY], capsys)
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("base", BASES)
 def test_smoke_reports_each_planted_fault(base: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """The same of all of them."""
+    """All planted faults are reported as those of the sample are."""
     check_reports(base, FAULTS, capsys)

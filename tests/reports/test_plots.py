@@ -15,7 +15,7 @@ from bodycheck.reports.templating import asset
 
 
 def test_thinned_lines_keep_their_peaks() -> None:
-    """A line of many samples keeps its largest value and its last time; a short one keeps every sample."""
+    """A long line keeps its largest value and its last time; a short one keeps every sample."""
     values = np.random.default_rng(1).random(10_007)
     times = np.arange(10_007.0)
     assert len(thinned_times(times)) == len(thinned_maxima(values)) <= LINE_POINTS
@@ -25,7 +25,7 @@ def test_thinned_lines_keep_their_peaks() -> None:
 
 
 def test_a_packed_line_has_three_digits() -> None:
-    """The formula of its codes gives every value back to 5e-4, and 0 below 1e-18; a constant is itself."""
+    """Decoding gives every value back to 5e-4, and 0 below 1e-18; a constant is stored as a number."""
     values = np.append(10.0 ** np.random.default_rng(1).uniform(-17.9, 8.0, 1000), [0.0, 1e-19])
     codes = np.frombuffer(b64decode(str(packed_line(values))), dtype="<u2")
     unpacked = np.where(codes > 0, 10.0 ** (codes / 2500 - 18), 0.0)
@@ -35,13 +35,13 @@ def test_a_packed_line_has_three_digits() -> None:
 
 
 def test_lines_can_be_told_without_colour() -> None:
-    """No two of as many methods as there are pairs of marker and dash look alike."""
+    """As many methods as there are pairs of marker and dash all look different."""
     several = styles((f"engine-{i % 4}", f"method-{i}") for i in range(len(MARKERS) * len(DASHES)))
     assert len({(style.marker, style.dash) for style in several.values()}) == len(several)
 
 
 def test_an_engine_has_one_colour_in_every_run() -> None:
-    """Its colour depends on its name only, not on the engines around it."""
+    """Its colour depends on its name only, not on the other engines."""
     engines = ("mujoco", "pybullet", "dart", "reference", "other", "another")
     together = styles((engine, "m1") for engine in engines)
     for engine in engines:
@@ -53,14 +53,14 @@ def test_an_engine_has_one_colour_in_every_run() -> None:
 
 
 def test_figures_and_pages_have_the_same_colours() -> None:
-    """Each number of a colour means the same on white paper as on the light page."""
+    """Each colour number means the same on white paper as on the light page."""
     light = str(asset("templates/report.css")).partition("@media")[0]
     found = dict(re.findall(r"--engine-(\d): (#\w+)", light))
     assert [found[str(number)] for number in range(len(COLOURS))] == list(COLOURS)
 
 
 def test_only_equal_lines_are_merged() -> None:
-    """Lines that differ by less than 2e-3 everywhere, or only below the floor, are one; others are not."""
+    """Lines that differ by less than 2e-3 everywhere, or only below the floor, are merged; others are not."""
     x, y = np.array([1.0, 2.0, 3.0]), np.array([1e-3, 1e-6, 1e-12])
     lines = {
         "first": (x, y),
@@ -90,7 +90,7 @@ def test_only_equal_lines_are_merged() -> None:
     ],
 )
 def test_a_heading_is_words_with_a_unit(column: str, words: str) -> None:
-    """The unit of a column comes after a comma; a column without one is its words."""
+    """The unit of a column comes after a comma; a column without a unit has its words only."""
     assert heading(column) == words
 
 
@@ -106,5 +106,5 @@ def test_a_heading_is_words_with_a_unit(column: str, words: str) -> None:
     ],
 )
 def test_a_growth_is_told_with_its_exponent(growth: str, exponent: float, words: str) -> None:
-    """A power of t has its exponent; what is bounded or exponential has none, and nothing is nothing."""
+    """A power of t has its exponent, bounded and exponential growth do not, and a missing growth is empty."""
     assert growth_text({"growth": growth, "growth_exponent": exponent}) == words

@@ -1,4 +1,4 @@
-"""float32: the reference's kernels in it, the statement of an engine, the floor, the verdict, the advice."""
+"""float32: kernels of the reference, the declaration of an engine, the floor, the verdict, the advice."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def kernels_of(function: FunctionType) -> Iterator[FunctionType]:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_no_constant_of_a_single_precision_kernel_is_a_double(name: str) -> None:
-    """A double among the constants of any kernel would widen the arithmetic, as it does in the original."""
+    """A double constant would widen the arithmetic, as it does in the original kernel."""
     double = INTEGRATORS[name.removesuffix("-f32")].advance
     single = in_single_precision(double)
     kinds = []
@@ -73,7 +73,7 @@ def problem_of(name: str) -> Problem:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_single_precision_method_is_the_double_one_to_float32(name: str) -> None:
-    """After one step each number is a float32, and within four roundings of the double method's."""
+    """After one step each number is a float32 within four roundings of the double method's number."""
     scene = replace(load_scenario("tumbling").scene, duration_s=0.01, samples=2)
     setting, adapter = Setting(dt_s=0.01), Reference()
     single, double = (
@@ -95,7 +95,7 @@ def test_a_single_precision_method_is_the_double_one_to_float32(name: str) -> No
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_single_precision_method_runs_on_request_and_takes_constant_loads(name: str) -> None:
-    """It is not among the methods of a plain run, and refuses by name what its kernels do not take."""
+    """The method is not a default of a run, and names the loads that its kernels do not support."""
     method, scene = Reference().methods[name], load_scenario("tumbling").scene
     assert method.on_request
     assert method.precision == "float32"
@@ -105,7 +105,7 @@ def test_a_single_precision_method_runs_on_request_and_takes_constant_loads(name
 
 
 def test_read_back_is_compared_in_the_precision_of_the_method() -> None:
-    """Rounded numbers are those of a float32 method and not of a float64 one; wrong ones of neither."""
+    """Rounded numbers are right for a float32 method and not for a float64 one; wrong ones for neither."""
     scene = load_scenario("boxes").scene
     held = Reference().build(scene, "rk4-f32", 2e-3).read_back()
     assert held.mass == scene.body.mass
@@ -119,7 +119,7 @@ def test_read_back_is_compared_in_the_precision_of_the_method() -> None:
 
 
 def free_probe(stage: int | None, part: str, *, of_rate: bool) -> Trajectory:
-    """Return the free probe at its finest step, by a rk4 of which one stage is rounded to float32."""
+    """Return the free probe at its finest step, by an rk4 with one stage rounded to float32."""
     probe = built_in_probes()[1]
     step = probe.steps_s[-1]
     scene = replace(probe.scene, samples=round(probe.scene.duration_s / step) + 1)
@@ -129,7 +129,7 @@ def free_probe(stage: int | None, part: str, *, of_rate: bool) -> Trajectory:
     return found
 
 
-# a constant acceleration, and a position that nothing depends on, are not rounded at random
+# a constant acceleration, and a position that affects nothing, are not rounded at random
 CASTS = [
     pytest.param(stage, part, of_rate, id=f"{'rate' if of_rate else 'state'} of {part} in stage {stage + 1}")
     for stage in STAGES
@@ -141,14 +141,14 @@ CASTS = [
 
 @pytest.mark.parametrize(("stage", "part", "of_rate"), CASTS)
 def test_a_cast_in_one_stage_is_detected(stage: int, part: str, of_rate: bool) -> None:
-    """A float64 rk4 one stage of which is rounded to float32 is inconsistent."""
+    """A float64 rk4 with one stage rounded to float32 is inconsistent."""
     found = precision_finding(free_probe(stage, part, of_rate=of_rate), "float64")
     assert found.verdict == "inconsistent"
     assert "not all of the arithmetic is float64" in found.message
 
 
 def test_a_statement_that_the_numbers_contradict_is_inconsistent() -> None:
-    """Doubles are stated as float64 and as nothing else; float32 numbers as float32 or mixed."""
+    """Doubles may be declared float64 only, float32 numbers float32 or mixed."""
     doubles = free_probe(None, "position", of_rate=True)
     names = ("position_m", "velocity_m_s", "quaternion", "omega_body_rad_s")
     singles = replace(doubles, **{n: getattr(doubles, n).astype(np.float32).astype(float) for n in names})
@@ -167,11 +167,11 @@ def test_a_statement_that_the_numbers_contradict_is_inconsistent() -> None:
 
 
 def test_the_floor_grows_with_the_root_of_the_steps_or_with_the_steps() -> None:
-    """A tumbling body rounds at random; one spun up steadily about an axis rounds alike at every step."""
+    """Rounding errors of a tumbling body are random; those of a steady spin-up about an axis are alike."""
     for name, exponent in (("tumbling", 0.5), ("torus-spin-up", 1.0)):
         found = RoundOff.of(problem_of(name), ERROR, "float32")
         steps = (1e-2, 1e-3)
-        least = found.unit * found.largest  # what is rounded once
+        least = found.unit * found.largest  # the error of a single rounding
         grown = (found.at(steps[1]) - least) / (found.at(steps[0]) - least)
         assert math.log10(grown) == pytest.approx(exponent, abs=0.1), name
 
@@ -186,7 +186,7 @@ def test_the_floor_is_proportional_to_the_unit_round_off_where_roundings_are_ind
 @pytest.mark.parametrize("name", ["tumbling", "symmetric-top", "full-tensor"])
 @pytest.mark.parametrize("bias", [3.0, 30.0])
 def test_a_bias_of_rounding_errors_grows_with_the_steps(name: str, bias: float) -> None:
-    """A Runge-Kutta 4 whose every step makes omega too small by B u has the error predicted for this B."""
+    """A Runge-Kutta 4 that makes omega too small by B u in every step has the error predicted for this B."""
     problem, dt_s = problem_of(name), 1e-2
     advance = rk4_with_a_single_stage(problem.scenario.scene, None, "position", of_rate=True)
 
@@ -202,7 +202,7 @@ def test_a_bias_of_rounding_errors_grows_with_the_steps(name: str, bias: float) 
         assert found.trajectory is not None
         motion = Motion.of(problem.scenario.scene, found.trajectory)
         errors.append(measured_by(problem, found.trajectory, motion)[0][ERROR])
-    assert errors[1] < 0.1 * errors[0]  # of the method itself
+    assert errors[1] < 0.1 * errors[0]  # the method's own error
     assert 1.0 / 3.0 < errors[0] / predicted < 3.0
     assert predicted > 3.0 * unbiased
 
@@ -236,7 +236,7 @@ def test_steps_dominated_by_round_off_do_not_hide_a_wrong_limit(steps: tuple[flo
 
 
 def test_the_verdict_names_the_floor_of_the_arithmetic() -> None:
-    """Errors that finer steps do not reduce are at the floor only where the arithmetic explains them."""
+    """Errors that finer steps do not reduce are at the floor only if the arithmetic explains them."""
     criteria, flat = Criteria(floor=1e-14), {0.02: 3e-5, 0.01: 5e-6, 0.005: 7e-6, 0.002: 9e-6, 0.001: 8e-6}
     assert convergence_of(points(flat, 1e-6), criteria).verdict == "at-precision-floor"
     assert convergence_of(points(flat, 1e-10), criteria).verdict != "at-precision-floor"
@@ -265,7 +265,7 @@ def studied(method: str, scenario: str = "tumbling") -> Study:
 
 @pytest.mark.parametrize("scenario", ["tumbling", "sphere", "torus-spin-up"])
 def test_an_honest_float32_method_reaches_its_floor_and_is_not_accused(scenario: str) -> None:
-    """Best step, least error and both floors are given, and no quantity counts against rk4-f32."""
+    """Best step, least error and both floors are given, and no quantity of rk4-f32 is reported as wrong."""
     found = studied("rk4-f32", scenario)
     assert all(case.ok for case in found.cases)
     verdicts = {row["quantity"]: row["verdict"] for row in found.method_rows}
@@ -279,7 +279,7 @@ def test_an_honest_float32_method_reaches_its_floor_and_is_not_accused(scenario:
 
 
 def test_a_method_above_its_floor_has_no_measured_one() -> None:
-    """rk4 in doubles has its best step, the finest, and a predicted floor that it did not reach."""
+    """rk4 in double precision has the finest step as its best, and does not reach its predicted floor."""
     row = next(row for row in studied("rk4").method_rows if row["quantity"] == ERROR)
     assert row["verdict"] == "converges"
     assert row["best_dt_s"] == row["finest_dt_s"]
@@ -288,7 +288,7 @@ def test_a_method_above_its_floor_has_no_measured_one() -> None:
 
 
 def test_no_step_finer_than_the_best_one_is_advised() -> None:
-    """Finer steps of a float32 method miss the tolerance by round-off: the best or a coarser is advised."""
+    """Finer float32 steps miss the tolerance by round-off, so the best or a coarser step is recommended."""
 
     def case(dt_s: float, error: float, precision: str) -> CaseResult:
         who = {

@@ -172,14 +172,14 @@ class Altered:
         self._before = self._inner.read()
 
     def apply(self, wrench: Wrench) -> None:
-        """Hand the load over, now or after the next step."""
+        """Apply the load, now or after the next step."""
         if self._late:
             self._wrench = wrench
         else:
             self._inner.apply(wrench)
 
     def advance(self, steps: int) -> None:
-        """Step by step."""
+        """Make the steps one by one."""
         for _ in range(steps):
             self._before = self._inner.read()
             self._inner.advance(1)
@@ -273,7 +273,7 @@ def test_quaternion_that_is_not_renormalised_is_a_property() -> None:
     row = probed(Reference(), "quaternion-euler")["quaternion_norm"]
     assert row["verdict"] == "consistent"
     assert "not renormalised: |q| - 1 = 0.000156 at 1.25e-05 s, order 1.00" in row["message"]
-    # |q| grows by sqrt(1 + (h omega / 2)^2) a step, and omega changes a little
+    # |q| grows by sqrt(1 + (h omega / 2)^2) per step, and omega changes a little
     omega, h, steps = float(np.linalg.norm([120.0, -200.0, 90.0])), 1.25e-5, 128
     assert row["measured"] == pytest.approx((1.0 + (h * omega / 2.0) ** 2) ** (steps / 2.0) - 1.0, rel=5e-3)
     assert probed(Reference(), "m1")["quaternion_norm"]["message"] == ""

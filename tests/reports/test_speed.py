@@ -20,7 +20,7 @@ ENGINE, YARDSTICK = "quick", "reference"
 LAP_S = {ENGINE: 3e-3, YARDSTICK: 1e-3}
 STEPS_S = (1e-2, 5e-3)
 Lap = Callable[[str, int], Message]
-"""What an engine answers, by its name, to the lap of its which has this number."""
+"""Name of an engine, number of its lap -> its answer."""
 
 
 def timed(
@@ -136,7 +136,7 @@ def test_lost_pass_does_not_change_the_speed(lost: range, monkeypatch: pytest.Mo
 
 
 def test_case_without_a_pass_has_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its measures stay, it has no speed, and the message has the reason once."""
+    """The case keeps its measures, has no speed, and its message has the reason once."""
 
     def lap(engine: str, number: int) -> Message:
         del number

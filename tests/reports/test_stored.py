@@ -150,7 +150,7 @@ DAMAGES: dict[str, tuple[Callable[[Path], None], str]] = {
 def test_a_scenario_in_place_of_a_run_is_answered_by_the_command_that_runs_it(
     expected_message: ExpectedMessage,
 ) -> None:
-    """A name that is neither a folder nor a scenario is not."""
+    """A scenario's name is refused with the command that runs it; any other name is refused without one."""
     with expected_message.raises(InputError):
         read_tables(Path("t-handle"))
     with expected_message.raises(InputError):
@@ -176,7 +176,7 @@ def test_damaged_or_foreign_folder_is_refused_in_one_line(
 def test_stored_callback_load_needs_permission_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
 ) -> None:
-    """Its code would run; a changed function is detected."""
+    """Reading the run would execute this code; a changed function is detected."""
     module = tmp_path / "loads_of_a_stored_run.py"
     module.write_text("def f(t, x, r, v, omega):\n    return -0.5 * v, -0.2 * omega\n")
     (tmp_path / "called.toml").write_text(

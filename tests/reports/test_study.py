@@ -27,7 +27,7 @@ ENGINE = Engine("reference", "1", {METHOD.name: METHOD})
 
 
 def carried_out(answers: dict[float | None, Answer]) -> dict[str, Any]:
-    """Return how cases are run: by these answers, without further steps."""
+    """Return arguments of a study that give these answers, without further steps."""
     return {
         "adaptive": False,
         "ask": lambda _, case: answers[case.setting.dt_s],
@@ -38,13 +38,13 @@ def carried_out(answers: dict[float | None, Answer]) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def problem() -> Problem:
-    """A body that tumbles, with its truth."""
+    """Return the problem of a body that tumbles, with its truth."""
     return Problem.of(load_scenario("intermediate-axis"), "intermediate-axis")
 
 
 @pytest.fixture(scope="module")
 def answers(problem: Problem) -> dict[float | None, Answer]:
-    """Return the reference's answer at each step; at one of them a failure."""
+    """Return the reference's answer at each step, with a failure at one of them."""
     cases = [Case(problem.scenario.scene, "rk4", Setting(dt_s=step)) for step in STEPS]
     printed = {case.setting.dt_s: record(Reference(), case) for case in cases}
     return printed | {FAILED: Answer("failed", "it crashed")}
@@ -54,7 +54,7 @@ def answers(problem: Problem) -> dict[float | None, Answer]:
 def test_successive_difference_is_the_angle_to_the_next_coarser_case(
     order: tuple[float, ...], problem: Problem, answers: dict[float | None, Answer]
 ) -> None:
-    """The largest angle between the two motions over the samples; absent if one of them failed."""
+    """It is the largest angle between the two motions over the samples, and absent if one of them failed."""
     settings = [Setting(dt_s=step) for step in order]
     found = study(problem, ENGINE, METHOD, settings, **carried_out(answers)).cases
     assert [case.dt_s for case in found] == sorted(STEPS, reverse=True)
@@ -70,7 +70,7 @@ def test_successive_difference_is_the_angle_to_the_next_coarser_case(
 
 
 def test_restored_study_is_the_study(problem: Problem, answers: dict[float | None, Answer]) -> None:
-    """After a way through JSON, every column, row and series has the same bits; only the origin is new."""
+    """After a round trip through JSON every column, row and series has the same bits, but a new origin."""
     how = carried_out(answers)
     first = study(problem, ENGINE, METHOD, [Setting(dt_s=step) for step in STEPS], **how)
     stored = json.loads(json.dumps(stored_form(first)))
@@ -89,7 +89,7 @@ def test_restored_study_is_the_study(problem: Problem, answers: dict[float | Non
 def test_study_of_another_motion_is_not_restored(
     problem: Problem, answers: dict[float | None, Answer]
 ) -> None:
-    """One bit of one state is enough."""
+    """A difference of one bit in one state is enough."""
     first = study(problem, ENGINE, METHOD, [Setting(dt_s=step) for step in STEPS], **carried_out(answers))
     motion = answers[STEPS[1]].trajectory
     assert motion is not None

@@ -1,4 +1,4 @@
-"""What a run says in words: the verdict, the states, numbers and lists."""
+"""What a run reports in words: the verdict, the states, numbers and lists."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.helpers.gate_tables import make_tables
 
 @pytest.mark.slow
 def test_the_verdict_names_what_is_sound_and_what_is_open(run: Run) -> None:
-    """Methods that converge are counted and named; pairs without a verdict are counted, with the scenario."""
+    """Methods that converge are counted and named; pairs without a verdict are counted by scenario."""
     cells = summary_cells(run)
     forced = cells["forced"]
     odd = {("reference", "m2"): Cell("pre-asymptotic")}
@@ -33,7 +33,7 @@ def test_the_verdict_names_what_is_sound_and_what_is_open(run: Run) -> None:
 
 
 def test_too_few_steps_do_not_read_as_a_failure() -> None:
-    """Where nothing can be told yet, no sentence says that nothing converges."""
+    """If no verdict is possible yet, no sentence says that nothing converges."""
     cells = {"forced": {("reference", "rk4"): Cell("too-few-points")}}
     reported = verdict_sentences(cells, [])
     assert len(reported) == 1
@@ -41,7 +41,7 @@ def test_too_few_steps_do_not_read_as_a_failure() -> None:
 
 
 def test_a_broken_law_is_a_finding() -> None:
-    """It names the law, what breaks it and the command; laws that hold are none."""
+    """The finding names the law, its violation and the command; laws that hold give no finding."""
     law = {"engine": "mujoco", "method": "rk4", "law": "boost", "message": "omega differs by 1", "size": 1.0}
     law["reproduce"] = "bodycheck laws mujoco:rk4"
     rows = [{**law, "verdict": "broken"}, {**law, "verdict": "holds", "law": "rotate"}]
@@ -53,14 +53,14 @@ def test_a_broken_law_is_a_finding() -> None:
 
 
 def test_every_verdict_and_outcome_has_its_word() -> None:
-    """Whatever a method or a case can come to has a symbol, a word and a meaning."""
+    """Every state of a method or a case has a symbol, a word and a meaning."""
     verdicts = "converges pre-asymptotic does-not-converge at-floor chaotic unstable too-few-points"
     outcomes = "unstable failed timeout unsupported invalid"
     assert {*verdicts.split(), *outcomes.split()} <= STATES.keys()
 
 
 def test_methods_are_compared_at_the_finest_step_that_most_have() -> None:
-    """Steps that only some methods were refined to are not the common one; without steps there is none."""
+    """Steps to which only some methods were refined are not common; without steps there is no common one."""
     steps = [None, 0.02, 0.01, 0.02, 0.01, 0.005, 0.02, 0.01]
     cases = [CaseResult({"dt_s": dt_s, "outcome": "ok"}) for dt_s in steps]
     assert common_step([*cases, CaseResult({"dt_s": 0.02, "outcome": "unsupported"})]) == 0.01
@@ -69,14 +69,14 @@ def test_methods_are_compared_at_the_finest_step_that_most_have() -> None:
 
 @pytest.mark.parametrize("value", [0.0, 1e-300, -2.5e-17, 1.0, 0.1, 12345.678, 1e5, 6.02e23])
 def test_numbers_read_back(value: float) -> None:
-    """What is shown parses to the value at the shown precision, a step to the very same double."""
+    """A printed number parses to the value at the printed precision, a step to the same double."""
     assert float(number(value)) == float(f"{value:.4g}")
     assert float(scientific(value)) == float(f"{value:.3g}")
     assert float(step(value)) == value
 
 
 def test_lists_read_as_sentences() -> None:
-    """Names are joined as in a sentence; of a long list the rest is counted."""
+    """Names are joined as in a sentence; the rest of a long list is counted."""
     assert names(["a"]) == "a"
     assert names(["a", "b", "c"]) == "a, b and c"
     assert names([str(i) for i in range(10)]) == "0, 1, 2, 3, 4, 5, 6 and 3 more"
@@ -84,7 +84,7 @@ def test_lists_read_as_sentences() -> None:
 
 @pytest.mark.slow
 def test_a_wrong_limit_of_any_measure_reaches_the_headline(run: Run) -> None:
-    """A wrong limit of the energy in methods.csv makes the cell, and the method is named first."""
+    """A wrong limit of the energy in methods.csv is the state of the cell, and the method is named first."""
     methods = run.methods.copy()
     of_energy = (methods["quantity"] == "energy_drift") & (methods["method"] == "rk4")
     methods.loc[of_energy & (methods["scenario"] == "forced"), "verdict"] = "does-not-converge"

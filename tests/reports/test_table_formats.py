@@ -1,4 +1,4 @@
-"""Tables as others read them: every format holds the same numbers to the last digit."""
+"""Tables for other programs: every format holds the same numbers to the last digit."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from bodycheck.reports.run_files.tables import as_csv, as_json, as_markdown, as_
 
 @pytest.fixture(scope="module")
 def results(stored_run: Path) -> pd.DataFrame:
-    """Return a table with texts, whole numbers, numbers, and what was not measured."""
+    """Return a table with texts, integers, floating-point numbers and missing values."""
     return read_tables(stored_run).results
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
-    """Return the rows of results.csv as they stand there."""
+    """Return the rows of results.csv as text."""
     with (path / "results.csv").open() as file:
         return list(csv.DictReader(file))
 
 
 def test_csv_is_that_of_the_run(results: pd.DataFrame, stored_run: Path) -> None:
-    """Byte for byte."""
+    """The CSV equals results.csv byte for byte."""
     assert as_csv(results) == (stored_run / "results.csv").read_bytes()
 
 
 def test_json_has_every_cell(results: pd.DataFrame, stored_run: Path) -> None:
-    """Numbers read back as the same doubles; null is what was not measured, and no zero is."""
+    """Numbers parse back to the same doubles; a missing value is null, and a zero is not."""
     reported = json.loads(as_json(results))
     for row, cells in zip(reported, rows_of(stored_run), strict=True):
         assert {name: "" if cell is None else str(cell) for name, cell in row.items()} == cells
@@ -45,7 +45,7 @@ def test_json_has_every_cell(results: pd.DataFrame, stored_run: Path) -> None:
 
 
 def test_a_markdown_row_cannot_be_broken_by_what_stands_in_it(results: pd.DataFrame) -> None:
-    """As many bars in each line as the head has; bars, tags and line ends of a message are shown."""
+    """Each line has as many bars as the heading; bars, tags and line ends of a message are escaped."""
     lines = as_markdown(results[["scenario", "outcome", "message"]]).decode().splitlines()
     assert len(lines) == len(results) + 2
     assert {line.replace("\\|", "").count("|") for line in lines} == {4}
@@ -55,7 +55,7 @@ def test_a_markdown_row_cannot_be_broken_by_what_stands_in_it(results: pd.DataFr
 def test_parquet_reads_back_as_the_same_table(
     results: pd.DataFrame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Types, nulls and every double; whatever the folder for temporary files is called."""
+    """Types, nulls and every double are equal, whatever the name of the folder for temporary files."""
     (tmp_path / "o'clock").mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "o'clock"))
     duckdb = pytest.importorskip("duckdb")
@@ -79,13 +79,13 @@ def test_parquet_reads_back_as_the_same_table(
     ids=str,
 )
 def test_whatever_a_query_finds_can_be_told(cell: Any, reported: Any, shown: str) -> None:
-    """JSON has text for what it has no word for; a list is a list, and what is not there null."""
+    """JSON has text for types that it lacks, lists for arrays, and null for missing values."""
     table = pd.DataFrame({"found": pd.Series([cell], dtype=object)})
     assert json.loads(as_json(table)) == [{"found": reported}]
     assert as_markdown(table).decode().splitlines()[-1] == f"| {shown} |"
 
 
 def test_a_table_of_none_has_its_head(results: pd.DataFrame) -> None:
-    """A run in which nothing has an order still has a table."""
+    """A run in which no method has an order still has a table."""
     assert list(csv.reader(io.StringIO(as_csv(results[:0]).decode()))) == [list(results.columns)]
     assert json.loads(as_json(results[:0])) == []

@@ -1,4 +1,4 @@
-"""What a run shows while it goes on."""
+"""Progress of a run on the terminal, and its summary."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from bodycheck.reports.summary.sentences import run_document
 
 
 class Terminal(io.StringIO):
-    """A terminal that remembers what it was shown."""
+    """A terminal that records its output."""
 
     def isatty(self) -> bool:
-        """Say yes."""
+        """Return True."""
         return True
 
 
@@ -36,14 +36,14 @@ def terminal_of(monkeypatch: pytest.MonkeyPatch, columns: int = 80) -> Terminal:
 
 
 def last_line(terminal: Terminal, progress: LiveProgress) -> str:
-    """Return the line that a terminal shows at present."""
+    """Return the line that a terminal shows now."""
     progress._bar.refresh()
     lines = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", terminal.getvalue()).split("\r")
     return [line.strip() for line in lines if line.strip()][-1]
 
 
 def test_a_terminal_shows_the_cases_and_both_times(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Cases done of those listed, and a time left once two have ended, each time with its label."""
+    """The line has the cases done and listed, and after two cases the remaining time, each with its label."""
     terminal = terminal_of(monkeypatch)
     with LiveProgress(100) as progress:
         progress.motions_started()
@@ -55,7 +55,7 @@ def test_a_terminal_shows_the_cases_and_both_times(monkeypatch: pytest.MonkeyPat
 
 
 def test_compiling_is_shown_with_how_much_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
-    """And that only the first run does so, and for how long."""
+    """The line also states that only the first run compiles, and for how long."""
     terminal = terminal_of(monkeypatch)
     with LiveProgress(100) as progress:
         progress.compiling(3, 86)
@@ -67,7 +67,7 @@ def test_compiling_is_shown_with_how_much_is_done(monkeypatch: pytest.MonkeyPatc
 def test_a_narrow_terminal_shows_the_counts_and_times_whole(
     columns: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The description alone is shortened, so that the line fits."""
+    """Only the description is shortened so that the line fits."""
     terminal = terminal_of(monkeypatch, columns)
     with LiveProgress(100) as progress:
         progress.compiling(3, 10)
@@ -77,7 +77,7 @@ def test_a_narrow_terminal_shows_the_counts_and_times_whole(
 
 
 def test_a_log_has_each_phase_in_a_line(capsys: pytest.CaptureFixture[str]) -> None:
-    """Where standard error is not a terminal, compiling is a line only where something is compiled."""
+    """If standard error is not a terminal, a line about compiling appears only if something is compiled."""
     with LiveProgress(100) as progress:
         progress.phase("solving the truths")
         progress.motions_started()
@@ -99,7 +99,7 @@ def run(stored_run: Path) -> Run:
 
 
 def summary(run: Run, monkeypatch: pytest.MonkeyPatch, output: io.StringIO, columns: str = "200") -> str:
-    """Return what is printed of a run at its end."""
+    """Return the printed summary of a run."""
     monkeypatch.setattr("sys.stdout", output)
     monkeypatch.setenv("TERM", "xterm-256color")
     monkeypatch.setenv("COLUMNS", columns)
@@ -111,7 +111,7 @@ def summary(run: Run, monkeypatch: pytest.MonkeyPatch, output: io.StringIO, colu
 def test_the_summary_has_each_method_and_the_worst_with_its_command(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One line a method; what failed stands below with how often, why, and the command to see it again."""
+    """Each method has one line; failures follow with number, reason and the command that repeats them."""
     monkeypatch.delenv("NO_COLOR", raising=False)
     shown = summary(run, monkeypatch, io.StringIO()).splitlines()
     assert shown[0].startswith(f"{len(run.cases)} cases in ")
@@ -128,7 +128,7 @@ def test_the_summary_has_each_method_and_the_worst_with_its_command(
 @pytest.mark.slow
 @pytest.mark.parametrize("quiet", [True, False])
 def test_colour_is_for_terminals_that_want_it(quiet: bool, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A terminal has colour, but not with NO_COLOR; a pipe has none, and whole lines."""
+    """A terminal has colour unless NO_COLOR is set; a pipe has none, and unbroken lines."""
     monkeypatch.delenv("NO_COLOR", raising=False)
     monkeypatch.delenv("FORCE_COLOR", raising=False)
     if quiet:
@@ -142,7 +142,7 @@ def test_colour_is_for_terminals_that_want_it(quiet: bool, run: Run, monkeypatch
 
 @pytest.mark.slow
 def test_every_faulty_method_has_one_line(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    """However often one is invalid, it does not push the others out; what more there is of it is counted."""
+    """A method that is invalid many times does not displace the others; its further findings are counted."""
     failed = next(case for case in run.cases if case.columns["outcome"] == "failed")
     more = [
         replace(failed, columns={**failed.columns, "outcome": outcome, "message": f"{k}"})
@@ -155,7 +155,7 @@ def test_every_faulty_method_has_one_line(run: Run, monkeypatch: pytest.MonkeyPa
 
 
 def test_speeds_are_counted_to_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The count of the speeds starts from 0, and is full when as many were timed as there are cases."""
+    """The count of speeds starts from 0, and is complete when all cases have been timed."""
     terminal = terminal_of(monkeypatch)
     with LiveProgress(2) as progress:
         progress.motions_started()

@@ -1,4 +1,4 @@
-"""What cells say, each rule by itself: states, faults, the worst of a run, and the row of a stable step."""
+"""The rules behind cells: states, faults, the worst results of a run, and the row of a stable step."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ THEORY = {"mujoco": {"methods": {"rk4": {"order": 4}, "euler": {"order": None}}}
 
 
 def case(**cells: Any) -> CaseResult:
-    """Return a case that ended well, but for what is told."""
+    """Return a case that ended well, with the given cells replaced."""
     return CaseResult({**CASE, "truth_bound_rad": 1e-12, **cells})
 
 
@@ -66,7 +66,7 @@ def findings(*cases: dict[str, Any], methods: tuple[dict[str, Any], ...] = ()) -
 
 
 def test_faults_of_one_kind_stand_together() -> None:
-    """Same scenario, method, outcome and message; what ended well or is unsupported is none."""
+    """One fault has one scenario, method, outcome and message; sound or unsupported cases are not faults."""
     bad = {"outcome": "failed", "message": "no"}
     cases = [case(), case(outcome="unsupported"), case(**bad), case(**bad, dt_s=0.02)]
     cases += [case(outcome=one, message="no", dt_s=None, tolerance=1e-6) for one in ("timeout", "unstable")]
@@ -82,7 +82,7 @@ def test_faults_of_one_kind_stand_together() -> None:
 
 
 def test_a_method_is_shown_at_the_common_step_or_at_its_finest_tolerance() -> None:
-    """A case of another step does not stand for it."""
+    """A case at another step does not represent the method."""
     steps = [case(dt_s=dt_s) for dt_s in (0.02, 0.01, 0.005)]
     assert shown_case(steps, 0.01) is steps[1]
     assert shown_case(steps, 0.001) is None
@@ -102,7 +102,7 @@ def verdict(quantity: str = ERROR, **cells: Any) -> QuantityVerdict:
 
 
 def test_a_cell_says_the_most_severe_of_all_quantities() -> None:
-    """A wrong limit of the energy outweighs the order that the orientation shows; the faults outweigh it."""
+    """A wrong limit of the energy outweighs the order of the orientation; a failed case outweighs both."""
     found = {
         **FOUND,
         "energy_drift": {**ROW, **FLAT, "quantity": "energy_drift", "finest_error": 0.2},
@@ -125,7 +125,7 @@ def test_a_cell_says_the_most_severe_of_all_quantities() -> None:
 
 
 def test_a_sound_cell_tells_what_its_order_rests_on() -> None:
-    """The interval, the points and the floor; and that a load switches inside a step, where one does."""
+    """A sound cell gives the interval, points and floor, and reports a load that switches inside a step."""
     cell = summary_cell([case()], FOUND, 0.01)
     assert cell.is_sound
     assert cell.detail == "order between 3.9 and 4.1, from 5 steps; floor 1e-14 rad"
@@ -134,7 +134,7 @@ def test_a_sound_cell_tells_what_its_order_rests_on() -> None:
 
 
 def test_where_nothing_ended_well_the_worst_end_is_the_state() -> None:
-    """With every reason once; what is merely unsupported is no fault."""
+    """Every reason is given once; an unsupported case is not a fault."""
     ends = (("timeout", "slow"), ("failed", "no"), ("failed", "no"))
     cell = summary_cell([case(outcome=one, message=why) for one, why in ends], FOUND, 0.01)
     assert cell == Cell("failed", faults={"failed": 2, "timeout": 1}, cases=3, detail="slow; no")
@@ -147,12 +147,12 @@ def test_where_nothing_ended_well_the_worst_end_is_the_state() -> None:
     [(3.49, 4, "lower-order"), (3.51, 4, "converges"), (1.2, 1, "converges"), (1.2, math.nan, "converges")],
 )
 def test_an_order_is_lower_where_its_whole_interval_is(high: float, expected: float, state: str) -> None:
-    """By half an order or more; orders are whole numbers. Without an expected order none is lower."""
+    """It must be lower by half an order or more; orders are integers. Without an expected order none is."""
     assert verdict(order_high=high, expected_order=expected).state == state
 
 
 def test_a_method_is_judged_by_its_worst_quantity() -> None:
-    """A wrong limit before a lower order, the larger first; else the orientation, unless one is open."""
+    """Wrong limits come first, then lower orders, by size; else the orientation counts unless one is open."""
     lower = verdict("omega_error", order=1.0, order_high=1.1)
     flat = verdict("velocity_error", **FLAT)
     sound = verdict()
@@ -167,7 +167,7 @@ def test_a_method_is_judged_by_its_worst_quantity() -> None:
 
 
 def test_what_the_state_holds_is_a_property_and_no_fault() -> None:
-    """A quaternion that is not normalised is reported with size, step and order, and judges nothing."""
+    """A quaternion that is not normalised is reported with size, step and order, but is not judged."""
     norm = verdict("quaternion_norm_error", order=1.0, finest_error=5e-3, floor=1e-12)
     assert norm.is_property
     assert norm.text == "quaternion_norm_error 0.005 at dt 0.01 s, order 1 (the state is not normalised)"
@@ -177,7 +177,7 @@ def test_what_the_state_holds_is_a_property_and_no_fault() -> None:
 
 
 def test_cells_are_those_of_each_scenario_at_its_own_common_step() -> None:
-    """Also of a scenario of which nothing was run; methods in the order of the run."""
+    """Methods are in the order of the run, and each scenario has its own common step."""
     plate = {"scenario": "plate", ERROR: 1e-3}
     run = findings(
         {},
@@ -205,7 +205,7 @@ def test_cells_are_those_of_each_scenario_at_its_own_common_step() -> None:
 
 
 def test_all_that_is_wrong_is_listed_with_its_words_and_command() -> None:
-    """What failed first, then wrong limits by their size, then lower orders, then what timed out."""
+    """Failures come first, then wrong limits by size, then lower orders, then timeouts."""
     run = findings(
         {"reproduce": "a", "scenario": "plate", ERROR: 1e-3, "dt_s": 0.02},
         {"reproduce": "b", "scenario": "plate", ERROR: 2e-3, "dt_s": 0.01},
@@ -240,7 +240,7 @@ def test_all_that_is_wrong_is_listed_with_its_words_and_command() -> None:
 
 
 def test_what_repeats_in_several_scenarios_is_one_result() -> None:
-    """Of the largest size, with its command, and how many more scenarios show it."""
+    """The result has the largest size with its command, and the number of further scenarios."""
     run = findings(
         {"reproduce": "a"},
         {"scenario": "plate", "reproduce": "b", ERROR: 1e-3},
@@ -254,7 +254,7 @@ def test_what_repeats_in_several_scenarios_is_one_result() -> None:
 
 
 def test_a_probe_that_is_not_passed_is_a_result() -> None:
-    """With what was measured, what was expected, and the step; a consistent one is none."""
+    """The result has the measured value, the expected one and the step; a consistent probe gives none."""
     probe = {
         "run_id": "r",
         "engine": "mujoco",
@@ -277,13 +277,13 @@ def test_a_probe_that_is_not_passed_is_a_result() -> None:
 
 
 def test_a_property_alone_is_no_finding() -> None:
-    """The headline names faulty methods alone."""
+    """The headline names only methods with faults."""
     norm = Result("property", "mujoco:rk4", "quaternion_norm_error", "q", "a", ("brick",), 1e-3)
     assert headline([MethodResults("mujoco:rk4", (norm,))]) == ""
 
 
 def test_the_headline_tells_instability_from_faults() -> None:
-    """A step beyond a method's limit of stability is not held against it in one breath with a fault."""
+    """A step beyond the stability limit of a method is not reported in the same sentence as a fault."""
     grown = MethodResults("mujoco:rk4", (Result("unstable", "mujoco:rk4", "", "u", "a", ("brick",), 1),))
     wrong = MethodResults("dart:x", (Result("does-not-converge", "dart:x", "e", "w", "a", ("brick",), 1),))
     unstable = "1 method unstable in some cases: mujoco:rk4."
@@ -297,7 +297,7 @@ def test_the_headline_tells_instability_from_faults() -> None:
 def stable_row(
     *cases: tuple[float, str], duration_s: float = 10.0, omega: float = 0.0, **found: Any
 ) -> tuple[dict[str, Any], list[Search]]:
-    """Return the row of cases with these steps and outcomes, and what was searched for it."""
+    """Return the stability row of cases with these steps and outcomes, and the requested searches."""
     start = State(np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3))
     scene = Scene(RigidBody(1.0, np.eye(3)), start, (), np.zeros(3), duration_s, 11)
     problem: Any = SimpleNamespace(
@@ -326,14 +326,14 @@ WHO = {"scenario": "brick", "family": "brick", "engine": "mujoco", "engine_versi
 
 @pytest.mark.parametrize("outcome", ["failed", "timeout", "unsupported", "invalid"])
 def test_no_search_is_made_where_a_case_did_not_end(outcome: str) -> None:
-    """The row says how it ended, and has no step."""
+    """The row has the outcome and the message of this case, and no step."""
     row, requested = stable_row((0.02, "ok"), (0.01, outcome))
     assert row == {**WHO, "outcome": outcome, "message": "m"}
     assert requested == []
 
 
 def test_a_row_says_what_the_search_found() -> None:
-    """Both steps, the reason, the outcome and the message."""
+    """The row has both steps, the reason, the outcome and the message."""
     row, _ = stable_row((0.02, "ok"))
     reported = {
         "dt_stable_s": 0.5,
@@ -359,7 +359,10 @@ def test_a_row_says_what_the_search_found() -> None:
 def test_a_search_goes_from_the_coarsest_sound_step_to_a_turn(
     cases: list[tuple[float, str]], scene: dict[str, float], start: float, lowest: float, highest: float
 ) -> None:
-    """Or to a quarter of the duration; from no less than a 20 000th of it, and to a fifth of the finest."""
+    """The upper end is a revolution or a quarter of the duration, the start at least 1/20,000 of it.
+
+    The lower end is a fifth of the finest step.
+    """
     _, (search,) = stable_row(*cases, **scene)
     requested = (search.case.setting.dt_s, search.lowest_s, search.highest_s, search.kinetic_limit_j)
     assert requested == pytest.approx((start, lowest, highest, 300.0))
@@ -375,12 +378,12 @@ SEVERITIES = {
 
 
 def test_each_state_has_a_severity() -> None:
-    """0 good, 1 undecided, 2 wrong, 3 broken."""
+    """The severity is 0 for good, 1 for undecided, 2 for wrong and 3 for broken."""
     assert {word: severity(word) for word in STATES} == SEVERITIES
     assert severity("unheard-of") == 1
 
 
 def test_property_of_the_state_has_its_order_in_two_digits() -> None:
-    """An engine that never normalises loses orthogonality with an order of its own."""
+    """An engine that never normalises loses orthogonality with its own order, printed to two digits."""
     found = QuantityVerdict("orthogonality_error", "converges", 1e-3, order=1.987, floor=1e-15)
     assert "order 2 (" in found.text

@@ -1,4 +1,4 @@
-"""Files and folders of results are written whole, and the umask says who may read them."""
+"""Files and folders of results are written completely, and the umask determines who may read them."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ def umask(request: pytest.FixtureRequest) -> Iterator[int]:
 
 
 def mode(path: Path) -> int:
-    """Return the rights of a file or a folder."""
+    """Return the permissions of a file or a folder."""
     return stat.S_IMODE(path.stat().st_mode)
 
 
 def test_file_has_the_mode_of_any_new_file(umask: int, tmp_path: Path) -> None:
-    """Neither wider nor narrower than the umask leaves it; nothing else is left beside it."""
+    """The permissions are exactly those that the umask leaves, and no other file stays next to the result."""
     for content in (b"first", b"second"):
         atomic_write(tmp_path / "table.csv", content)
         assert (tmp_path / "table.csv").read_bytes() == content
@@ -38,7 +38,7 @@ def test_file_has_the_mode_of_any_new_file(umask: int, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_run_of_a_path_that_is_not_utf8_is_stored_and_named(tmp_path: Path) -> None:
-    """The command of each case runs it again as it stands; folders and files have the modes of the umask."""
+    """The command of each case can be run again as printed; folders and files have the modes of the umask."""
     name = os.fsdecode(b"caf\xe9.toml")
     (tmp_path / name).write_text(SCENARIO)
     before = os.umask(0o077)

@@ -1,4 +1,4 @@
-"""The worst of a run: nothing that is wrong is left out, the most severe comes first."""
+"""The worst results of a run: nothing wrong is left out, and the most severe comes first."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def tables(stored_run: Path) -> Tables:
 
 
 def with_verdict(tables: Tables, method: str, quantity: str, **cells: object) -> Tables:
-    """Return the tables with some cells of methods.csv changed, of the reference on the free body."""
+    """Return the tables with some cells of methods.csv changed, for the reference on the free body."""
     methods = tables.methods.copy()
     mine = (methods["scenario"] == "free") & (methods["engine"] == "reference")
     for name, cell in cells.items():
@@ -32,7 +32,7 @@ def with_verdict(tables: Tables, method: str, quantity: str, **cells: object) ->
 
 
 def test_what_is_wrong_is_listed_most_severe_first(tables: Tables) -> None:
-    """A failure, then what does not converge, then an order too low."""
+    """A failure comes before a quantity that does not converge, and that before a lower order."""
     spoiled = with_verdict(tables, "rk4", "orientation_error_rad", order=2.5, order_high=2.6)
     spoiled = with_verdict(spoiled, "m1", "energy_drift", verdict="does-not-converge", finest_error=0.5)
     spoiled = with_verdict(spoiled, "taylor", "orientation_error_rad", verdict="does-not-converge")
@@ -50,7 +50,7 @@ def test_what_is_wrong_is_listed_most_severe_first(tables: Tables) -> None:
 
 
 def test_each_has_a_command_of_a_case_that_shows_it(tables: Tables) -> None:
-    """That of the failed case; of a method that does not converge, its finest."""
+    """The command is that of the failed case, or of the finest case of a method that does not converge."""
     spoiled = with_verdict(tables, "m1", "orientation_error_rad", verdict="does-not-converge")
     failed, plateau, *_ = worst_results(spoiled, summary_cells(spoiled))
     outcomes = {case.columns["reproduce"]: case.columns["outcome"] for case in tables.cases}
@@ -65,7 +65,7 @@ def test_each_has_a_command_of_a_case_that_shows_it(tables: Tables) -> None:
 
 
 def test_one_method_is_one_line_however_often_it_fails(tables: Tables) -> None:
-    """Twenty failures of their own kind are counted behind the first."""
+    """Twenty different failures are one line with the first one and a count."""
     failed = next(case for case in tables.cases if case.columns["outcome"] == "failed")
     more = tuple(replace(failed, columns={**failed.columns, "message": f"fault {k}"}) for k in range(19))
     lines = markdown(run_document(replace(tables, cases=(*tables.cases, *more)))).splitlines()

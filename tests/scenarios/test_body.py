@@ -1,4 +1,4 @@
-"""Bodies from a mesh or a shape: their mass properties, their refusals and their entry in the manifest."""
+"""Bodies from a mesh or a shape: mass properties, refusals and the entry in the manifest."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tests.helpers.scenario_parsing import parse_scenario
 
 HEAD = 'name = "x"\nduration_s = 1.0\nsamples = 11\n[body]\n'
 
-# An L-bracket of two boxes, its outline in the xy plane and 1/8 m thick: no axis of it is a principal one.
+# An L-bracket of two boxes, its outline in the xy plane, 1/8 m thick: none of its axes is principal.
 OUTLINE = [(0.0, 0.0), (2.0, 0.0), (2.0, 0.5), (0.5, 0.5), (0.5, 1.0), (0.0, 1.0)]
 THICKNESS = 0.125
 
@@ -71,7 +71,7 @@ T_HANDLE = [box("-0.01 0.01", "0 0.05", "-0.01 0.01"), box("-0.05 0.05", "0.05 0
 
 
 def refusals(body: str, folder: Path) -> list[str]:
-    """Return the lines by which a body is refused, without the file's name."""
+    """Return the lines with which a body is refused, without the file's name."""
     with pytest.raises(InputError) as caught:
         parse_scenario(HEAD + body, "file.toml", folder)
     return [line.removeprefix("file.toml: ") for line in str(caught.value).splitlines()]
@@ -96,7 +96,7 @@ def test_mesh_keeps_its_axes_and_uses_its_centre_of_mass(tmp_path: Path) -> None
 
 
 def test_t_handle_has_the_moments_of_its_two_boxes() -> None:
-    """Mass 0.162 kg and rational moments; the stem has the middle one, so the handle flips."""
+    """The handle has 0.162 kg and rational moments; the stem has the middle one, so it flips."""
     body = load_scenario("t-handle").scene.body
     mass, _, inertia = of_boxes(T_HANDLE, Fraction(2700))
     assert mass == 0.162
@@ -129,7 +129,7 @@ def test_sizes_have_the_documented_order(
 
 
 def test_mesh_path_is_relative_to_the_scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The path is relative to the scenario's file, wherever the program was started."""
+    """The path is relative to the scenario's file, in whatever directory the program was started."""
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
     assert written(tmp_path, "meshes/part.obj").scene.body.mass == pytest.approx(
@@ -152,7 +152,7 @@ def test_manifest_entry_of_a_mesh_reproduces_the_body(tmp_path: Path) -> None:
     dumped = json.loads(json.dumps(scenario.model_dump(mode="json", exclude_none=True)))["body"]
     data = (tmp_path / "part.obj").read_bytes()
     surface = dumped["mesh"].pop("surface")
-    assert surface.count("\nf ") == 20  # two hexagons and six rectangles in triangles
+    assert surface.count("\nf ") == 20  # two hexagons and six rectangles as triangles
     assert dumped["mesh"] == {"file": "part.obj", "sha256": sha256(data).hexdigest()}
     assert dumped["density_kg_m3"] == 8.0
     _, centre, _ = of_boxes(BRACKET, Fraction(8))
@@ -219,7 +219,7 @@ def test_wrong_body_is_refused_with_its_key(
 
 
 def test_body_that_is_not_a_table_is_refused(expected_message: ExpectedMessage) -> None:
-    """A number in the place of [body] is refused in one line."""
+    """A number in place of [body] is refused in one line."""
     with pytest.raises(InputError) as caught:
         parse_scenario('name = "x"\nduration_s = 1.0\nsamples = 11\nbody = 3\n', "file.toml")
     expected_message(str(caught.value))
@@ -260,7 +260,7 @@ def test_bracket_oracle_is_right() -> None:
 
 @pytest.mark.parametrize(("unit", "length"), [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0), ("in", 0.0254)])
 def test_mesh_is_scaled_by_its_unit(unit: str, length: float, tmp_path: Path) -> None:
-    """Mass scales by the third, inertia by the fifth, the centre by the first power of the unit."""
+    """Mass scales with the third, inertia with the fifth and the centre with the first power of the unit."""
     metres = written(tmp_path).body
     (tmp_path / "x.toml").write_text(f'{HEAD}mesh = "part.obj"\nmesh_unit = "{unit}"\ndensity_kg_m3 = 8.0\n')
     body = load_scenario(tmp_path / "x.toml").body
@@ -290,7 +290,7 @@ def test_stored_mesh_body_is_read_without_its_mesh(stated: str, tmp_path: Path) 
 
 
 def test_implausible_mesh_has_a_warning() -> None:
-    """100 mm read as m, 0.1 m read as mm, and a density in t/mm^3 give a warning each; a ship gives none."""
+    """100 mm read as m, 0.1 m read as mm, and a density in t/mm^3 each give a warning; a ship gives none."""
     large, small = (primitive("box", [size] * 3, 2700.0) for size in (100.0, 1e-4))
     assert plausibility_warnings(large, 2700.0, None) == (
         "warning: about 129 m across and 2.7e+09 kg; if the mesh is in mm, specify the unit (--unit mm, or "

@@ -24,7 +24,7 @@ def scenario(body: FreeBody, horizon_s: float | None = None) -> Scenario:
 
 
 def test_the_numbers_of_the_body_are_those_of_the_scene() -> None:
-    """Mass, moments and omega, without loads; one number is the size of three equal components."""
+    """Mass, moments and omega are those given, without loads; a single omega is the size of the vector."""
     scene = scenario(FreeBody(0.5, MOMENTS, [1.0, -2.0, 3.0])).scene
     assert scene.body.mass == 0.5
     assert np.array_equal(scene.body.inertia, np.diag(MOMENTS))
@@ -37,7 +37,7 @@ def test_the_numbers_of_the_body_are_those_of_the_scene() -> None:
 
 @pytest.mark.parametrize("omega", [1e-3, 0.7, 3.0, 20.0, 628.0, 1e5])
 def test_duration_and_sampling_follow_the_spin(omega: float) -> None:
-    """From 10 to 50 rotations, samples 0.5 to 1.3 rad apart, steps down to a thousandth of that."""
+    """There are 10 to 50 rotations, samples 0.5 to 1.3 rad apart, and steps down to a thousandth of that."""
     found = scenario(FreeBody(1.0, MOMENTS, [omega]))
     rotations = omega * found.duration_s / (2.0 * math.pi)
     assert 10.0 <= rotations <= 50.0
@@ -48,7 +48,7 @@ def test_duration_and_sampling_follow_the_spin(omega: float) -> None:
 
 
 def test_a_horizon_is_the_duration() -> None:
-    """Also where it is shorter than a sample of the default, or has millions of rotations."""
+    """The duration is the horizon, even if it is very short or contains millions of rotations."""
     for horizon_s in (1e-6, 0.3, 1e9):
         found = scenario(FreeBody(1.0, MOMENTS, [20.0]), horizon_s)
         assert found.duration_s == horizon_s
@@ -67,6 +67,6 @@ def test_a_horizon_is_the_duration() -> None:
     ],
 )
 def test_impossible_bodies_are_refused(body: FreeBody, expected_message: ExpectedMessage) -> None:
-    """The option or the key is named."""
+    """The error names the option or the key."""
     with expected_message.raises(InputError):
         scenario_text(body, None, "body")

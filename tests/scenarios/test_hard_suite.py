@@ -15,12 +15,12 @@ from bodycheck.scenarios.model import Scenario
 
 
 def members(name: str) -> list[Scenario]:
-    """Return a built-in scenario, or all of a family."""
+    """Return a built-in scenario, or all members of a family."""
     return [scenario for _, scenario in load_scenarios([name])]
 
 
 def only(name: str) -> Scenario:
-    """Return a built-in scenario that is no family."""
+    """Return a built-in scenario that is not a family."""
     (scenario,) = members(name)
     return scenario
 
@@ -42,13 +42,13 @@ def test_separatrix_is_met_exactly_and_approached_to_1e_12() -> None:
 
 
 def test_two_moments_are_nearly_equal() -> None:
-    """They differ by 1e-3 to 1e-12, relatively."""
+    """The two moments have relative differences of 1e-3 to 1e-12."""
     gaps = [float(np.diff(np.diag(s.scene.body.inertia))[0] / 2.0) for s in members("near-symmetric")]
     np.testing.assert_allclose(gaps, [1e-3, 1e-6, 1e-9, 1e-12], rtol=1e-3)
 
 
 def test_needle_and_plate_are_at_the_limits_of_a_body() -> None:
-    """One moment is a millionth of the others; the two smaller ones sum to the largest, to round-off."""
+    """One moment is 1e-6 of the others; the two smaller ones sum to the largest one, to round-off."""
     needle = np.diag(only("needle").scene.body.inertia)
     assert needle[2] / needle[0] == 1e-6
     low, middle, high = np.linalg.eigvalsh(only("tilted-plate").scene.body.inertia)
@@ -58,7 +58,7 @@ def test_needle_and_plate_are_at_the_limits_of_a_body() -> None:
 
 
 def test_steps_span_from_a_hundredth_of_a_radian_to_half_a_turn() -> None:
-    """|omega| dt at the start."""
+    """|omega| dt at the start spans this range."""
     scenario = only("turn-per-step")
     turned = omega(scenario.scene) * np.array(scenario.steps)
     assert turned.max() == pytest.approx(math.pi, rel=1e-12, abs=0.0)
@@ -66,7 +66,7 @@ def test_steps_span_from_a_hundredth_of_a_radian_to_half_a_turn() -> None:
 
 
 def test_extreme_scenarios_have_their_sizes() -> None:
-    """A thousand rad/s; masses and moments over 18 decades; 1e8 m from the origin."""
+    """There are 1000 rad/s, masses and moments over 18 decades, and 1e8 m from the origin."""
     assert omega(only("fast-spin").scene) == 1000.0
     bodies = [scenario.scene.body for scenario in members("light-and-heavy")]
     np.testing.assert_allclose([body.mass for body in bodies], [1e-9, 1.0, 1e9], rtol=1e-14)
@@ -76,7 +76,7 @@ def test_extreme_scenarios_have_their_sizes() -> None:
 
 
 def test_long_runs_are_long() -> None:
-    """A million steps; a day."""
+    """The long runs have a million steps and a duration of a day."""
     scenario = only("long-tumble")
     assert scenario.duration_s / min(scenario.steps) >= 1e6 * (1.0 - 1e-12)
     assert only("slow-day").duration_s == 86400.0
@@ -108,7 +108,7 @@ def test_torques_switch_between_steps() -> None:
 
 
 def test_chaotic_top_outlasts_its_truth() -> None:
-    """Even double-double arithmetic loses the motion before the end."""
+    """Even double-double arithmetic loses the motion before the end of the run."""
     scene = only("chaotic-top").scene
     truth = solve_truth(scene, scene.sample_times)
     assert 0.5 * scene.duration_s < truth.trusted_until_s < scene.duration_s
@@ -116,6 +116,6 @@ def test_chaotic_top_outlasts_its_truth() -> None:
 
 @pytest.mark.parametrize("name", suites()["hard"])
 def test_hard_suite_has_at_most_the_steps_of_ten_minutes(name: str) -> None:
-    """The sum of the steps of each scenario stays within what a suite of ten minutes allows."""
+    """The total number of steps of each scenario is within the limit for a suite of ten minutes."""
     for scenario in members(name):
         assert sum(scenario.duration_s / step for step in scenario.steps) < 1.01e6

@@ -50,7 +50,7 @@ def ascii_stl() -> str:
 
 
 def obj(face: Callable[[int], str] = str) -> str:
-    """Return the corner as OBJ, with each reference to a vertex in the given form."""
+    """Return the corner as OBJ, with references to vertices in the given form."""
     vertices = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in VERTICES.tolist())
     faces = "".join("f " + " ".join(face(i + 1) for i in triangle) + "\n" for triangle in TRIANGLES.tolist())
     return "# a corner\no corner\nvt 0 0\nvn 0 0 1\n" + vertices + "s off\n" + faces
@@ -78,7 +78,7 @@ def ascii_ply() -> str:
 
 
 def binary_ply(order: str) -> bytes:
-    """Return the corner as binary PLY of a byte order."""
+    """Return the corner as binary PLY with the given byte order."""
     name = {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
     vertices = b"".join(struct.pack(order + "3dB", *vertex, 255) for vertex in VERTICES)
     faces = b"".join(struct.pack(order + "B3i", 3, *triangle) for triangle in TRIANGLES)
@@ -131,7 +131,7 @@ def test_each_format_gives_the_same_triangles(case: str, tmp_path: Path) -> None
 
 @pytest.mark.parametrize("case", GOOD)
 def test_each_format_gives_the_same_body(case: str, tmp_path: Path) -> None:
-    """The corner of a 1 x 2 x 3 box at 1000 kg/m^3 weighs 1000 kg, its centre a quarter along each edge."""
+    """The corner of a 1 x 2 x 3 box at 1000 kg/m^3 has 1000 kg and its centre at a quarter of each edge."""
     body = load_mesh(written(tmp_path, *GOOD[case]), 1000.0)
     assert body.mass == pytest.approx(1000.0, rel=1e-15, abs=0.0)
     assert body.centre == pytest.approx([0.25, 0.5, 0.75], rel=1e-15, abs=0.0)
@@ -139,7 +139,7 @@ def test_each_format_gives_the_same_body(case: str, tmp_path: Path) -> None:
 
 
 def quads(extension: str) -> str | bytes:
-    """A cube of quadrilaterals and, in one corner, the two triangles of a face."""
+    """Return a cube of quadrilaterals; one corner has the two triangles of a face instead."""
     faces = [*QUADS[:-1], [1, 3, 7], [1, 7, 5]]
     faces = [face[::-1] for face in faces]
     if extension == "obj":
@@ -157,14 +157,14 @@ def quads(extension: str) -> str | bytes:
 
 @pytest.mark.parametrize("extension", ["obj", "ascii.ply", "binary.ply"])
 def test_polygons_are_cut_into_triangles(extension: str, tmp_path: Path) -> None:
-    """A cube of quadrilaterals and triangles, mixed, is the unit cube."""
+    """A cube of mixed quadrilaterals and triangles is the unit cube."""
     body = load_mesh(written(tmp_path, f"cube.{extension}", quads(extension)), 6.0)
     assert body.mass == pytest.approx(6.0, rel=1e-15, abs=0.0)
     assert body.inertia == pytest.approx(np.eye(3), abs=1e-15)
 
 
 def test_concave_polygons_are_exact(tmp_path: Path) -> None:
-    """An L-shaped plate whose ends are concave hexagons has its volume and centre exactly."""
+    """An L-shaped plate with concave hexagonal ends has exactly the right volume and centre."""
     outline = [(2, 1), (1, 1), (1, 2), (0, 2), (0, 0), (2, 0)]
     vertices = "".join(f"v {x} {y} {z}\n" for z in (0, 1) for x, y in outline)
     top, bottom = [7, 8, 9, 10, 11, 12], [6, 5, 4, 3, 2, 1]
@@ -187,7 +187,7 @@ def test_other_elements_of_a_ply_are_skipped(tmp_path: Path) -> None:
 
 
 def test_corrected_file_has_a_note(tmp_path: Path) -> None:
-    """An inside-out file is reversed, and the body's notes say so."""
+    """An inside-out file is reversed, and the body's notes state it."""
     text = obj().replace("f 1 3 2", "f 1 2 3").replace("f 1 2 4", "f 1 4 2")
     text = text.replace("f 1 4 3", "f 1 3 4").replace("f 2 3 4", "f 2 4 3")
     body = load_mesh(written(tmp_path, "a.obj", text), 1.0)
@@ -276,7 +276,7 @@ def test_malformed_files_are_refused_in_one_line(
 
 
 def ball(rings: int) -> tuple[Array, Triangles]:
-    """Return a ball of 2 rings (rings - 1) triangles, its corners and its triangles."""
+    """Return the corners and triangles of a ball with 2 rings (rings - 1) triangles."""
     polar, around = np.pi * np.arange(1, rings) / rings, 2.0 * np.pi * np.arange(rings) / rings
     z, x, y = np.cos(polar), np.outer(np.sin(polar), np.cos(around)), np.outer(np.sin(polar), np.sin(around))
     vertices = np.stack([x, y, np.broadcast_to(z[:, None], x.shape)], axis=-1).reshape(-1, 3)
@@ -291,7 +291,7 @@ def ball(rings: int) -> tuple[Array, Triangles]:
 
 
 def ball_files(vertices: Array, triangles: Triangles) -> dict[str, bytes]:
-    """Return a mesh as files of every format, as long as they get: all digits of every double."""
+    """Return a mesh as files of every format at their maximum size, with all digits of every double."""
     facets = np.zeros(len(triangles), dtype=[("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
     facets["v"] = vertices[triangles]
     lines = [" ".join(map(repr, point)) for point in vertices.tolist()]
@@ -322,9 +322,9 @@ def ball_files(vertices: Array, triangles: Triangles) -> dict[str, bytes]:
 def test_mesh_takes_at_most_200_bytes_per_triangle(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The peak from file to mass counts what numpy and numba allocate and the bytes of the file."""
+    """The peak from file to mass includes the memory of numpy and numba and the bytes of the file."""
     monkeypatch.setattr(bodycheck.scenarios.shapes, "cache_directory", lambda: tmp_path / "cache")
-    for rings in (49, 50):  # the first loads the compiled functions
+    for rings in (49, 50):  # the first one loads the compiled functions
         vertices, triangles = ball(rings)
         path = written(tmp_path, f"{rings}-{name}", ball_files(vertices, triangles)[name])
         tracemalloc.start()
@@ -353,7 +353,7 @@ def test_file_changed_during_reading_is_refused(
 
 
 def test_files_that_cannot_be_read_are_refused(tmp_path: Path, expected_message: ExpectedMessage) -> None:
-    """A missing file, and a folder, are refused by name."""
+    """A missing file and a folder are refused by name."""
     (tmp_path / "folder.stl").mkdir()
     for name in ("missing.stl", "folder.stl"):
         with expected_message.raises(InputError):
@@ -361,7 +361,7 @@ def test_files_that_cannot_be_read_are_refused(tmp_path: Path, expected_message:
 
 
 def test_file_above_one_gibibyte_is_not_read(tmp_path: Path, expected_message: ExpectedMessage) -> None:
-    """It is refused by its size alone."""
+    """The file is refused by its size alone."""
     path = tmp_path / "huge.obj"
     with path.open("wb") as file:
         file.truncate((1 << 30) + 1)
@@ -371,7 +371,7 @@ def test_file_above_one_gibibyte_is_not_read(tmp_path: Path, expected_message: E
 
 
 def test_impossible_density_or_shape_is_refused(tmp_path: Path, expected_message: ExpectedMessage) -> None:
-    """The density of a mesh and the sizes of a primitive are refused in one line."""
+    """An invalid density of a mesh or size of a primitive is refused in one line."""
     path = written(tmp_path, "a.obj", obj())
     with expected_message.raises(InputError):
         load_mesh(path, float("nan"))
@@ -428,7 +428,7 @@ def exact_volume(vertices: Any, triangles: Any) -> Fraction:
 
 
 def pybullet_file(name: str) -> Path:
-    """Return the path of a file that comes with PyBullet, or skip."""
+    """Return the path of a file that comes with PyBullet, or skip the test."""
     data = pytest.importorskip("pybullet_data")
     return Path(data.getDataPath()) / name
 
@@ -462,7 +462,7 @@ def test_touching_parts_are_counted_once_each() -> None:
     ],
 )
 def test_pybullet_meshes_without_a_solid_are_refused(name: str, expected_message: ExpectedMessage) -> None:
-    """Open meshes and overlapping convex parts are refused with a message that says which."""
+    """Open meshes and overlapping convex parts are refused with a message that identifies the fault."""
     path = pybullet_file(name)
     with pytest.raises(InputError) as caught:
         load_mesh(path, 1.0)

@@ -1,4 +1,4 @@
-"""What URDF, SDFormat and MJCF files state, against formulas and arithmetic from outside."""
+"""The properties that URDF, SDFormat and MJCF files state, compared with formulas and other programs."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_composite_agrees_with_50_digits_by_another_formula(seed: int, tmp_path:
 
 
 def test_inertial_frame_rotates_the_tensor(tmp_path: Path) -> None:
-    """In link axes the tensor is R J R^T with R from fixed-axis roll, pitch and yaw."""
+    """In link axes the tensor is R J R^T, with R from fixed-axis roll, pitch and yaw."""
     text = (
         '<robot name="r"><link name="a"><inertial><origin xyz="1 2 3" rpy="0.3 -0.8 2.1"/><mass value="2"/>'
         '<inertia ixx="1" iyy="2" izz="2.5" ixy="0.1" ixz="0" iyz="-0.2"/></inertial></link></robot>'
@@ -101,7 +101,7 @@ def test_sdformat_has_its_defaults_and_names_models(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("spelling", spellings(), ids=lambda one: f"{one.format} {one.name}")
 def test_spellings_state_one_body(spelling: Spelling, tmp_path: Path) -> None:
-    """All links of a spelling together are the body, to the rounding of the numbers in the file."""
+    """Each spelling's links together form the same body, to the rounding of the numbers in the file."""
     model = _read(spelling.text, tmp_path)
     root = model.links[0]
     parts = [root.stated.in_link] if root.stated else []
@@ -115,7 +115,7 @@ def test_spellings_state_one_body(spelling: Spelling, tmp_path: Path) -> None:
 
 
 def test_mjcf_classes_orientations_and_compiler_agree_with_mujoco(tmp_path: Path) -> None:
-    """Bodies with inertials, geoms, defaults, frames and compiler settings are those that MuJoCo compiles."""
+    """Bodies with inertials, geoms, defaults, frames and compiler settings equal those MuJoCo compiles."""
     for seed in range(12):
         _assert_as_compiled(_read(random_mjcf(np.random.default_rng(seed)), tmp_path))
 
@@ -168,7 +168,7 @@ _MESH = "<geom type='mesh' mesh='m' density='700' pos='0.1 0 0'/>"
 def test_each_setting_of_mjcf_has_the_meaning_it_has_for_mujoco(
     settings: str, content: str, tmp_path: Path
 ) -> None:
-    """A body has the mass, the centre and the tensor that MuJoCo compiles; so has its file of one link."""
+    """A body and its one-link file have the mass, centre and tensor that MuJoCo compiles."""
     text = f"<mujoco>{settings}<worldbody><body name='b' pos='1 2 3' euler='5 6 7'><joint/>{content}</body>"
     model = _read(text + "</worldbody></mujoco>", tmp_path)
     whole = _assert_as_compiled(model)
@@ -189,7 +189,7 @@ def test_each_setting_of_mjcf_has_the_meaning_it_has_for_mujoco(
 
 
 def test_link_alone_keeps_the_meshes_of_its_file(tmp_path: Path) -> None:
-    """An excerpt finds the mesh file that it needs from any folder, and needs no other one."""
+    """An excerpt finds the mesh file that it needs from any folder and needs no other file."""
     (tmp_path / "meshes").mkdir()
     lines = [f"v {' '.join(corner.split())}" for corner in _CORNERS.split("  ")]
     lines += ["f " + " ".join(str(int(k) + 1) for k in face.split()) for face in _FACES.split("  ")]
@@ -258,7 +258,7 @@ def _compiled_tensor(model: mujoco.MjModel, index: int) -> np.ndarray:
     ],
 )
 def test_mesh_names_mean_files_of_the_package(name: str, tmp_path: Path) -> None:
-    """A mesh is looked for next to the model, or in the nearest folder with the name of its package."""
+    """A mesh is searched for next to the model, then in the nearest folder with the name of its package."""
     home = tmp_path / "arm"
     folder = home if "package" not in name else home / "urdf"
     assert resolved(name, folder / "robot.urdf") == home / "meshes" / "a.stl"
@@ -278,7 +278,7 @@ def test_mesh_names_mean_files_of_the_package(name: str, tmp_path: Path) -> None
 def test_link_whose_axes_the_compiler_chooses_is_not_compared(
     compiler: str, joint: str, child: str, computed: bool, tmp_path: Path
 ) -> None:
-    """An aligned free joint makes the axes of a body without children principal, in an unstated order."""
+    """An aligned free joint makes the axes of a body without children principal, in an unspecified order."""
     geom = "<geom type='box' size='0.1 0.2 0.3' pos='1 0 0'/>"
     body = f"<body name='b'>{joint}{geom}{child}</body>"
     model = _read(f"<mujoco><compiler {compiler}/><worldbody>{body}</worldbody></mujoco>", tmp_path)
@@ -286,7 +286,7 @@ def test_link_whose_axes_the_compiler_chooses_is_not_compared(
 
 
 def test_nameless_bodies_are_named_by_their_places(tmp_path: Path) -> None:
-    """Bodies without a name in one line, or in the same line of two files, are different bodies."""
+    """Bodies without a name on one line, or on the same line of two files, are different bodies."""
     for name in ("a", "b"):
         (tmp_path / f"{name}.xml").write_text("<mujocoinclude><body/><body/></mujocoinclude>")
     model = _read(
@@ -304,7 +304,7 @@ def test_nameless_bodies_are_named_by_their_places(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("inertia", ["convex", "exact", "legacy"])
 def test_mesh_geom_is_placed_once(inertia: str, tmp_path: Path) -> None:
-    """A mesh of a box that is turned by 30 degrees and moved has R I R^T of the box, and is moved once."""
+    """The mesh of a box rotated by 30 degrees and moved has R I R^T of the box, and is moved only once."""
     edges = np.array([0.2, 0.3, 0.5])
     corners = np.array(np.meshgrid(*([-0.5, 0.5],) * 3)).reshape(3, -1).T * edges
     hull = ConvexHull(corners)
@@ -358,7 +358,7 @@ def _row(values: np.ndarray) -> str:
 def test_wrong_file_gives_one_line_that_names_the_place(
     text: str, expected_message: ExpectedMessage, tmp_path: Path
 ) -> None:
-    """A file that cannot be read gives one line with the file, the line and what is wrong."""
+    """A file that cannot be read gives one line with the file, the line number and the error."""
     with expected_message.raises(InputError) as caught:
         _read(text, tmp_path)
     assert "\n" not in str(caught.value)
@@ -383,7 +383,7 @@ def test_damaged_files_are_read_or_refused(tmp_path: Path) -> None:
 
 
 def test_changed_tensor_keeps_what_is_no_number(tmp_path: Path) -> None:
-    """An attribute of <inertia> that is no number is no tensor to change, nor a reason to stop."""
+    """An attribute of <inertia> that is not a number is kept unchanged and is not an error."""
     file = tmp_path / "model.urdf"
     file.write_text(
         "<robot name='r'><link name='a'><inertial><mass value='1'/>"
@@ -395,7 +395,7 @@ def test_changed_tensor_keeps_what_is_no_number(tmp_path: Path) -> None:
 
 
 def test_file_outside_of_the_folder_is_named(tmp_path: Path) -> None:
-    """An included file outside of the model's folder is reported."""
+    """An included file outside the model's folder is reported."""
     (tmp_path / "other.xml").write_text(
         "<mujoco><worldbody><body name='b'><geom size='1'/></body></worldbody></mujoco>"
     )

@@ -1,4 +1,4 @@
-"""Estimates of implicit solids against closed forms, and the reliability of their standard errors."""
+"""Estimates of implicit solids compared with closed forms, and the reliability of their standard errors."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ UPRIGHT = ImplicitTorus(1.0, 0.4)
 
 
 def lying(points: Any) -> Any:
-    """f of the torus about x, whose columns along z meet it once or twice."""
+    """Return f of the torus about x, whose columns along z meet it once or twice."""
     return (np.hypot(points[:, 1], points[:, 2]) - 1.0) ** 2 + points[:, 0] ** 2 - 0.16
 
 
 def jumping(points: Any) -> Any:
-    """The same as a mere sign, nothing to interpolate."""
+    """Return the sign of the same f, which cannot be interpolated."""
     return np.where(lying(points) <= 0.0, -1.0, 1.0)
 
 
 def lying_torus(cells: int = 32, function: Any = lying) -> LevelSet:
-    """Return that torus with a grid of so many cells a column."""
+    """Return that torus with a grid of this many cells per column."""
     return LevelSet(function, UPRIGHT.lower[::-1], UPRIGHT.upper[::-1], cells)
 
 
@@ -47,7 +47,7 @@ CASES: dict[str, tuple[ImplicitSolid, MassProperties]] = {
 
 
 def deviations(found: Estimate, truth: MassProperties) -> Any:
-    """Return the error of each number over its standard error; of those that are mere round-off, none."""
+    """Return the errors over their standard errors, except for numbers that are only round-off."""
     errors = np.concatenate(
         [
             [found.properties.mass - truth.mass],
@@ -84,7 +84,7 @@ def test_standard_errors_match_the_scatter(case: str) -> None:
 
 @pytest.mark.parametrize(("case", "least"), [("torus", 0.9), ("ellipsoid", 0.9)])
 def test_standard_errors_converge_faster_than_monte_carlo(case: str, least: float) -> None:
-    """From 2^10 to 2^15 columns the errors fall with the power -0.9 of their number, or faster."""
+    """From 2^10 to 2^15 columns the errors decrease with the power -0.9 of their number, or faster."""
     solid, _ = CASES[case]
     coarse, fine = (estimate(solid, columns_log2=n) for n in (10, 15))
     assert np.log2(coarse.mass_error / fine.mass_error) / 5.0 > least
@@ -92,13 +92,13 @@ def test_standard_errors_converge_faster_than_monte_carlo(case: str, least: floa
 
 
 def test_coarse_grid_increases_the_standard_error() -> None:
-    """Where the chords miss parts, the estimate stays right and its standard error grows."""
+    """If the chords miss parts, the estimate stays correct and its standard error increases."""
     missing, right = (estimate(lying_torus(cells, jumping), columns_log2=10) for cells in (3, 32))
     assert missing.mass_error > 3.0 * right.mass_error
 
 
 def plate(thickness: float) -> LevelSet:
-    """Return a tilted plate of 1 m^2 within a cube of 2 m, thinner than a cell of its grid, as a distance."""
+    """Return a distance to a tilted plate of 1 m^2 in a cube of 2 m, thinner than a cell of its grid."""
 
     def distance(p: Any) -> Any:
         across = np.abs(0.6 * p[:, 0] + 0.8 * p[:, 2]) - 0.5 * thickness
@@ -109,14 +109,14 @@ def plate(thickness: float) -> LevelSet:
 
 @pytest.mark.parametrize("thickness", [0.05, 1e-3, 1e-6])
 def test_walls_thinner_than_the_grid_are_found(thickness: float) -> None:
-    """The chords find a wall within one cell, so that its relative error is that of any other."""
+    """The chords find a wall within one cell, so that its relative error is that of any other wall."""
     found = estimate(plate(thickness), columns_log2=10)
     assert abs(found.properties.mass - thickness) < 4.0 * found.mass_error < 0.02 * thickness
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0], ids=["walls", "gaps"])
 def test_two_thin_walls_next_to_a_grid_point_are_found(sign: float) -> None:
-    """A column that grazes a shell meets it twice between neighbours of one grid point."""
+    """A column that grazes a shell meets it twice between the neighbours of one grid point."""
     corner = np.ones(3)
     solid = LevelSet(lambda p: sign * (np.abs(np.abs(p[:, 2]) - 0.05) - 1e-4), -corner, corner, 16)
     found = solid.chords(np.zeros((1, 2)))
@@ -126,7 +126,7 @@ def test_two_thin_walls_next_to_a_grid_point_are_found(sign: float) -> None:
 
 @pytest.mark.slow
 def test_gaps_thinner_than_the_grid_are_found() -> None:
-    """A slit of a thousandth of a block reduces its mass by that, within 1 %."""
+    """A slit of a thousandth of a block reduces its mass by that amount, within 2 %."""
     thin = plate(1e-3)
 
     def block(p: Any) -> Any:
@@ -140,7 +140,7 @@ def test_gaps_thinner_than_the_grid_are_found() -> None:
 
 
 def test_estimate_from_a_few_points_is_refused(expected_message: ExpectedMessage) -> None:
-    """A wall given by a mere sign, so thin that some ten points meet it, is refused."""
+    """A wall given only by a sign, so thin that about ten points meet it, is refused."""
     thin = plate(1e-3)
     sign = LevelSet(
         lambda p: np.where(np.asarray(thin.function(p)) <= 0.0, -1.0, 1.0), thin.lower, thin.upper, 16
@@ -175,7 +175,7 @@ def test_box_cuts_the_solid_off() -> None:
 
 
 def test_same_seed_gives_the_same_numbers() -> None:
-    """An estimate can be repeated bit for bit, and another seed gives another one."""
+    """The same seed repeats an estimate bit for bit, and another seed gives another one."""
     one, again, other = (estimate(UPRIGHT, columns_log2=10, seed=seed) for seed in (1, 1, 2))
     assert one.properties.mass == again.properties.mass != other.properties.mass
 

@@ -1,4 +1,4 @@
-"""The scenario format: every key, every refusal, and all errors of a file at once."""
+"""The scenario format: every key, every refusal, and all errors of a file in one reading."""
 
 from __future__ import annotations
 
@@ -55,26 +55,26 @@ values = [1e-3, 1e-12]
 
 
 def parsed(addition: str = "", base: str = GOOD) -> Scenario:
-    """Return the scenario that this text holds."""
+    """Return the scenario that this text defines."""
     return parse_scenario(base + addition, "file.toml")
 
 
 def refusals(text: str) -> list[str]:
-    """Return the lines by which this text is refused."""
+    """Return the error lines with which this text is refused."""
     with pytest.raises(InputError) as caught:
         parse_members(text, "file.toml", HERE)
     return str(caught.value).splitlines()
 
 
 def test_minimal_file_starts_at_rest_at_the_origin() -> None:
-    """Every key of [initial] is optional; the body is at rest at the origin, axes aligned."""
+    """Every key of [initial] is optional; by default the body is at rest at the origin with aligned axes."""
     start = parsed().scene.initial
     assert start.quaternion.tolist() == [1.0, 0.0, 0.0, 0.0]
     assert not np.any([start.position, start.velocity, start.omega_body])
 
 
 def test_times_are_computed_from_the_sample_number() -> None:
-    """Sample k lies at k T / (n - 1)."""
+    """Sample k is at k T / (n - 1)."""
     times = parsed().scene.sample_times
     assert times.tolist() == [k * 2.0 / 20 for k in range(21)]
 
@@ -89,7 +89,7 @@ def test_omega_in_world_axes_is_rotated_into_body_axes() -> None:
 
 
 def test_engines_get_a_unit_quaternion_and_the_truth_the_one_of_the_file() -> None:
-    """A quaternion within 1e-6 of unit length is normalised for engines, and unchanged for the truth."""
+    """A quaternion within 1e-6 of unit length is normalised for engines, but unchanged for the truth."""
     scenario = parsed("[initial]\nquaternion = [1.0000005, 0, 0, 0]\n")
     assert scenario.scene.initial.quaternion.tolist() == [1.0, 0.0, 0.0, 0.0]
     assert scenario.scene_as_written.initial.quaternion.tolist() == [1.0000005, 0.0, 0.0, 0.0]
@@ -105,7 +105,7 @@ def test_unit_quaternion_is_unchanged() -> None:
 
 
 def test_truth_starts_from_omega_as_written() -> None:
-    """Engines get omega in body axes, rounded; the initial state keeps that in world axes."""
+    """Engines get omega in body axes, rounded; the initial state stores it in world axes."""
     scenario = parsed("[initial]\nquaternion = [0.6, 0.8, 0, 0]\nomega_world_rad_s = [1, 2, 3]\n")
     assert scenario.scene.initial.exact_omega_world is None
     exact = scenario.scene_as_written.initial.exact_omega_world
@@ -115,14 +115,14 @@ def test_truth_starts_from_omega_as_written() -> None:
 
 
 def test_full_tensor_is_unchanged() -> None:
-    """The off-diagonals are the tensor's entries, I_xy = -sum m x y."""
+    """The off-diagonal numbers are the tensor's entries, I_xy = -sum m x y."""
     rows = "[[0.9, 0.04, -0.03], [0.04, 1.1, 0.02], [-0.03, 0.02, 1.3]]"
     scene = parsed(base=GOOD.replace("[1.0, 2.0, 2.5]", rows)).scene
     assert scene.body.inertia[0].tolist() == [0.9, 0.04, -0.03]
 
 
 def test_forcings_become_loads_and_gravity() -> None:
-    """A torque and a force keep their times; accelerations of gravity are summed."""
+    """A torque and a force keep their times, and accelerations of gravity are summed."""
     scene = parsed(
         '[[forcing]]\nkind = "torque"\naxes = "world"\nvalue_n_m = [1, 2, 3]\nfrom_s = 0.5\nuntil_s = 1\n'
         '[[forcing]]\nkind = "force"\naxes = "body"\nvalue_n = [1, 0, 0]\nat_m = [0, 1, 0]\n'
@@ -250,12 +250,12 @@ FAULTS = {
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_each_error_is_refused_with_its_key(fault: str, expected_message: ExpectedMessage) -> None:
-    """Each wrong file is refused by a line with the place and what would be right."""
+    """Each invalid file is refused by a line with the place and the valid form."""
     expected_message("\n".join(refusals(FAULTS[fault])))
 
 
 def test_all_errors_of_a_file_are_reported_at_once() -> None:
-    """One reading reports every error in one line each, also those that concern two keys."""
+    """One reading reports every error on one line each, including those that concern two keys."""
     lines = refusals(
         """
 name = "x"
@@ -289,7 +289,7 @@ until_s = 1
 
 
 def test_plate_on_the_limit_is_accepted() -> None:
-    """I1 + I2 = I3 is a flat plate, a possible body; so is a violation below 1e-12."""
+    """I1 + I2 = I3 is a flat plate, which is a possible body; so is a violation below 1e-12."""
     for third in ("3.0", "3.0000000000001"):
         parsed(base=GOOD.replace("2.5]", f"{third}]"))
 
@@ -306,7 +306,7 @@ def test_unreadable_files_are_named(tmp_path: Path) -> None:
 
 
 def pivoted(initial: str) -> Scenario:
-    """Return the good scenario about a pivot 0.5 m below its centre of mass."""
+    """Return the valid scenario about a pivot 0.5 m below its centre of mass."""
     return parsed(f'[initial]\n{initial}\n[[forcing]]\nkind = "pivot"\nat_m = [0, 0, -0.5]\n')
 
 
@@ -315,12 +315,12 @@ def pivoted(initial: str) -> Scenario:
 def test_excessive_numbers_and_lists_are_refused(
     value: str, text: str, expected_message: ExpectedMessage
 ) -> None:
-    """What no reader can hold is refused in one line, in a family too."""
+    """Numbers and lists that are too large to parse are refused in one line, also in a family."""
     expected_message("\n".join(refusals(f"foo = {value}\n{text}")))
 
 
 def test_centre_moves_with_the_rotation_about_a_pivot() -> None:
-    """v = omega x (x - pivot) in world axes, whether the file gives it, to nine digits, or not."""
+    """v = omega x (x - pivot) in world axes, whether the file omits it or gives it to nine digits."""
     half = math.sqrt(0.5)
     turned = f"quaternion = [{half!r}, {half!r}, 0, 0]\nomega_body_rad_s = [1, 2, 3]"
     scene = pivoted(turned).scene
@@ -333,7 +333,7 @@ def test_centre_moves_with_the_rotation_about_a_pivot() -> None:
 
 
 def test_each_kind_of_forcing_becomes_its_load() -> None:
-    """Every key of every kind is used; an angular drag may be one number; defaults are zero."""
+    """Every key of every kind is used, an angular drag may be a single number, and defaults are zero."""
     scene = parsed(
         """
 [[forcing]]
@@ -380,7 +380,7 @@ orbit_rate_rad_s = 10
 
 
 def test_link_frame_is_read() -> None:
-    """Parts not given default to the centre of mass and the body axes; without any there is no link."""
+    """Missing parts default to the centre of mass and the body axes; without any part there is no link."""
     assert parsed().scene.link is None
     link = parsed("link_offset_m = [1, 2, 3]\n").scene.link
     assert link is not None
@@ -409,7 +409,7 @@ STILL = (np.zeros(3), np.eye(3), np.zeros(3), np.ones(3))
 
 
 def called(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> CallbackLoad:
-    """Return the load that a function of WRENCH becomes, where code is allowed."""
+    """Return the load that a function of WRENCH becomes if code is allowed."""
     (folder / "user_wrench.py").write_text(WRENCH)
     monkeypatch.chdir(folder)
     text = f'[[forcing]]\nkind = "callable"\nfunction = "user_wrench:{name}"\n'
@@ -421,7 +421,7 @@ def called(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callback
 def test_callback_load_is_imported_where_code_is_allowed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It gets copies, and returns force and torque as arrays."""
+    """The function gets copies, and its force and torque are returned as arrays."""
     load = called("wrench", tmp_path, monkeypatch)
     force, torque = load.function(0.25, *STILL)
     assert force.tolist() == [0.25, 2.0, 3.0]
@@ -433,7 +433,7 @@ def test_callback_load_is_imported_where_code_is_allowed(
 def test_failing_callback_load_is_named(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
 ) -> None:
-    """An exception, or a result that is not twice three numbers, is one line with the function's name."""
+    """An exception, or a result that is not two times three numbers, is one line with the function's name."""
     load = called(name, tmp_path, monkeypatch)
     with pytest.raises(InputError) as caught:
         load.function(0.25, *STILL)
@@ -481,7 +481,7 @@ def test_value_with_slashes_names_its_child(tmp_path: Path) -> None:
 def test_wrong_child_is_refused(
     child: str, text: str, tmp_path: Path, expected_message: ExpectedMessage
 ) -> None:
-    """A family in the place of one scenario, or an unknown value, is refused with the known ones."""
+    """A family instead of one scenario, or an unknown value, is refused with a list of the known ones."""
     path = tmp_path / "family.toml"
     path.write_text(text)
     with pytest.raises(InputError) as caught:
@@ -490,7 +490,7 @@ def test_wrong_child_is_refused(
 
 
 def test_error_of_one_child_names_the_child() -> None:
-    """An error common to all children is reported once for the file; any other names its child."""
+    """An error common to all children is reported once for the file; any other one names its child."""
     text = SWEPT.replace("mass_kg = 2.0", "mass_kg = -2").replace("1e-12]", "'a']")
     shared, own = refusals(text)
     assert shared.startswith("file.toml: body.mass_kg: ")
@@ -523,7 +523,7 @@ HARD = suites()["hard"]
 
 
 def test_library_list_is_complete() -> None:
-    """The list by which the library is tested contains every file."""
+    """The list that is used to test the library contains every file."""
     assert sorted((*LIBRARY, *FORCED, *HARD, *PROBES, *RECORDED)) == list(scenario_names())
 
 
@@ -541,7 +541,7 @@ def test_library_scenario_has_its_source(name: str) -> None:
 
 
 def test_suites_contain_built_in_scenarios() -> None:
-    """Every member exists; the parts contain all but the probes and the recordings, as does full."""
+    """Every member exists; standard, forcings and hard, like full, have all but probes and recordings."""
     for members in suites().values():
         assert set(members) <= set(scenario_names())
     parts = (suites()[part] for part in ("standard", "forcings", "hard"))
@@ -550,14 +550,14 @@ def test_suites_contain_built_in_scenarios() -> None:
 
 
 def test_tag_selects_the_suite() -> None:
-    """The members of forcings and hard are those with the tag; no member of standard has either."""
+    """The members of forcings and hard are those with the tag, and no member of standard has either tag."""
     for name, scenario in load_scenarios(["full"]):
         (suite,) = {"forcings", "hard"} & {*scenario.tags} or {"standard"}
         assert scenario.family in suites()[suite], name
 
 
 def test_every_continuous_load_has_a_scenario() -> None:
-    """The suite forcings contains each kind of continuous load but a function, which is code of a user."""
+    """The suite forcings contains each kind of continuous load except a callback, which is a user's code."""
     found = {load.kind for _, scenario in load_scenarios(["forcings"]) for load in scenario.scene.loads}
     kinds = {kind for kind, load in load_kinds().items() if issubclass(load, ContinuousLoad)}
     assert kinds - found == {CallbackLoad.kind}
@@ -583,7 +583,7 @@ def test_different_scenarios_of_one_name_are_refused(
 
 
 def test_unknown_name_lists_the_known_names(expected_message: ExpectedMessage) -> None:
-    """An unknown name lists the built-in scenarios and suites."""
+    """The error for an unknown name lists the built-in scenarios and suites."""
     with expected_message.raises(InputError):
         load_scenarios(["nope"])
 
@@ -606,7 +606,7 @@ def test_misspelt_name_suggests_the_nearest(
     suggestion: str,
     expected_message: ExpectedMessage,
 ) -> None:
-    """A misspelt name is refused in a short line with the nearest name."""
+    """A misspelt name is refused in a short line with the nearest valid name."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.toml").write_text(GOOD)
     with pytest.raises(InputError) as refused:
@@ -616,7 +616,7 @@ def test_misspelt_name_suggests_the_nearest(
 
 
 def test_suite_in_the_place_of_a_scenario_lists_its_members(expected_message: ExpectedMessage) -> None:
-    """The message does not say that the suite's name is unknown."""
+    """The error lists the members and does not call the suite's name unknown."""
     with pytest.raises(InputError) as refused:
         load_scenario("smoke")
     expected_message(str(refused.value))

@@ -1,6 +1,6 @@
-"""The smoke suite detects wrong physics: each fault changes a motion by more than methods err.
+"""The smoke suite detects wrong physics: each fault changes a motion by more than the errors of methods.
 
-The motion with a fault comes from an integrator written here, which shares nothing with bodycheck.
+The motion with a fault comes from an integrator written here, which shares no code with bodycheck.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from bodycheck.scenarios.library import suites
 
 LIBRARY = Path(bodycheck.__file__).parent / "scenarios" / "library"
 SMOKE = suites()["smoke"]
-STEPS_PER_SAMPLE = 25  # |omega| dt below 0.06: the classical Runge-Kutta method is then right to 1e-6
+STEPS_PER_SAMPLE = 25  # |omega| dt is below 0.06, so the classical Runge-Kutta method is accurate to 1e-6
 VISIBLE = 0.02  # rad, or of the scale: the error of a map of order 1 at its finest step is below 0.01
 
 
@@ -35,10 +35,10 @@ def _omega(_: Array, omega: Array) -> Array:
 
 @dataclass(frozen=True)
 class Physics:
-    """What an engine might do: by default what is right.
+    """The physics that an engine might compute; the defaults are correct.
 
-    axes: (kind, axes) of a load -> the axes in which it acts instead. clamp: of each component of the
-    velocity or of omega.
+    axes: (kind, axes) of a load -> the axes in which it acts instead. clamp: the limit of each component of
+    the velocity or of omega.
     """
 
     gravity: float = 1.0
@@ -115,7 +115,7 @@ def _rates(document: dict[str, Any], physics: Physics, state: Array) -> Array:
     momentum = inertia @ omega
     torque = torque - physics.gyroscopic * np.cross(omega, momentum)
     towards = np.cross(momentum, np.cross(momentum, omega)) / np.linalg.norm(momentum)
-    torque = torque + physics.energy_drag * towards  # |L| stays
+    torque = torque + physics.energy_drag * towards  # |L| is constant
     quaternion_rate = 0.5 * np.concatenate([[-q[1:] @ omega], q[0] * omega + np.cross(q[1:], omega)])
     falling = gravity + force / (physics.mass * document["body"]["mass_kg"]) - physics.linear_damping * v
     spinning = np.linalg.solve(inertia, torque) - physics.angular_damping * omega
@@ -221,12 +221,12 @@ FAULTS = {
 
 @pytest.mark.parametrize("name", SMOKE)
 def test_motion_without_a_fault_equals_the_truth(name: str) -> None:
-    """Right physics, integrated by independent code, agrees with the certified truth."""
+    """Correct physics, integrated by independent code, agrees with the certified truth."""
     assert _departure(name, Physics()) < 1e-6
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
 def test_every_fault_changes_the_smoke_suite(fault: str) -> None:
-    """In at least one scenario the wrong motion departs by more than healthy methods err."""
+    """In at least one scenario the wrong motion differs from the truth by more than the errors of methods."""
     assert any(_departure(name, FAULTS[fault]) > VISIBLE for name in SMOKE)

@@ -20,13 +20,13 @@ SURFACE = "v 0.0 0.0 0.0\n"
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return the empty folder in which solids are kept."""
+    """Return the empty folder in which solids are stored."""
     monkeypatch.setattr(shapes, "cache_directory", lambda: tmp_path)
     return tmp_path / "solids"
 
 
 def solid_and_computations(name: str = "abc.stl") -> tuple[MassProperties, int]:
-    """Return the solid of a file, and how often it was worked out."""
+    """Return the solid of a file, and how often it was computed."""
     times: list[str] = []
 
     def compute() -> tuple[MassProperties, str]:
@@ -39,7 +39,7 @@ def solid_and_computations(name: str = "abc.stl") -> tuple[MassProperties, int]:
 
 
 def test_solid_is_computed_once(folder: Path) -> None:
-    """The second time all numbers and notes come from the cache; another mesh's do not."""
+    """The second time all numbers and notes come from the cache; another mesh has another entry."""
     assert solid_and_computations()[1] == 1
     found, times = solid_and_computations()
     assert times == 0

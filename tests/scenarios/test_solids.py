@@ -88,7 +88,7 @@ number = 3
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """Work in a folder with a user's modules, and leave nothing of them behind."""
+    """Work in a folder with a user's modules, and remove all traces of them afterwards."""
     (tmp_path / "users_shapes.py").write_text(USERS)
     (tmp_path / "broken_shapes.py").write_text("1 / 0\n")
     (tmp_path / "leaving_shapes.py").write_text("raise SystemExit(3)\n")
@@ -100,7 +100,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def estimated(name: str, box: tuple[float, ...] = AROUND) -> Estimate:
-    """Return the estimate of a function of the user's module at 7 kg/m^3."""
+    """Return the estimate for a function of the user's module at 7 kg/m^3."""
     found = mass_properties(SolidRequest(f"users_shapes:{name}", 7.0, box=box, allow_code=True))
     assert isinstance(found, Estimate)
     return found
@@ -117,7 +117,7 @@ def worst_deviation(found: Estimate, truth: MassProperties) -> float:
 
 @pytest.mark.slow
 def test_level_set_is_estimated_with_its_standard_errors() -> None:
-    """A torus about y at 7 kg/m^3 is within 4 standard errors, each below 1e-3 of the whole."""
+    """A torus about y at 7 kg/m^3 is within 4 standard errors, each below 1e-3 of its total."""
     truth = primitive("torus", TORUS, 7.0).rotated(np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]))
     found = estimated("ring")
     assert worst_deviation(found, truth) < 4.0
@@ -130,7 +130,7 @@ def test_level_set_is_estimated_with_its_standard_errors() -> None:
 def test_level_set_may_modify_its_points() -> None:
     """A function that modifies its argument changes no result; a plate between grid points is found.
 
-    Its plate is thinner than the grid of the chords, which look for it between the grid's own points.
+    The plate is thinner than the grid of the chords, which search for it between the grid's own points.
     """
     found = estimated("careless", (-0.5, -0.5, -0.5, 0.5, 0.5, 0.5))
     assert 0.0 < found.mass_error < 1e-3 * found.properties.mass
@@ -139,7 +139,7 @@ def test_level_set_may_modify_its_points() -> None:
 
 @pytest.mark.slow
 def test_level_set_may_return_integers() -> None:
-    """A ball of radius 0.35 may be given by 0 and 1."""
+    """A ball of radius 0.35 may be given by the values 0 and 1."""
     found = estimated("counted", (-0.5, -0.5, -0.5, 0.5, 0.5, 0.5))
     assert worst_deviation(found, primitive("sphere", [0.35], 7.0)) < 4.0
 
@@ -155,7 +155,7 @@ def test_solid_cut_by_the_box_has_a_note() -> None:
 
 @pytest.mark.parametrize(("shape", "size"), [("torus", TORUS), ("ellipsoid", (1.0, 0.7, 0.4))])
 def test_estimate_of_a_shape_is_near_its_closed_form(shape: str, size: tuple[float, ...]) -> None:
-    """It differs from the closed form by its own standard errors."""
+    """The estimate differs from the closed form by its own standard errors."""
     exact = mass_properties(SolidRequest(shape, 1000.0, size))
     found = mass_properties(SolidRequest(shape, 1000.0, size, monte_carlo=True))
     assert isinstance(exact, MassProperties)
@@ -166,7 +166,7 @@ def test_estimate_of_a_shape_is_near_its_closed_form(shape: str, size: tuple[flo
 
 @pytest.mark.parametrize("shape", PRIMITIVES)
 def test_printed_body_can_be_used_in_a_scenario(shape: str) -> None:
-    """The printed [body], set into a scenario, is the same body, bit for bit."""
+    """The printed [body] gives the same body bit for bit if it is used in a scenario."""
     solid = mass_properties(SolidRequest(shape, 1000.0, [0.7, 0.3, 0.5][: len(PRIMITIVES[shape].sizes)]))
     assert isinstance(solid, MassProperties)
     body, _, _ = "\n".join(as_toml(solid)).partition("[solid]")
@@ -188,7 +188,7 @@ def test_printed_estimate_has_an_error_for_each_number() -> None:
 
 
 def users(function: str, **how: object) -> SolidRequest:
-    """Ask for a function of the user's module."""
+    """Return a request for a function of the user's module."""
     options = {"density": 1.0, "box": AROUND, "allow_code": True, **how}
     return SolidRequest(f"users_shapes:{function}", **options)  # type: ignore[arg-type]
 

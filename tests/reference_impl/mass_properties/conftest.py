@@ -15,7 +15,7 @@ Faces: TypeAlias = NDArray[np.int64]
 
 
 class Exact(NamedTuple):
-    """Volume, centre and inertia about it, as rational numbers."""
+    """Volume, centre and the inertia about it as rational numbers."""
 
     volume: Fraction
     centre: list[Fraction]
@@ -23,7 +23,7 @@ class Exact(NamedTuple):
 
 
 def _exact(vertices: Array, triangles: Faces) -> Exact:
-    """Integrate in whole numbers: every double is one over a power of two."""
+    """Integrate in integers, since every double is an integer over a power of two."""
     ratios = [[float(x).as_integer_ratio() for x in vertex] for vertex in vertices]
     unit = max(denominator for row in ratios for _, denominator in row)
     points = [[n * (unit // d) for n, d in row] for row in ratios]
@@ -54,7 +54,7 @@ def _exact(vertices: Array, triangles: Faces) -> Exact:
 
 @pytest.fixture(scope="session")
 def exact_integrals() -> Callable[[Array, Faces], Exact]:
-    """The mass properties of a closed mesh in rational numbers."""
+    """Return the function that computes a closed mesh's mass properties in rational numbers."""
     return _exact
 
 
@@ -79,7 +79,7 @@ def _errors(vertices: Array, triangles: Faces, found: MassProperties) -> tuple[f
 
 @pytest.fixture(scope="session")
 def exact_errors() -> Callable[[Array, Faces, MassProperties], tuple[float, float, float]]:
-    """The errors of mass properties against rational numbers."""
+    """Return the function that compares mass properties with rational numbers."""
     return _errors
 
 
@@ -88,12 +88,12 @@ class Meshes:
 
     @staticmethod
     def tetrahedron() -> tuple[Array, Faces]:
-        """The corner of the unit cube."""
+        """Return the corner of the unit cube."""
         return np.vstack([np.zeros(3), np.eye(3)]), np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 
     @staticmethod
     def box(lower: Any = (0.0, 0.0, 0.0), upper: Any = (1.0, 1.0, 1.0)) -> tuple[Array, Faces]:
-        """A box, two triangles a face."""
+        """Return a box with two triangles per face."""
         corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=np.float64)
         quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
         triangles = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
@@ -101,7 +101,7 @@ class Meshes:
 
     @staticmethod
     def sphere(subdivisions: int) -> tuple[Array, Faces]:
-        """An octahedron, each triangle split in four so many times, its vertices put on the unit sphere."""
+        """Return a sphere: an octahedron whose triangles are repeatedly split in four."""
         vertices = [np.array(v, dtype=np.float64) for v in np.vstack([np.eye(3), -np.eye(3)])]
         triangles = [
             (0, 1, 2), (1, 3, 2), (3, 4, 2), (4, 0, 2), (1, 0, 5), (3, 1, 5), (4, 3, 5), (0, 4, 5),
@@ -125,7 +125,7 @@ class Meshes:
 
     @staticmethod
     def grid_surface(rows: int, columns: int, point: Callable[[float, float], Any]) -> tuple[Array, Faces]:
-        """A surface closed both ways, point(u, v) with u and v from 0 to 2 pi."""
+        """Return a surface closed in both directions, point(u, v) with u and v from 0 to 2 pi."""
         angles = [
             (2 * np.pi * i / rows, 2 * np.pi * j / columns) for i in range(rows) for j in range(columns)
         ]
@@ -139,7 +139,7 @@ class Meshes:
 
     @classmethod
     def torus(cls, major: float, minor: float, rows: int, columns: int) -> tuple[Array, Faces]:
-        """A torus about z."""
+        """Return a torus about z."""
 
         def point(u: float, v: float) -> Any:
             rho = major + minor * np.cos(v)
@@ -149,7 +149,7 @@ class Meshes:
 
     @staticmethod
     def prism(sides: int, radius: float, length: float) -> tuple[Array, Faces]:
-        """A regular prism about z, its side two long triangles an edge, its ends fans."""
+        """Return a regular prism about z, with two long triangles per edge of its side and fans as ends."""
         angles = 2 * np.pi * np.arange(sides) / sides
         ring = np.column_stack([radius * np.cos(angles), radius * np.sin(angles)])
         ends = [np.column_stack([ring, np.full(sides, z)]) for z in (-0.5 * length, 0.5 * length)]
@@ -162,12 +162,12 @@ class Meshes:
 
 @pytest.fixture(scope="session")
 def meshes() -> type[Meshes]:
-    """Makers of closed meshes that face outward."""
+    """Return the constructors of closed meshes that face outward."""
     return Meshes
 
 
 def _joined(*parts: tuple[Array, Faces]) -> tuple[Array, Faces]:
-    """Several meshes as one."""
+    """Return the function that joins several meshes into one."""
     offsets = np.cumsum([0] + [len(vertices) for vertices, _ in parts[:-1]])
     faces = [faces + offset for (_, faces), offset in zip(parts, offsets, strict=True)]
     return np.vstack([vertices for vertices, _ in parts]), np.vstack(faces)
@@ -175,5 +175,5 @@ def _joined(*parts: tuple[Array, Faces]) -> tuple[Array, Faces]:
 
 @pytest.fixture(scope="session")
 def joined() -> Callable[..., tuple[Array, Faces]]:
-    """Several meshes as one."""
+    """Join several meshes into one."""
     return _joined

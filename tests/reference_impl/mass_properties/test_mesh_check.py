@@ -23,12 +23,12 @@ def volume(mesh: Any) -> float:
 
 
 def soup(vertices: Any, triangles: Any) -> tuple[Any, Any]:
-    """Give each triangle corners of its own, as an STL file does."""
+    """Give each triangle its own corners, as an STL file does."""
     return vertices[triangles].reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
 
 
 def test_correct_mesh_is_unchanged(meshes: Any) -> None:
-    """Vertices, triangles and their order stay, and there is no note."""
+    """A correct mesh keeps its vertices and triangles in order, without a note."""
     vertices, triangles = meshes.sphere(2)
     mesh = checked_mesh(vertices, triangles)
     assert np.array_equal(mesh.vertices, vertices)
@@ -37,7 +37,7 @@ def test_correct_mesh_is_unchanged(meshes: Any) -> None:
 
 
 def test_triangles_without_shared_vertices_are_merged(meshes: Any) -> None:
-    """A triangle soup gets the vertices of the mesh; 0.0 and -0.0 are equal."""
+    """Triangles without shared vertices get the vertices of the mesh; 0.0 and -0.0 are equal."""
     vertices, triangles = meshes.sphere(2)
     corners, rows = soup(vertices, triangles)
     corners[::2] = np.where(corners[::2] == 0.0, -0.0, corners[::2])
@@ -50,7 +50,7 @@ def test_triangles_without_shared_vertices_are_merged(meshes: Any) -> None:
 @given(st.lists(st.tuples(*[st.sampled_from([-1.0, -0.0, 0.0, 5e-324, 1.0, 1e300])] * 3), max_size=40))
 @settings(max_examples=100, deadline=None, derandomize=True)
 def test_merging_equals_that_of_a_dictionary(points: list[tuple[float, float, float]]) -> None:
-    """Each row gets the number of the first row equal to it, numbers running in order of appearance."""
+    """Each row gets the number of the first row equal to it; numbers follow the order of appearance."""
     numbers: dict[tuple[float, float, float], int] = {}
     expected = [numbers.setdefault(point, len(numbers)) for point in points]
     distinct, number = merged(np.array(points, dtype=np.float64).reshape(-1, 3))
@@ -60,7 +60,7 @@ def test_merging_equals_that_of_a_dictionary(points: list[tuple[float, float, fl
 
 @pytest.mark.parametrize("flipped", [[3], [0, 1, 7], [0, 1, 2, 3, 4, 5]])
 def test_flipped_triangles_are_reversed(flipped: list[int], meshes: Any) -> None:
-    """A closed surface with some reversed triangles is corrected, and a note counts them."""
+    """A closed surface with some reversed triangles is corrected, and a note states their number."""
     vertices, triangles = meshes.box()
     triangles[flipped] = triangles[flipped, ::-1]
     mesh = checked_mesh(vertices, triangles)
@@ -71,7 +71,7 @@ def test_flipped_triangles_are_reversed(flipped: list[int], meshes: Any) -> None
 
 
 def test_mostly_flipped_mesh_ends_facing_outward(meshes: Any) -> None:
-    """Where more than half of the triangles face inward, those are reversed and counted."""
+    """If more than half of the triangles face inward, these are reversed and counted."""
     vertices, triangles = meshes.box()
     triangles[:11] = triangles[:11, ::-1]
     mesh = checked_mesh(vertices, triangles)
@@ -88,7 +88,7 @@ def test_inside_out_mesh_is_reversed(meshes: Any) -> None:
 
 
 def test_collapsed_triangles_are_dropped(meshes: Any) -> None:
-    """Triangles with two equal corners, by index or coordinates, are dropped, and a note counts them."""
+    """Triangles with two equal corners, by index or coordinates, are dropped and counted in a note."""
     vertices, triangles = meshes.box()
     corners, rows = soup(vertices, np.vstack([triangles, [[0, 0, 1], [2, 5, 2]]]))
     mesh = checked_mesh(corners, rows)
@@ -99,7 +99,7 @@ def test_collapsed_triangles_are_dropped(meshes: Any) -> None:
 
 
 def test_cavity_is_kept(meshes: Any, joined: Any) -> None:
-    """A surface within another that faces inward is a cavity, and matter within that cavity is matter."""
+    """An inward surface within another one is a cavity, and a surface within that cavity is matter again."""
     big, middle, small = (meshes.box([a] * 3, [1 - a] * 3) for a in (0.0, 0.25, 0.375))
     mesh = checked_mesh(*joined(big, (middle[0], middle[1][:, ::-1]), small))
     assert volume(mesh) == 1.0 - 0.5**3 + 0.25**3
@@ -115,7 +115,7 @@ def test_inside_out_shell_is_reversed_as_a_whole(meshes: Any, joined: Any) -> No
 
 
 def test_separate_parts_are_oriented_one_by_one(meshes: Any, joined: Any) -> None:
-    """A surface that lies within no other is oriented outward by itself."""
+    """A surface that lies within no other is oriented outward independently of the others."""
     one, other = meshes.box(), meshes.box((2.0, 0.0, 0.0), (3.0, 1.0, 1.0))
     mesh = checked_mesh(*joined(one, (other[0], other[1][:, ::-1])))
     assert volume(mesh) == 2.0
@@ -125,13 +125,13 @@ def test_separate_parts_are_oriented_one_by_one(meshes: Any, joined: Any) -> Non
 
 
 def test_touching_parts_stay_separate(meshes: Any, joined: Any) -> None:
-    """Two boxes that share part of a face are two boxes."""
+    """Two boxes that share part of a face remain two boxes."""
     mesh = checked_mesh(*joined(meshes.box(), meshes.box((1.0, 0.25, 0.25), (2.0, 0.75, 0.75))))
     assert volume(mesh) == 1.25
 
 
 def test_crossing_bars_are_refused(meshes: Any, joined: Any, expected_message: ExpectedMessage) -> None:
-    """Two bars through each other cross, although neither has a corner inside the other."""
+    """Two bars that cross are refused, although neither has a corner inside the other."""
     along, across = meshes.box((-5, -1, -1), (5, 1, 1)), meshes.box((-0.5, -6, -0.5), (0.5, 6, 0.5))
     with expected_message.raises(ValueError):
         checked_mesh(*joined(along, across))
@@ -141,19 +141,19 @@ def test_crossing_bars_are_refused(meshes: Any, joined: Any, expected_message: E
 def test_coincident_surfaces_are_refused(
     lift: Any, meshes: Any, joined: Any, expected_message: ExpectedMessage
 ) -> None:
-    """A box present twice but for the last digits is neither inside itself nor two boxes."""
+    """Two copies of a box that differ in the last digits are neither nested nor two boxes."""
     vertices, triangles = meshes.box()
     with expected_message.raises(ValueError):
         checked_mesh(*joined((vertices, triangles), (vertices + lift, triangles)))
 
 
 def crossing_bars(meshes: Any, joined: Any) -> tuple[Any, Any]:
-    """Return bars of 40 and 12 m^3 through each other, neither with a corner in the other."""
+    """Return crossing bars of 40 and 12 m^3, neither of which has a corner in the other."""
     return joined(meshes.box((-5, -1, -1), (5, 1, 1)), meshes.box((-0.5, -6, -0.5), (0.5, 6, 0.5)))
 
 
 def test_crossing_parts_count_twice_on_request(meshes: Any, joined: Any) -> None:
-    """Crossing bars weigh the sum of both, and a note says that the overlap counts twice."""
+    """The volume of crossing bars is the sum of both, and a note states that the overlap counts twice."""
     mesh = checked_mesh(*crossing_bars(meshes, joined), "count-twice")
     assert volume(mesh) == 40.0 + 12.0
     assert mesh.notes == (
@@ -163,7 +163,7 @@ def test_crossing_parts_count_twice_on_request(meshes: Any, joined: Any) -> None
 
 
 def test_matter_within_matter_counts_twice_on_request(meshes: Any, joined: Any) -> None:
-    """An insert within a solid block adds its own volume, less its own cavity; a cavity stays one."""
+    """An insert within a solid block adds its own volume without its cavity; a cavity stays a cavity."""
     boxes = [meshes.box([a] * 3, [1 - a] * 3) for a in (0.0, 0.25, 0.375)]
     inward = [(vertices, triangles[:, ::-1]) for vertices, triangles in boxes]
     insert = checked_mesh(*joined(boxes[0], boxes[1]), "count-twice")
@@ -180,7 +180,7 @@ def test_matter_within_matter_counts_twice_on_request(meshes: Any, joined: Any) 
 def test_ambiguous_part_is_refused_on_request_too(
     meshes: Any, joined: Any, expected_message: ExpectedMessage
 ) -> None:
-    """A part that crosses another and faces inward may be a cut, so it is refused."""
+    """A part that crosses another one and faces inward may be a cut, so it is refused."""
     box, other = meshes.box(), meshes.box([0.5] * 3, [1.5] * 3)
     with expected_message.raises(ValueError):
         checked_mesh(*joined(box, (other[0], other[1][:, ::-1])), "count-twice")
@@ -205,10 +205,10 @@ def test_slits_of_round_off_are_closed(slit: float, scale: float, meshes: Any) -
 def test_real_gaps_stay_open(
     gap: float, split: float, meshes: Any, expected_message: ExpectedMessage
 ) -> None:
-    """A gap of a millionth stays open, and a round-off one where other corners are nearly as close."""
+    """A gap of 1e-6 stays open, and so does a round-off gap if other corners are nearly as close."""
     vertices, triangles = meshes.box()
     middle = len(vertices)
-    # the first triangle is cut in two at a point of its edge, and its neighbour there is not
+    # the first triangle is split at a point of its edge, and its neighbour there is not
     start, end, tip = triangles[0]
     near = vertices[start] + split * (vertices[end] - vertices[start])
     vertices = np.vstack([vertices, near + gap * np.array([0.3, 0.5, 0.7])])
@@ -225,7 +225,7 @@ def test_closed_mesh_is_not_searched_for_slits(meshes: Any) -> None:
 
 
 def test_parts_that_share_an_edge_are_separated(meshes: Any, joined: Any) -> None:
-    """Two boxes with one common edge of four triangles are two boxes, also inside-out."""
+    """Two boxes with a common edge of four triangles are two boxes, even if they are inside-out."""
     one, other = meshes.box(), meshes.box((1.0, 1.0, 0.0), (2.0, 2.0, 1.0))
     vertices, triangles = joined(one, other)
     mesh = checked_mesh(vertices, triangles)
@@ -236,10 +236,10 @@ def test_parts_that_share_an_edge_are_separated(meshes: Any, joined: Any) -> Non
 
 
 def test_wall_shared_by_two_parts_is_dropped(meshes: Any, joined: Any) -> None:
-    """Two boxes with a common face, present twice, are one box of twice the length."""
+    """Two boxes with a common face that is present twice form one box of twice the length."""
     vertices, triangles = joined(meshes.box(), meshes.box((1.0, 0.0, 0.0), (2.0, 1.0, 1.0)))
     wall = np.flatnonzero((vertices[triangles][:, :, 0] == 1.0).all(axis=1))
-    assert volume(checked_mesh(vertices, triangles)) == 2.0  # cut along different diagonals
+    assert volume(checked_mesh(vertices, triangles)) == 2.0  # triangulated along different diagonals
     mine = triangles[wall[:2]]
     triangles[wall[2:]] = np.array([np.flatnonzero((vertices == v).all(axis=1))[-1] for v in vertices])[mine][
         :, ::-1
@@ -250,7 +250,7 @@ def test_wall_shared_by_two_parts_is_dropped(meshes: Any, joined: Any) -> None:
 
 
 def test_cavity_that_touches_its_surface_stays_a_cavity(meshes: Any, joined: Any) -> None:
-    """A hollow may meet the outside along an edge of four triangles."""
+    """A cavity may touch the outer surface along an edge of four triangles."""
     hollow = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 4.0], [1.0, 2.0, 2.0], [2.0, 1.0, 2.0]])  # 2 m^3, inward
     mesh = checked_mesh(*joined(meshes.box((0, 0, 0), (4, 4, 4)), (hollow, meshes.tetrahedron()[1])))
     assert volume(mesh) == pytest.approx(64.0 - 2.0, rel=1e-15, abs=0.0)
@@ -260,7 +260,7 @@ def test_cavity_that_touches_its_surface_stays_a_cavity(meshes: Any, joined: Any
 def test_edges_where_matter_does_not_alternate_are_refused(
     fault: str, meshes: Any, joined: Any, expected_message: ExpectedMessage
 ) -> None:
-    """A box present twice, boxes overlapping from a common edge, and a fin are refused."""
+    """A box present twice, boxes that overlap from a common edge, and a fin are refused."""
     box = meshes.box((0.0, 0.0, 0.0), (2.0, 2.0, 1.0))
     corners = np.array([[0.0, 0.0, 0.0], [2.0, 1.0, 0.0], [-1.0, 2.0, 0.0], [0.0, 0.0, 1.0]])
     drawn = {
@@ -274,10 +274,10 @@ def test_edges_where_matter_does_not_alternate_are_refused(
 
 @pytest.mark.parametrize(("parts", "most"), [(1, 150), (2, 150)])
 def test_check_takes_at_most_150_bytes_per_triangle(parts: int, most: int, meshes: Any, joined: Any) -> None:
-    """Peak memory without the given arrays; with a file's 50 bytes as STL it is below 200."""
+    """Peak memory is at most 150 bytes per triangle, below 200 with the 50 bytes of an STL file."""
     sphere = meshes.sphere(5)
     mesh = joined(*(((1.0 - 0.5 * k) * sphere[0], sphere[1][:, :: 1 - 2 * k]) for k in range(parts)))
-    checked_mesh(*mesh)  # compiled
+    checked_mesh(*mesh)  # compile the kernels
     tracemalloc.start()
     checked_mesh(*mesh)
     _, peak = tracemalloc.get_traced_memory()
@@ -286,14 +286,14 @@ def test_check_takes_at_most_150_bytes_per_triangle(parts: int, most: int, meshe
 
 
 def klein_bottle(meshes: Any) -> tuple[Any, Any]:
-    """Return a closed surface of one side."""
+    """Return a closed surface with one side."""
 
     def point(u: float, v: float) -> Any:
         rho = 3.0 + np.cos(u / 2) * np.sin(v) - np.sin(u / 2) * np.sin(2 * v)
         return rho * np.cos(u), rho * np.sin(u), np.sin(u / 2) * np.sin(v) + np.cos(u / 2) * np.sin(2 * v)
 
     vertices, triangles = meshes.grid_surface(8, 8, point)
-    # the last row joins the first one run through backwards
+    # the last row joins the first one in reverse order
     columns = np.arange(8)
     seam = np.isin(triangles, columns) & (triangles >= 56).any(axis=1, keepdims=True)
     return vertices, np.where(seam, -triangles % 8, triangles)
@@ -366,7 +366,7 @@ def test_faults_are_refused_with_their_place(
 
 
 def test_winding_number_separates_inside_from_outside(meshes: Any) -> None:
-    """1 inside an outward torus, 0 in its hole and outside, NaN on a face."""
+    """The winding number is 1 inside an outward torus, 0 in its hole and outside, and NaN on a face."""
     vertices, triangles = meshes.torus(3.0, 1.0, 12, 8)
     on_face = vertices[triangles[5]].mean(axis=0)
     points = [(3.0, 0.0, 0.0), (0.0, 0.0, 0.0), (9.0, 0.0, 0.0), tuple(on_face)]

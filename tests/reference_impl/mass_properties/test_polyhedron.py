@@ -20,7 +20,7 @@ FAR = np.array([1000.0, -1000.0, 1000.0])
 
 
 def test_the_unit_cubes_corner_is_exact(meshes: Any) -> None:
-    """The tetrahedron at the origin has V = 1/6, its centre at 1/4, I_xx = 1/80 and I_xy = 1/480."""
+    """The unit tetrahedron at the origin has V = 1/6, its centre at 1/4, I_xx = 1/80 and I_xy = 1/480."""
     solid = polyhedron(*meshes.tetrahedron())
     assert solid.mass == pytest.approx(1 / 6, rel=1e-15, abs=0.0)
     assert solid.centre == pytest.approx([0.25] * 3, rel=1e-15, abs=0.0)
@@ -51,7 +51,7 @@ def test_meshes_match_rational_numbers(
 
 @pytest.mark.parametrize("shape", ["box", "ellipsoid", "slivers", "box in box"])
 def test_interpreted_meshes_have_the_same_bits(shape: str, meshes: Any, joined: Any) -> None:
-    """A mesh is accepted, merged, turned and integrated alike by compiled and by interpreted kernels."""
+    """Compiled and interpreted kernels accept, merge, orient and integrate a mesh identically."""
     vertices, triangles = {
         "box": meshes.box,
         "ellipsoid": lambda: (meshes.sphere(1)[0] * [1.0, 0.7, 0.4], meshes.sphere(1)[1]),
@@ -76,7 +76,7 @@ def test_interpreted_meshes_have_the_same_bits(shape: str, meshes: Any, joined: 
 
 
 def test_corners_far_from_the_mass_lose_no_digits(meshes: Any, joined: Any, exact_errors: Any) -> None:
-    """A body whose corners surround another place is integrated about its own centroid."""
+    """A body is integrated about its own centroid, even if most corners lie elsewhere."""
     ball, triangles = meshes.sphere(2)
     vertices, triangles = joined((ball, triangles), meshes.prism(200, 0.5, 0.5))
     vertices[len(ball) :, 0] += 20.0
@@ -84,7 +84,7 @@ def test_corners_far_from_the_mass_lose_no_digits(meshes: Any, joined: Any, exac
 
 
 def test_needle_keeps_its_smallest_moment(meshes: Any, exact_integrals: Any) -> None:
-    """The moment about the axis of a prism, 1e-12 of the others, is right to 1e-14, relatively."""
+    """The moment about the axis of a prism, 1e-12 of the others, has a relative error below 1e-14."""
     vertices, triangles = meshes.prism(8, 1e-6, 1.0)
     expected = float(exact_integrals(vertices, triangles).inertia[2][2])
     assert polyhedron(vertices, triangles).inertia[2, 2] == pytest.approx(expected, rel=1e-14, abs=0.0)
@@ -94,7 +94,7 @@ def test_needle_keeps_its_smallest_moment(meshes: Any, exact_integrals: Any) -> 
     ("shape", "size"), [("ellipsoid", [1.0, 0.7, 0.4]), ("torus", [3.0, 1.0]), ("cylinder", [0.8, 2.0])]
 )
 def test_finer_meshes_converge_to_the_closed_form(shape: str, size: list[float], meshes: Any) -> None:
-    """The difference to the closed form falls by four with each refinement by two."""
+    """Each refinement by two reduces the difference to the closed form by a factor of four."""
     makers = {
         "ellipsoid": lambda n: (meshes.sphere(n)[0] * size, meshes.sphere(n)[1]),
         "torus": lambda n: meshes.torus(*size, 8 << n, 6 << n),
@@ -112,7 +112,7 @@ def test_finer_meshes_converge_to_the_closed_form(shape: str, size: list[float],
 
 
 def test_trimesh_agrees_near_the_origin(meshes: Any) -> None:
-    """A second implementation gives the same numbers to its own precision."""
+    """trimesh gives the same numbers to its own precision."""
     trimesh = pytest.importorskip("trimesh.triangles")
     vertices, triangles = meshes.torus(3.0, 1.0, 24, 16)
     vertices = vertices @ TILT.T
@@ -123,7 +123,7 @@ def test_trimesh_agrees_near_the_origin(meshes: Any) -> None:
 
 
 def test_volume_area_and_reach_of_a_box(meshes: Any) -> None:
-    """They are those of the box from (0, 0, 0) to (1, 2, 3)."""
+    """The properties are those of the box from (0, 0, 0) to (1, 2, 3)."""
     vertices, triangles = meshes.box((0.0, 0.0, 0.0), (1.0, 2.0, 3.0))
     assert volume_area_reach(vertices, triangles) == pytest.approx(
         (6.0, 22.0, np.sqrt(14.0)), rel=1e-15, abs=0.0
@@ -136,7 +136,7 @@ lengths = st.tuples(*[st.floats(0.1, 10.0)] * 3).map(np.array)
 
 @st.composite
 def convex_bodies(draw: st.DrawFn) -> Any:
-    """An octahedron with its six corners anywhere along the half-axes, tilted and shifted."""
+    """Draw an octahedron with its six corners anywhere along the half-axes, tilted and shifted."""
     reach = np.array(draw(st.tuples(*[st.floats(0.1, 3.0)] * 6)))
     vertices = np.vstack([np.eye(3), -np.eye(3)]) * reach[:, None]
     triangles = np.array(
@@ -148,7 +148,7 @@ def convex_bodies(draw: st.DrawFn) -> Any:
 @given(convex_bodies(), vectors)
 @settings(max_examples=50, deadline=None, derandomize=True)
 def test_translation_moves_the_centre_only(body: Any, displacement: Any) -> None:
-    """A mesh moved by d has its centre moved by d, its mass and inertia as they were."""
+    """Moving a mesh by d moves its centre by d and leaves mass and inertia unchanged."""
     vertices, triangles = body
     solid, moved = polyhedron(vertices, triangles), polyhedron(vertices + displacement, triangles)
     expected = solid.translated(displacement)
@@ -160,7 +160,7 @@ def test_translation_moves_the_centre_only(body: Any, displacement: Any) -> None
 @given(convex_bodies(), vectors)
 @settings(max_examples=50, deadline=None, derandomize=True)
 def test_rotation_rotates_centre_and_inertia(body: Any, vector: Any) -> None:
-    """A mesh rotated by R has R c and R I R^T."""
+    """A mesh rotated by R has the centre R c and the inertia R I R^T."""
     vertices, triangles = body
     rotation = exp_matrix(vector)
     solid, turned = polyhedron(vertices, triangles), polyhedron(vertices @ rotation.T, triangles)
@@ -173,7 +173,7 @@ def test_rotation_rotates_centre_and_inertia(body: Any, vector: Any) -> None:
 @given(convex_bodies(), st.integers(-60, 60))
 @settings(max_examples=50, deadline=None, derandomize=True)
 def test_scaling_by_a_power_of_two_is_exact(body: Any, power: int) -> None:
-    """A mesh s = 2^k times as large has s^3 the mass, s the centre and s^5 the inertia, to the last bit."""
+    """A mesh scaled by s = 2^k has s^3 the mass, s the centre and s^5 the inertia, to the last bit."""
     vertices, triangles = body
     s = 2.0**power
     solid, scaled = polyhedron(vertices, triangles), polyhedron(s * vertices, triangles)
@@ -185,9 +185,9 @@ def test_scaling_by_a_power_of_two_is_exact(body: Any, power: int) -> None:
 @given(convex_bodies(), vectors)
 @settings(max_examples=50, deadline=None, derandomize=True)
 def test_two_halves_add_up_by_the_parallel_axis_theorem(body: Any, point: Any) -> None:
-    """The parts on either side of a cut have together the mass, first moment and inertia of the whole."""
+    """The parts on both sides of a cut together have the mass, first moment and inertia of the whole."""
     vertices, triangles = body
-    # the corners 0, 1, 3, 4 are the octahedron's equator; 2 and 5 its poles
+    # the corners 0, 1, 3, 4 are the octahedron's equator; 2 and 5 are its poles
     upper = np.vstack([triangles[:4], [[0, 4, 1], [1, 4, 3]]])
     lower = np.vstack([triangles[4:], [[0, 1, 4], [1, 3, 4]]])
     whole, above, below = (polyhedron(vertices, part) for part in (triangles, upper, lower))
@@ -202,7 +202,7 @@ def test_two_halves_add_up_by_the_parallel_axis_theorem(body: Any, point: Any) -
 @given(convex_bodies())
 @settings(max_examples=50, deadline=None, derandomize=True)
 def test_moments_obey_the_triangle_inequality(body: Any) -> None:
-    """No body has a principal moment larger than the sum of the other two, or one that is not positive."""
+    """All principal moments are positive, and none is larger than the sum of the other two."""
     moments, _ = polyhedron(*body).principal()
     assert moments[0] > 0.0
     assert moments[0] + moments[1] >= moments[2]

@@ -1,4 +1,4 @@
-"""Closed forms against numerical integrals of thirty digits and each other, and their refusals."""
+"""Closed forms compared with integrals of thirty digits and with each other, and refused sizes."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def half_chord(radius: Any, z: Any) -> Any:
 
 
 def test_solids_of_revolution_match_integrals_over_rings() -> None:
-    """Sphere, cylinder, capsule and torus are what rings stacked along z give, to 1e-15."""
+    """Sphere, cylinder, capsule and torus agree with rings stacked along z to 1e-15."""
     with mpmath.workdps(30):
         radius, half, major, tube = mpmath.mpf(0.7), mpmath.mpf(1.9) / 2, mpmath.mpf(1.3), mpmath.mpf(0.4)
 
@@ -69,7 +69,7 @@ def test_solids_of_revolution_match_integrals_over_rings() -> None:
 
 
 def test_box_and_ellipsoid_match_stretched_integrals() -> None:
-    """The second moments of cube and ball, stretched along the axes, give the inertia, to 1e-15."""
+    """The second moments of cube and ball, stretched along the axes, give the inertia to 1e-15."""
     for shape, volume, spread in (("box", 1.0, 1.0 / 12.0), ("ellipsoid", 4.0 / 3.0 * np.pi, 0.2)):
         size = np.array(SIZES[shape])
         solid = primitive(shape, SIZES[shape])
@@ -79,7 +79,7 @@ def test_box_and_ellipsoid_match_stretched_integrals() -> None:
 
 
 def test_limits_between_shapes() -> None:
-    """A sphere is the ellipsoid of equal axes, and a capsule without length is all but a sphere."""
+    """A sphere is an ellipsoid with equal axes, and a capsule without length equals a sphere to round-off."""
     sphere, ball = primitive("sphere", [0.7]), primitive("capsule", [0.7, 1e-300])
     assert np.array_equal(sphere.inertia, primitive("ellipsoid", [0.7] * 3).inertia)
     assert ball.inertia == pytest.approx(sphere.inertia, rel=1e-15, abs=0.0)
@@ -87,7 +87,7 @@ def test_limits_between_shapes() -> None:
 
 @pytest.mark.parametrize("shape", PRIMITIVES)
 def test_every_primitive_is_a_possible_body(shape: str) -> None:
-    """Mass and moments are positive, the centre is the origin, the triangle inequality holds."""
+    """Mass and moments are positive, the centre is the origin, and the triangle inequality holds."""
     solid = primitive(shape, SIZES[shape])
     moments, _ = solid.principal()
     assert solid.mass > 0.0

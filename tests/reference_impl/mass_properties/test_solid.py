@@ -19,14 +19,14 @@ CLOUD = MassProperties.of_moments(
 
 
 def test_moments_give_the_inertia_of_points() -> None:
-    """Centre and inertia from first and second moments are those of the points one by one."""
+    """Centre and inertia from first and second moments equal sums over the points."""
     centre = MASSES @ POINTS / MASSES.sum()
     assert pytest.approx(centre, rel=1e-14, abs=0.0) == CLOUD.centre
     assert pytest.approx(inertia_of_points(MASSES, POINTS - centre), rel=1e-13, abs=0.0) == CLOUD.inertia
 
 
 def test_inertia_about_another_point_is_huygens_steiner() -> None:
-    """Huygens-Steiner gives the inertia of the points about that point."""
+    """The parallel-axis theorem (Huygens-Steiner) gives the inertia of the points about that point."""
     point = np.array([1.0, -2.0, 3.0])
     assert CLOUD.inertia_about(point) == pytest.approx(
         inertia_of_points(MASSES, POINTS - point), rel=1e-13, abs=0.0
@@ -34,7 +34,7 @@ def test_inertia_about_another_point_is_huygens_steiner() -> None:
 
 
 def test_moving_and_rotating_equals_that_of_the_points() -> None:
-    """The points moved, then rotated, have the moved and rotated properties."""
+    """Moving and then rotating a solid gives the properties of the moved and rotated points."""
     rotation, displacement = exp_matrix(np.array([0.4, -1.0, 2.0])), np.array([3.0, 4.0, 5.0])
     posed = CLOUD.translated(displacement).rotated(rotation)
     points = (POINTS + displacement) @ rotation.T
@@ -46,7 +46,7 @@ def test_moving_and_rotating_equals_that_of_the_points() -> None:
 
 
 def test_density_scales_mass_and_inertia() -> None:
-    """At twice the density the mass and the inertia double, the centre stays."""
+    """Twice the density gives twice the mass and inertia and the same centre."""
     heavy = CLOUD.at_density(2.0)
     assert heavy.mass == 2.0 * CLOUD.mass
     assert np.array_equal(heavy.inertia, 2.0 * CLOUD.inertia)
@@ -55,7 +55,7 @@ def test_density_scales_mass_and_inertia() -> None:
 
 @pytest.mark.parametrize("density", [0.0, -1.0, np.nan, np.inf])
 def test_an_impossible_density_is_refused(density: float, expected_message: ExpectedMessage) -> None:
-    """A density that is not positive and finite is refused, naming it."""
+    """A density that is not positive and finite is refused by name."""
     with expected_message.raises(ValueError):
         CLOUD.at_density(density)
 
@@ -70,7 +70,7 @@ def test_density_beyond_double_precision_is_refused(
 
 
 def test_principal_axes_diagonalise() -> None:
-    """A diag(J) A^T is the inertia, A a rotation, J ascending."""
+    """A diag(J) A^T is the inertia, with A a rotation and J ascending."""
     moments, axes = CLOUD.principal()
     assert axes @ np.diag(moments) @ axes.T == pytest.approx(CLOUD.inertia, rel=1e-13, abs=0.0)
     assert np.linalg.det(axes) == pytest.approx(1.0, rel=1e-14, abs=0.0)

@@ -160,7 +160,7 @@ KINDS: tuple[BuildKind, ...] = ("installed", "development", "plug-in", "handed o
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("reuse", ["nothing", "truths", "installed", "everything"])
 def test_answers_are_reused_of_allowed_engines_only(kind: BuildKind, reuse: Reuse, tmp_path: Path) -> None:
-    """By default of installed engines, on request of all, never of an object of the process."""
+    """By default answers of installed engines are reused, on request of all, never of an object in memory."""
     engine_pool, engine = Counting(GOOD), replace(ENGINE, build=Build("c0de", kind))
     Answers(None, Cache(tmp_path), 1.0).ask(engine_pool, engine, CASE)
     answer = Answers(None, Cache(tmp_path), 1.0, reuse=reuse).ask(engine_pool, engine, CASE)
@@ -321,7 +321,7 @@ def requests_of_derivation(engine: Engine, cache: Cache) -> int:
 
 
 def test_fresh_run_derives_again(tmp_path: Path) -> None:
-    """And replaces what was stored."""
+    """The newly derived rows replace the stored ones."""
     cache = Cache(tmp_path)
     assert requests_of_derivation(ENGINE, cache) == 1
     assert requests_of_derivation(ENGINE, cache.write_only()) == 1
@@ -412,7 +412,7 @@ def test_engine_is_asked_again_after_reset_and_in_another_process() -> None:
 
 
 def test_answer_with_a_user_function_is_not_derived_from() -> None:
-    """Its code may change."""
+    """Nothing is derived, because the code of the function may change."""
     client = EngineClient(Answers(None, None, 1.0), Counting(GOOD))
     assert client.ask(ENGINE, CALLING).outcome == "ok"
     assert not client.is_repeatable
@@ -446,7 +446,7 @@ def test_sentinel_is_measured_by_every_run(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("returned", [{}, {"outcome": "failed", "message": "it crashed"}, {"outcome": "ok"}])
 def test_failed_search_is_requested_again(returned: dict[str, Any], tmp_path: Path) -> None:
-    """It is a failure with a reason."""
+    """A failed search has a reason, and the next run requests it again."""
     engine_pool = Counting(returned)
     for _ in range(2):
         found = Answers(None, Cache(tmp_path), 1.0).search(engine_pool, ENGINE, SEARCH)
@@ -456,7 +456,7 @@ def test_failed_search_is_requested_again(returned: dict[str, Any], tmp_path: Pa
 
 
 def test_answer_with_a_user_function_is_not_stored(tmp_path: Path) -> None:
-    """Its code may change under the same name."""
+    """The answer is not stored, because the code may change under the same name."""
     engine_pool = Counting(GOOD)
     for _ in range(2):
         with Journal(tmp_path / "journal") as journal:

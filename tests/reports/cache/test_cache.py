@@ -62,7 +62,7 @@ DAMAGES: dict[str, Callable[[Path], object]] = {
 
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_damaged_file_counts_as_absent(damage: str, tmp_path: Path) -> None:
-    """It is not found, and the next entry replaces it, where a file can be written."""
+    """A damaged entry is not found, and the next entry replaces it if a file can be written."""
     Cache(tmp_path).put(KEY, MESSAGE)
     Cache(tmp_path).put(OTHER, {"outcome": "unsupported"})
     DAMAGES[damage](place_of(tmp_path, KEY))
@@ -133,7 +133,7 @@ def test_default_cache_moves_with_the_cache_folder(tmp_path: Path, monkeypatch: 
 
 
 def test_unreadable_folder_is_not_pruned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It may belong to another user or be removed meanwhile: no error."""
+    """The folder may belong to another user or be removed meanwhile, which is not an error."""
     Cache(tmp_path).put(KEY, MESSAGE)
 
     def refused(folder: Path) -> Iterator[Path]:
@@ -145,7 +145,7 @@ def test_unreadable_folder_is_not_pruned(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_time_of_use_is_updated_once_a_day(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It stays within a day, and becomes the present after that, also from the future."""
+    """The time is unchanged within a day, and becomes the present after that or if it is in the future."""
     cache, now = Cache(tmp_path), float(int(time.time()))
     cache.put(KEY, MESSAGE)
     monkeypatch.setattr(disk_cache, "time", SimpleNamespace(time=lambda: now))
@@ -255,7 +255,7 @@ def test_truth_that_may_change_is_solved_each_time(
 
 
 def test_stored_truth_is_reported_as_known(tmp_path: Path) -> None:
-    """It is known after it was computed, at these times only, and never with --fresh."""
+    """A truth is known after it was computed, at these times only, and never with --fresh."""
     cache, times = Cache(tmp_path), np.array([0.0, 0.5, 1.0])
     assert not is_known(spinning(0.3), times, cache)
     known_truth(spinning(0.3), times, cache)

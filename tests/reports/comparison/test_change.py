@@ -102,7 +102,7 @@ def test_error_changes_by_more_than_the_smaller_noise(floors: tuple[float, float
 def test_error_is_worse_beyond_noise_and_threshold(
     floors: tuple[float, float],
 ) -> None:
-    """By 2 % of the smaller value and the noise of both; a value below its noise counts as the noise."""
+    """The limit is 2 % of the smaller value and the noise of both; values below the noise count as noise."""
     for low in (0.0, 1e-3):
         edge = max(low, LEAST) * 1.02 + 2.0 * LEAST
         (moved,) = accuracies({ERROR: low}, {ERROR: edge * (1.0 - 1e-9)}, *floors)
@@ -239,7 +239,7 @@ def test_quartiles_bound_a_ratio_of_times(
 
 
 def test_incomparable_times_are_not_compared() -> None:
-    """Seconds of two machines, a case timed in one run, and times below the clock's resolution."""
+    """Seconds of two machines, of one run only, or below the clock's resolution give no ratio."""
     plain, relative = laps(1.0, 2.0, 3.0), laps(1.0, 2.0, 3.0, relative=1.0)
     assert ratio(plain, plain, same_machine=True) is not None
     assert ratio(plain, plain, same_machine=False) is None
@@ -256,7 +256,7 @@ def test_incomparable_times_are_not_compared() -> None:
 
 
 def test_number_of_compared_times_is_counted() -> None:
-    """Those timed in seconds on one machine, and none across machines."""
+    """Times in seconds are counted on one machine, and not across machines."""
     timed = {"cpu_s_low": 1.0, "cpu_s": 2.0, "cpu_s_high": 3.0}
     here, there = (run(timed, {"dt_s": 0.02}, cpu=cpu) for cpu in ("a", "b"))
     assert (compare(here, here).timed, compare(here, there).timed) == (1, 0)
@@ -343,9 +343,9 @@ def test_more_severe_verdict_is_worse(before: str, after: str, error: float) -> 
         ((2.3, 2.15, 2.4), (2.0, 1.9, 2.1), "worse"),
         ((2.0, 1.9, 2.1), (2.2, 2.1, 2.3), None),  # the intervals touch
         ((2.2, 2.1, 2.3), (2.0, 1.9, 2.1), None),
-        ((2.0, 1.99, 2.01), (2.04, 2.03, 2.05), None),  # sure, and of no size
+        ((2.0, 1.99, 2.01), (2.04, 2.03, 2.05), None),  # disjoint, but too small
         ((0.0, -0.01, 0.01), (0.05, 0.04, 0.06), None),
-        ((2.0, 1.99, 2.01), (2.06, 2.05, 2.07), "moved"),  # above what it was by less than 0.1
+        ((2.0, 1.99, 2.01), (2.06, 2.05, 2.07), "moved"),  # an increase of less than 0.1
         ((2.0, 1.99, 2.01), (2.12, 2.11, 2.13), "improved"),
         ((2.12, 2.11, 2.13), (2.0, 1.99, 2.01), "worse"),
     ],
@@ -353,7 +353,7 @@ def test_more_severe_verdict_is_worse(before: str, after: str, error: float) -> 
 def test_order_changed_if_the_intervals_are_disjoint(
     old: tuple[float, ...], new: tuple[float, ...], direction: str | None
 ) -> None:
-    """It must also move by more than 0.05; without a theory it is worse from 0.1 below."""
+    """It must also move by more than 0.05; without a theory a loss of 0.1 is worse."""
     runs = [
         run({}, methods=[dict(zip(("order", "order_low", "order_high"), cells, strict=True))])
         for cells in (old, new)
@@ -368,7 +368,7 @@ def test_order_changed_if_the_intervals_are_disjoint(
     [
         ((4, 2), (4.0, 3.99, 4.01), (2.0, 1.99, 2.01), "worse"),  # the theory of the better version counts
         ((2, 4), (2.0, 1.99, 2.01), (4.0, 3.99, 4.01), "improved"),
-        ((4, 4), (5.0, 4.99, 5.01), (4.0, 3.99, 4.01), "moved"),  # still what theory says
+        ((4, 4), (5.0, 4.99, 5.01), (4.0, 3.99, 4.01), "moved"),  # still the theoretical order
         ((4, 4), (4.0, 3.99, 4.01), (3.92, 3.91, 3.93), "moved"),
         ((4, 4), (4.0, 3.99, 4.01), (3.85, 3.84, 3.86), "worse"),
         ((1, None), (1.0, 0.99, 1.01), (0.8, 0.79, 0.81), "worse"),
@@ -377,7 +377,7 @@ def test_order_changed_if_the_intervals_are_disjoint(
 def test_order_below_theory_is_worse(
     theories: tuple[int | None, int | None], old: tuple[float, ...], new: tuple[float, ...], status: str
 ) -> None:
-    """By more than its interval and 0.1; a loss above theory is not worse. The mirror image improved."""
+    """A loss must exceed its interval and 0.1; a loss above theory is not worse. The reverse is improved."""
     names = ("order", "order_low", "order_high")
     before, after = (
         run(
@@ -393,7 +393,7 @@ def test_order_below_theory_is_worse(
 
 
 def test_changed_scenarios_are_not_compared() -> None:
-    """Their cases, verdicts and stable steps are not compared, and they are named."""
+    """Their cases, verdicts and stable steps are not compared, and their names are reported."""
     row = {"scenario": "brick", "engine": "mujoco", "method": "rk4"}
 
     def made(duration_s: float, outcome: str, verdict: str) -> Tables:
@@ -508,7 +508,7 @@ def test_builds_of_one_version_are_named_with_the_parts_that_differ() -> None:
 
 @pytest.mark.parametrize("idle", ["summary", "source", "tags", "steps_s"])
 def test_description_of_a_scenario_is_not_compared(idle: str) -> None:
-    """Only what is simulated counts, of scenarios that both runs have."""
+    """Only what is simulated is compared, in scenarios that both runs have."""
     manifests = [
         {"scenarios": {"brick": {idle: 1, "samples": 11}, "old": {}}},
         {"scenarios": {"brick": {idle: 2, "samples": 11}, "new": {}}},
@@ -549,7 +549,7 @@ def test_description_of_a_scenario_is_not_compared(idle: str) -> None:
     ],
 )
 def test_change_is_described_with_its_values(cells: dict[str, Any], text: str) -> None:
-    """With as many digits as distinguish the values, its size and its step."""
+    """The text has as many digits as distinguish the values, the size of the change and its step."""
     assert change_text(change(**cells)) == text
 
 
@@ -614,5 +614,5 @@ def test_sentences_summarise_the_comparison() -> None:
 
 
 def test_run_is_named_by_id_time_and_version() -> None:
-    """In this order."""
+    """The name has these parts in this order."""
     assert identity(run({}, created="today", bodycheck="0.1")) == "made-up, today, bodycheck 0.1"

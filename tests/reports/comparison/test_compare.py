@@ -1,4 +1,4 @@
-"""What changed between two runs: all that did, nothing that did not, and the same seen from either side."""
+"""Comparison of two runs: every change is reported and nothing else, whichever run comes first."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ Where = Callable[[Mapping[str, Any]], bool]
 
 
 def of(scenario: str, method: str, dt_s: float | None = None) -> Where:
-    """Return what is true of the cases of a method of the reference, at any step or at one."""
+    """Return a condition that selects the cases of a reference method, at one step or at all steps."""
     return lambda row: (
         (row["scenario"], row["engine"], row["method"]) == (scenario, "reference", method)
         and dt_s in (None, row["dt_s"])
@@ -60,7 +60,7 @@ def planted(tables: Tables, where: Where, **amounts: float) -> Tables:
 
 
 def timed(tables: Tables, where: Where, factor: float) -> Tables:
-    """Return the tables with some cases that took so many times as long."""
+    """Return the tables with the times of some cases multiplied by a factor."""
     names = ("cpu_s", "cpu_s_low", "cpu_s_high", "relative_cpu")
     return with_rows(
         tables, where, lambda row: row | {name: factor * row[name] for name in names if name in row}
@@ -68,7 +68,7 @@ def timed(tables: Tables, where: Where, factor: float) -> Tables:
 
 
 def test_nothing_changed_between_a_run_and_itself(tables: Tables) -> None:
-    """Every case is paired, timed where its speed was measured, and none is different."""
+    """A run compared with itself pairs every case, compares every measured speed and reports no change."""
     found = compare(tables, tables)
     assert found.changes == found.environment == found.redefined == ()
     assert found.paired == len(tables.cases)
@@ -79,7 +79,7 @@ def test_nothing_changed_between_a_run_and_itself(tables: Tables) -> None:
 @pytest.mark.parametrize("amount", [1e-9, -1e-9])
 @pytest.mark.parametrize("measure", MEASURES)
 def test_a_change_of_a_billionth_is_named_and_no_other(tables: Tables, measure: str, amount: float) -> None:
-    """The measure, the case and the direction are those of the plant."""
+    """A change of 1e-9 is reported with its measure, case and direction, and nothing else is reported."""
     scenario = "forced, and a mesh" if measure == "position_error" else "free"
     where = of(scenario, "m1", 0.01)
     before = with_rows(tables, where, lambda row: row | {measure: 1e-3})
@@ -111,7 +111,7 @@ def test_a_change_of_a_billionth_is_named_and_no_other(tables: Tables, measure: 
 def test_a_planted_change_is_weighed_by_its_size(
     tables: Tables, measure: str, factor: float, status: str | None
 ) -> None:
-    """Round-off is nothing, 1 % has moved, 5 % is worse or improved; the other run sees the mirror image."""
+    """Round-off is ignored, 1 % has moved, 5 % is worse or improved; swapping the runs mirrors the result."""
     where = of("forced, and a mesh" if measure == "position_error" else "free", "m1", 0.01)
     before = with_rows(tables, where, lambda row: row | {measure: 1e-3})
     after = with_rows(before, where, lambda row: row | {measure: factor * row[measure]})
@@ -121,7 +121,7 @@ def test_a_planted_change_is_weighed_by_its_size(
 
 
 def test_what_lies_beneath_the_noise_is_neither_better_nor_worse(tables: Tables) -> None:
-    """An error may go anywhere below 3 bounds of the truth; beyond three times that, and 2 %, it is worse."""
+    """Below 3 bounds of the truth an error may vary freely; beyond three times that, and 2 %, it is worse."""
     where = of("free", "exact")
     bound = next(case.columns["truth_bound_rad"] for case in tables.cases if where(case.columns))
     before = with_rows(tables, where, lambda row: row | {"orientation_error_rad": 0.0})
@@ -131,7 +131,7 @@ def test_what_lies_beneath_the_noise_is_neither_better_nor_worse(tables: Tables)
 
 
 def test_a_floor_that_rose_hides_nothing(tables: Tables) -> None:
-    """The smaller of the two floors counts, from either side."""
+    """The smaller of the two floors is used, whichever run comes first, so a raised floor hides no change."""
     where = of("free", "rk4", 0.001)
     before = with_rows(tables, where, lambda row: row | {"orientation_error_rad": 1e-13})
     methods = tables.methods.copy()
@@ -144,7 +144,7 @@ def test_a_floor_that_rose_hides_nothing(tables: Tables) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_comparison_is_the_same_from_either_side(tables: Tables, seed: int) -> None:
-    """Worse and better, new and missing change places; nothing else is different."""
+    """Swapping the runs swaps worse with improved and new with missing, and changes nothing else."""
     rng = np.random.default_rng(seed)
 
     def stirred(row: dict[str, Any]) -> dict[str, Any]:
@@ -164,7 +164,7 @@ def test_a_comparison_is_the_same_from_either_side(tables: Tables, seed: int) ->
 
 @pytest.mark.parametrize("outcome", ["failed", "invalid", "timeout", "unstable", "unsupported"])
 def test_a_case_that_does_not_end_well_any_more_is_told(tables: Tables, outcome: str) -> None:
-    """It is one change for the worse, whatever it measured before; and from the other side for the better."""
+    """A case that no longer succeeds is one change for the worse, whatever it measured before."""
     where = of("free", "m1", 0.01)
     kept = ("scenario", "engine", "method", "control", "dt_s", "tolerance", "reproduce")
     after = with_rows(tables, where, lambda row: {name: row[name] for name in kept} | {"outcome": outcome})
@@ -173,7 +173,7 @@ def test_a_case_that_does_not_end_well_any_more_is_told(tables: Tables, outcome:
 
 
 def test_a_measure_that_is_gone_is_told(tables: Tables) -> None:
-    """What was measured before and is not any more has no size, and comes first."""
+    """A measure that only the first run has is reported as missing, without a size and before all others."""
     gone = with_rows(
         tables,
         of("free", "m1", 0.01),
@@ -184,7 +184,7 @@ def test_a_measure_that_is_gone_is_told(tables: Tables) -> None:
 
 
 def test_cases_of_one_run_alone_are_told(tables: Tables) -> None:
-    """Each case that came or went is a change."""
+    """Each case that only one of the two runs has is a change."""
     few = replace(tables, cases=tables.cases[4:])
     gone = compare(tables, few).changes
     assert [change.kind for change in gone] == 4 * ["case"]
@@ -193,7 +193,7 @@ def test_cases_of_one_run_alone_are_told(tables: Tables) -> None:
 
 
 def test_another_verdict_and_another_order_are_told(tables: Tables) -> None:
-    """A lower order whose interval does not meet the old one is worse; so is a plateau."""
+    """A lower order whose interval does not overlap the old one is worse; so is a plateau."""
     methods = tables.methods.copy()
     mine = (methods["scenario"] == "free") & (methods["quantity"] == "orientation_error_rad")
     rk4, m1 = (mine & (methods["method"] == method) for method in ("rk4", "m1"))
@@ -219,7 +219,7 @@ def test_another_verdict_and_another_order_are_told(tables: Tables) -> None:
 def test_a_stable_step_changed_where_the_two_searches_cannot_mean_one(
     tables: Tables, span: tuple[float, float], direction: str | None
 ) -> None:
-    """The limit lies between the last stable and the first unstable step; spans that meet may be of one."""
+    """The limit lies between the last stable and the first unstable step; overlapping spans are no change."""
 
     def with_span(low: float, high: float) -> Tables:
         stability = tables.stability.copy()
@@ -239,7 +239,7 @@ def test_a_stable_step_changed_where_the_two_searches_cannot_mean_one(
 
 
 def test_a_search_that_fails_now_is_told(tables: Tables) -> None:
-    """Where there was a stable step before."""
+    """A search that fails where it found a stable step before is a change for the worse."""
     stability = tables.stability.copy()
     stability.loc[stability.index[0], ["outcome", "dt_stable_s"]] = "failed", np.nan
     (change,) = compare(tables, replace(tables, stability=stability)).changes
@@ -247,7 +247,7 @@ def test_a_search_that_fails_now_is_told(tables: Tables) -> None:
 
 
 def test_a_method_that_slowed_down_is_told_and_what_laps_scatter_is_not(tables: Tables) -> None:
-    """Twice the time is beyond the quartiles of quiet laps; within them no time is another."""
+    """Twice the time exceeds the quartiles of quiet laps and is reported; times within them do not differ."""
     tables = with_rows(
         tables,
         lambda row: "cpu_s" in row,
@@ -278,7 +278,7 @@ def test_seconds_of_two_machines_are_not_compared(tables: Tables) -> None:
 
 
 def test_a_scenario_that_is_another_by_the_same_name_is_not_compared(tables: Tables) -> None:
-    """Its cases would differ for no fault of an engine: the name is said instead; a summary is no matter."""
+    """Only its name is reported, since its cases differ without an engine's fault; the summary is ignored."""
     free = tables.manifest["scenarios"]["free"]
 
     def reported(**keys: Any) -> Comparison:
@@ -293,7 +293,7 @@ def test_a_scenario_that_is_another_by_the_same_name_is_not_compared(tables: Tab
 
 
 def test_versions_that_differ_stand_on_top(tables: Tables) -> None:
-    """Of bodycheck and of each engine."""
+    """Changed versions of bodycheck and of each engine are listed before the changes of results."""
     engines = {
         **tables.manifest["engines"],
         "failing": {**tables.manifest["engines"]["failing"], "version": "2"},
@@ -306,7 +306,7 @@ def test_versions_that_differ_stand_on_top(tables: Tables) -> None:
 
 @pytest.fixture(scope="module")
 def much(tables: Tables) -> Comparison:
-    """Return a comparison in which nearly everything changed, and a name is hostile."""
+    """Return a comparison in which nearly everything changed and one name contains markup."""
 
     def worse(case: CaseResult) -> CaseResult:
         columns = {name: 2.0 * value if name in MEASURES else value for name, value in case.columns.items()}
@@ -324,7 +324,7 @@ def much(tables: Tables) -> Comparison:
 
 
 def test_every_change_is_in_one_group_and_on_the_page(much: Comparison) -> None:
-    """Grouping loses none; the page has a line for each, and names are text on it."""
+    """Grouping loses no change; the page has an entry for each and shows names as plain text."""
     made = groups(much.changes)
     assert sorted(len(group.changes) for group in made)[-1] > 1
     assert {change for group in made for change in group.changes} == set(much.changes)
@@ -342,7 +342,7 @@ def test_every_change_is_in_one_group_and_on_the_page(much: Comparison) -> None:
 def test_a_pipe_is_given_whole_lines_without_colour(
     much: Comparison, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """One line a method and scenario, however long, and no control characters."""
+    """A pipe gets one line per method and scenario, however long, and no control characters."""
     print_document(comparison_document(much))
     shown = capsys.readouterr().out
     assert "\x1b" not in shown
@@ -363,7 +363,7 @@ OTHERS = [
 def test_one_measure_is_different_where_it_is_and_nowhere_else(
     tables: Tables, scenario: str, method: str, name: str, dt_s: float
 ) -> None:
-    """A change is of its scenario, method, measure and step, seen from either side; round-off is none."""
+    """A change belongs to its scenario, method, measure and step, in either direction; round-off is none."""
     changed = planted(tables, of("free", "m1", 0.01), energy_drift=1e-3)
     barely = planted(tables, of("free", "m1", 0.01), energy_drift=1e-18)
     this = OneMeasure("free", "reference", "m1", "energy_drift", "dt", 0.01)
@@ -375,7 +375,7 @@ def test_one_measure_is_different_where_it_is_and_nowhere_else(
 
 
 def test_one_measure_that_is_lost_is_different(tables: Tables) -> None:
-    """A case that failed has no value, and says why; two that have none are alike."""
+    """A failed case has no value and gives the reason; two cases without a value do not differ."""
     this = OneMeasure("free", "reference", "m1", "energy_drift", "dt", 0.01)
     lost = this.finding(with_rows(tables, of("free", "m1"), lambda row: row | {"outcome": "failed"}))
     assert lost.value is None

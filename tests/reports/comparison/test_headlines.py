@@ -1,4 +1,4 @@
-"""What a comparison says first: one sentence per engine, net per method, the largest factor first."""
+"""The headlines of a comparison: one sentence per engine, net per method, the largest factor first."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ OLD, NEW = release("3.17.0", 4.3e-7, 2.0), release("4.0.0", 2.3e-13, 4.0, digits
 
 
 def test_another_one_step_map_is_named() -> None:
-    """With the change of the error, and also where nothing else is worse or improved."""
+    """A changed map is reported with the change of the error, and also for a method that only moved."""
 
     def mapped(tables: Tables, **names: str) -> Tables:
         rows = [{"engine": "mujoco", "method": who, "fingerprint": name} for who, name in names.items()]
@@ -74,7 +74,7 @@ def test_another_one_step_map_is_named() -> None:
 
 
 def test_a_change_of_speed_is_a_factor() -> None:
-    """Larger relative times are slower, smaller ones faster."""
+    """A larger relative time is reported as a factor slower, a smaller one as a factor faster."""
     made = partial(Change, "speed", None, "mujoco", quantity="relative_cpu", before=1.0)
     slower = made(method="rk4", after=2.0, status="worse", decades=math.log10(2.0))
     faster = made(method="euler", after=0.25, status="improved", decades=-math.log10(4.0))
@@ -85,7 +85,7 @@ def test_a_change_of_speed_is_a_factor() -> None:
 
 
 def test_a_better_release_is_one_sentence() -> None:
-    """Versions, method, order, error with its step and factor; what moved is counted, with its digit."""
+    """A headline has versions, method, order, error with step and factor; moved methods are counted."""
     assert headlines(compare(OLD, NEW)) == [
         "mujoco 3.17.0 -> 4.0.0: rk4 improved, order 2 -> 4, error at 1 ms 4.3e-7 -> 2.3e-13 rad "
         "(factor 1.9e6); 4 methods moved in the 12th digit."
@@ -94,7 +94,7 @@ def test_a_better_release_is_one_sentence() -> None:
 
 
 def test_the_release_before_is_worse_by_the_same_factor() -> None:
-    """The mirror image, and it fails."""
+    """In the reverse direction the same change is reported as worse, and the comparison fails."""
     found = compare(NEW, OLD)
     assert headlines(found) == [
         "mujoco 4.0.0 -> 3.17.0: rk4 worse, order 4 -> 2, error at 1 ms 2.3e-13 -> 4.3e-7 rad "
@@ -104,7 +104,7 @@ def test_the_release_before_is_worse_by_the_same_factor() -> None:
 
 
 def test_two_versions_that_stand_alone_are_compared_under_one_name() -> None:
-    """`mujoco==3.17.0` of one run and `mujoco==4.0.0` of the other; where a run has both, each is itself."""
+    """If each run has one version, the two are compared; if a run has both, each is compared with itself."""
     old = release("3.17.0", 4.3e-7, 2.0, engine="mujoco==3.17.0")
     new = release("4.0.0", 2.3e-13, 4.0, digits=5e-12, engine="mujoco==4.0.0")
     assert headlines(compare(old, new)) == headlines(compare(OLD, NEW))
@@ -119,7 +119,7 @@ def test_two_versions_that_stand_alone_are_compared_under_one_name() -> None:
 
 
 def test_both_names_of_an_engine_are_replaced_in_every_table() -> None:
-    """Cases, tables and manifest, of two single versions; two versions in either run keep their names."""
+    """With one version per run, cases, tables and manifest are renamed; with two in a run, none are."""
     old = release("3.17.0", 4.3e-7, 2.0, engine="mujoco==3.17.0")
     new = release("4.0.0", 2.3e-13, 4.0, engine="mujoco==4.0.0")
     for tables in paired_versions(old, new):
@@ -135,7 +135,7 @@ def test_both_names_of_an_engine_are_replaced_in_every_table() -> None:
 
 
 def test_what_dominates_leads_and_a_real_worsening_is_named() -> None:
-    """Better in orientation by decades and worse in energy by a tenth is one clause that says both."""
+    """Better in orientation by decades and worse in energy by a tenth is one clause that states both."""
     before = run({ERROR: 1e-4, "energy_drift": 1e-3, "dt_s": 1e-3})
     after = run({ERROR: 1e-8, "energy_drift": 1.1e-3, "dt_s": 1e-3})
     assert headlines(compare(before, after)) == [
@@ -151,7 +151,7 @@ def test_what_dominates_leads_and_a_real_worsening_is_named() -> None:
 
 @pytest.mark.parametrize(("factor", "named"), [(5.0, False), (1e3, True)])
 def test_a_measure_that_is_far_worse_than_the_orientation_is_named(factor: float, named: bool) -> None:
-    """By more than a decade; the orientation stands before it all the same."""
+    """A measure that is more than a decade worse is named; the orientation comes first in any case."""
     before = run({ERROR: 1e-4, "energy_drift": 1e-6})
     after = run({ERROR: 2e-4, "energy_drift": 2e-6 * factor})
     (reported,) = headlines(compare(before, after))
@@ -160,7 +160,7 @@ def test_a_measure_that_is_far_worse_than_the_orientation_is_named(factor: float
 
 
 def test_a_method_stands_in_one_clause_however_many_of_its_digits_moved() -> None:
-    """Last digits up and down are one count; no method is both worse and improved by them."""
+    """Changes of last digits in both directions count once, and make no method worse or improved."""
     before = run({ERROR: 1e-2}, {"dt_s": 0.02, ERROR: 1e-2}, {"method": "euler", ERROR: 1e-2})
     after = run({ERROR: 1e-2 + 3e-13}, {"dt_s": 0.02, ERROR: 1e-2 - 3e-13}, {"method": "euler", ERROR: 2e-2})
     (reported,) = headlines(compare(before, after))
@@ -171,7 +171,7 @@ def test_a_method_stands_in_one_clause_however_many_of_its_digits_moved() -> Non
 
 
 def test_methods_are_sorted_by_what_fails_and_by_factor() -> None:
-    """The worst first, then what is missing, then improvements; each engine has its sentence."""
+    """Worse methods come first, then missing ones, then improved ones; each engine has its own sentence."""
     factors = {"a": 1.5, "b": 30.0, "c": 1e-3, "d": 0.5, "e": 1.01}
     before = run(*({"method": name, ERROR: 1e-5} for name in factors), {"method": "gone"})
     after = run(
@@ -194,7 +194,7 @@ def test_methods_are_sorted_by_what_fails_and_by_factor() -> None:
     [("ok", "failed", "worse"), ("failed", "ok", "improved")],
 )
 def test_a_case_that_ends_otherwise_outweighs_any_factor(old: str, new: str, status: Status) -> None:
-    """A method of which a case fails now is worse, whatever else improved."""
+    """A method with a case that now fails is worse, whatever else improved."""
     factor = {"worse": 1e-6, "improved": 1e6}[status]
     before = run({"outcome": old}, {"dt_s": 0.02, ERROR: 1e-3})
     after = run({"outcome": new}, {"dt_s": 0.02, ERROR: 1e-3 * factor})
@@ -208,7 +208,7 @@ def test_a_case_that_ends_otherwise_outweighs_any_factor(old: str, new: str, sta
 
 
 def test_a_step_that_a_run_chose_itself_is_neither_new_nor_missing() -> None:
-    """Refinement follows the errors; a step that was asked for and is gone, is missing."""
+    """Refined steps follow the errors and are not compared; a requested step that is absent is missing."""
     requested = {"dt_s": [0.02, 0.01], "tolerances": None}
     few = run({"dt_s": 0.02}, {"dt_s": 0.01}, **requested)
     more = run({"dt_s": 0.02}, {"dt_s": 0.01}, {"dt_s": 0.005}, {"dt_s": 0.05}, **requested)
@@ -242,12 +242,12 @@ def test_a_step_that_a_run_chose_itself_is_neither_new_nor_missing() -> None:
 def test_the_steps_of_a_run_are_those_it_was_asked_for(
     row: dict[str, Any], manifest: dict[str, Any], chosen: bool
 ) -> None:
-    """By its option, else by the scenario's own, else five per sampling interval."""
+    """A step is requested by the run's option, else by the scenario, else as one of five per interval."""
     assert is_refinement({"scenario": "brick", "control": "dt", **row}, manifest) == chosen
 
 
 def test_an_instant_error_is_weighed_against_its_maximum_over_time() -> None:
-    """An error at the end that passes through zero is no better for it; one that grew to a part of it is."""
+    """A final error near a zero crossing is not better; one that grows to a tenth of the maximum is worse."""
     final = "orientation_error_final_rad"
     before = run({ERROR: 1e-2, final: 1e-9})
     for now, status in ((1e-4, "moved"), (1e-3, "worse")):
@@ -256,7 +256,7 @@ def test_an_instant_error_is_weighed_against_its_maximum_over_time() -> None:
 
 
 def test_round_off_that_drifts_accuses_nobody() -> None:
-    """Of a hundred thousand steps 1e-11 may be round-off that falls one way; 1e-10 is none."""
+    """After 100,000 steps an error of 1e-11 may be accumulated round-off and is not worse; 1e-10 is."""
     before = run({ERROR: 1e-12, "steps": 100_000})
     for now, status in ((1e-11, "moved"), (1e-10, "worse")):
         (change,) = compare(before, run({ERROR: now, "steps": 100_000})).changes
@@ -264,7 +264,7 @@ def test_round_off_that_drifts_accuses_nobody() -> None:
 
 
 def test_a_stable_step_in_chaos_accuses_nobody() -> None:
-    """Where the truth ends before the scenario, the step at which a motion breaks down is chance."""
+    """If the truth ends before the scenario, the step at which a motion breaks down is a matter of chance."""
     row = {"scenario": "brick", "engine": "mujoco", "method": "rk4", "outcome": "ok", "dt_unstable_s": 0.3}
     for until, status in ((0.5, "moved"), (1.0, "worse")):
         case = {"compared_until_s": until, "duration_s": 1.0}
@@ -275,7 +275,7 @@ def test_a_stable_step_in_chaos_accuses_nobody() -> None:
 
 
 def test_a_balance_that_the_samples_cannot_resolve_is_not_missing() -> None:
-    """It is empty where it is small; the energy's drift from the truth stands next to it."""
+    """The balance is empty where it is small; the energy drift from the truth is reported next to it."""
     there, empty = run({"energy_balance": 1e-9}), run({})
     assert compare(there, empty).changes == compare(empty, there).changes == ()
     gone = compare(run({"omega_error": 1e-9}), empty).changes
@@ -283,7 +283,7 @@ def test_a_balance_that_the_samples_cannot_resolve_is_not_missing() -> None:
 
 
 def test_each_measure_has_its_own_threshold() -> None:
-    """One named in a file, its absolute column with it, and the default for all others."""
+    """A named threshold applies to its measure and absolute column; the default applies to all others."""
     thresholds = Thresholds(0.1, {"energy_drift": 0.5, f"order.{ERROR}": 0.3, "stability.dt_stable_s": 2.0})
     row = {"scenario": "brick", "engine": "mujoco", "method": "rk4", "outcome": "ok"}
     before, after = (
@@ -352,12 +352,12 @@ def test_each_measure_has_its_own_threshold() -> None:
 def test_the_command_that_finds_the_release_is_named(
     before: Tables, after: Tables, command: str | None
 ) -> None:
-    """Of the largest change, between the two releases, the older first; a moved measure at threshold 0."""
+    """The command is for the largest change, older release first; a change that moved has threshold 0."""
     assert list(release_searches(compare(before, after))) == ([command] if command else [])
 
 
 def test_terminal_markdown_and_page_say_the_same(capsys: pytest.CaptureFixture[str]) -> None:
-    """Every sentence, and each group of what fails, stands in all three."""
+    """Each sentence and each group of failing changes appears in all three."""
     lost = {"method": "lost", "dt_s": 1e-3}
     before = replace(NEW, cases=(*NEW.cases, *run(lost).cases))
     found = compare(before, OLD)
@@ -385,7 +385,7 @@ def test_terminal_markdown_and_page_say_the_same(capsys: pytest.CaptureFixture[s
 
 @pytest.mark.parametrize("size", [1.0, 1e3])
 def test_a_relative_size_is_the_larger_over_the_smaller_value(size: float) -> None:
-    """Less 1, whichever way it went."""
+    """The relative size of a change is this ratio less 1, in either direction."""
     up = compare(run({ERROR: 1e-6 * size}), run({ERROR: 1.5e-6 * size})).changes[0]
     down = compare(run({ERROR: 1.5e-6 * size}), run({ERROR: 1e-6 * size})).changes[0]
     assert up.relative == pytest.approx(0.5)

@@ -33,27 +33,27 @@ ERROR = "orientation_error_rad"
 
 
 def run(*cases: dict[str, Any], **parts: Any) -> Tables:
-    """Return a run of these cases, of one scenario unless told otherwise."""
+    """Return a run of these cases, by default of one scenario."""
     return make_tables(
         list(cases), **{"scenarios": {"brick": {}}, "created": "today", "bodycheck": "1", **parts}
     )
 
 
 def one(name: str = ERROR, **of: Any) -> OneMeasure:
-    """Return the error of the one case, but for what is told."""
+    """Return a measure of one case, by default its error, with the given fields replaced."""
     who = {"scenario": "brick", "engine": "mujoco", "method": "rk4", "control": "dt", "fineness": 0.01}
     return OneMeasure(name=name, **{**who, **of})
 
 
 def differs(requested: OneMeasure, before: Tables, after: Tables) -> bool:
-    """Whether it is different, which is the same from either side."""
+    """Return whether two runs differ in the measure; the answer must not depend on their order."""
     a, b = requested.finding(before), requested.finding(after)
     found = requested.differ(a, b)
     assert requested.differ(b, a) == found
     return found
 
 
-# ---------------------------------------------------------------------------------------------- what it finds
+# --------------------------------------------------------------------------------------------------- findings
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def differs(requested: OneMeasure, before: Tables, after: Tables) -> bool:
     ],
 )
 def test_what_runs_are_not_compared_by_is_refused(name: str, expected_message: ExpectedMessage) -> None:
-    """With its name, and why."""
+    """The message names the measure and gives the reason."""
     with expected_message.raises(InputError):
         comparable(name)
 
@@ -74,7 +74,7 @@ def test_what_runs_are_not_compared_by_is_refused(name: str, expected_message: E
     "name", [ERROR, "energy_drift_abs", "outcome", "verdict", "stability.dt_stable_s", f"order.{ERROR}"]
 )
 def test_what_runs_are_compared_by_is_a_measure_of_a_gate(name: str) -> None:
-    """Errors, outcomes, verdicts, orders and stable steps."""
+    """Errors, outcomes, verdicts, orders and stable steps can be compared."""
     assert comparable(name).column == name.removesuffix(f".{ERROR}").removeprefix("stability.")
 
 
@@ -92,7 +92,7 @@ def test_what_runs_are_compared_by_is_a_measure_of_a_gate(name: str) -> None:
     ],
 )
 def test_a_finding_is_of_its_own_case(requested: OneMeasure, value: float | str) -> None:
-    """Of its scenario by the very name, its method, its step or tolerance; an order is of all steps."""
+    """A finding has the exact scenario, the method, and the step or tolerance; an order is of all steps."""
     tables = run(
         {"engine": "dart", ERROR: 6e-9},
         {"method": "euler", ERROR: 4e-9},
@@ -109,7 +109,7 @@ def test_a_finding_is_of_its_own_case(requested: OneMeasure, value: float | str)
 
 
 def test_a_case_that_was_not_made_has_the_reason_of_its_methods_first() -> None:
-    """A scene that a method cannot represent is not tried at finer steps."""
+    """A scene that a method cannot represent is not tried at finer steps, so the first reason is reported."""
     none = run({"method": "euler"}, {"dt_s": 0.1, "outcome": "unsupported", "message": "no pivot"})
     found = one().finding(none)
     assert (found.value, found.why) == (None, "unsupported: no pivot")
@@ -127,7 +127,7 @@ def test_a_case_that_was_not_made_has_the_reason_of_its_methods_first() -> None:
         (one(fineness=0.02), False),
         (one("omega_error"), False),
         (one("energy_drift_abs"), True),
-        (one("energy_drift"), False),  # it has no scale in either
+        (one("energy_drift"), False),  # no scale in either run
         (one(method="euler"), False),
         (one(scenario="plate"), False),
         (one(f"order.{ERROR}"), True),
@@ -138,7 +138,7 @@ def test_a_case_that_was_not_made_has_the_reason_of_its_methods_first() -> None:
 def test_a_measure_differs_where_the_comparison_tells_a_change_of_it(
     requested: OneMeasure, different: bool
 ) -> None:
-    """Not where it tells one of another scenario, method, step or measure."""
+    """A change of another scenario, method, step or measure does not count."""
     order = {"order_low": 3.9, "order_high": 4.1}
     stable = {"scenario": "brick", "engine": "mujoco", "method": "rk4", "outcome": "ok"}
 
@@ -161,7 +161,7 @@ def test_a_measure_differs_where_the_comparison_tells_a_change_of_it(
 
 
 def test_words_and_what_is_missing_differ_where_they_are_not_the_same() -> None:
-    """A word from another, a number from none; none from none is no difference."""
+    """Different words differ, and so do a number and an absent value; two absent values do not."""
     ok, failed = run({}), run({"outcome": "failed", "message": "no"})
     assert differs(one("outcome"), ok, failed)
     assert not differs(one("outcome"), failed, failed)
@@ -171,7 +171,7 @@ def test_words_and_what_is_missing_differ_where_they_are_not_the_same() -> None:
 
 
 def test_two_versions_of_an_engine_are_compared_under_one_name() -> None:
-    """In the cases and in every table; nothing else differs."""
+    """The engine is renamed in the cases and in every table; nothing else changes."""
     stable = {"scenario": "brick", "engine": "mujoco==3", "method": "rk4", "outcome": "ok"}
     tables = run({"engine": "mujoco==3"}, methods=[{"engine": "mujoco==3"}], stability=[stable])
     made = Run(**vars(tables), problems=())
@@ -183,11 +183,11 @@ def test_two_versions_of_an_engine_are_compared_under_one_name() -> None:
     assert found.cases[0].columns[ERROR] == 1e-9
 
 
-# --------------------------------------------------------------------------------------------- how it is told
+# ----------------------------------------------------------------------------------------------------- output
 
 
 def test_the_terminal_names_both_runs_and_then_what_changed(capsys: pytest.CaptureFixture[str]) -> None:
-    """Identities, sentences, and under its heading each line."""
+    """The terminal shows the identities, the sentences, and one line per change under a heading."""
     before, after = run({}), replace(run({ERROR: 1e-6}), run_id="other")
     found = compare(before, after)
     print_document(comparison_document(found))
@@ -206,7 +206,7 @@ def test_the_terminal_names_both_runs_and_then_what_changed(capsys: pytest.Captu
 def test_of_a_long_list_twenty_lines_are_shown(
     amount: int, more: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """And where the rest is; what is missing has a heading of its own; what does not fail is not listed."""
+    """The rest is counted, with its place; missing cases have a heading; passing changes are not listed."""
     who = ("accuracy", "brick", "mujoco")
     changes = [
         Change(*who, f"m{k}", ERROR, 1.0, 2.0, "worse", decades=math.log10(2.0)) for k in range(amount)
@@ -229,7 +229,7 @@ def test_of_a_long_list_twenty_lines_are_shown(
 
 @pytest.mark.parametrize("status", FAILING)
 def test_on_a_terminal_what_fails_is_red(status: Status, monkeypatch: pytest.MonkeyPatch) -> None:
-    """And bold."""
+    """The heading of failing changes is red and bold."""
     shown = StringIO()
     console = Console(file=shown, width=100, force_terminal=True, color_system="standard", highlight=False)
     monkeypatch.setattr(document, "console", lambda: console)
@@ -239,7 +239,7 @@ def test_on_a_terminal_what_fails_is_red(status: Status, monkeypatch: pytest.Mon
 
 
 def test_the_page_has_all_of_it_under_the_tints_of_a_report() -> None:
-    """Who, the sentences, and each heading once, what fails first."""
+    """The page has the identities, the sentences, and each heading once, failing changes first."""
     before = run({ERROR: 1e-3}, {"dt_s": 0.02, ERROR: 1e-3}, {"dt_s": 0.03})
     after = replace(run({ERROR: 1e-2}, {"dt_s": 0.02, ERROR: 1e-4}, {"dt_s": 0.04}), run_id="other")
     found = compare(before, after)

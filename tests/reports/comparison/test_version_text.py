@@ -1,4 +1,4 @@
-"""What is said of releases: where the measure changed, in as many digits as tell its sides apart."""
+"""The printed search of releases: where a measure changed, in as many digits as distinguish its values."""
 
 from __future__ import annotations
 
@@ -59,13 +59,13 @@ def printed(
 def test_the_last_line_says_where_it_changed(
     found: Found, last: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The last release before a change and the first after it; of those that are unknown, that they are."""
+    """The line has the last release before a change, the first after it, and unknown ones between them."""
     print_document(found_document(found))
     assert capsys.readouterr().out.splitlines()[-1] == last
 
 
 def test_what_could_not_be_run_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
-    """With its reason, word for word, and not among those that were run."""
+    """A release that could not be run is listed with its reason, verbatim, and is not counted as run."""
     failed = {"1.1": "toy==1.1 cannot be installed: :x: [no]"}
     print_document(found_document(printed({"1.0": 1e-3, "2.1": 1e-3}, (), failed=failed)))
     lines = capsys.readouterr().out.splitlines()
@@ -76,7 +76,7 @@ def test_what_could_not_be_run_is_shown(capsys: pytest.CaptureFixture[str]) -> N
 def test_where_every_release_was_run_it_is_said_in_which_anything_changed(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """With the methods that changed in it; equal values are those of all, and no change is left open."""
+    """Each release with a change is listed with its methods; a constant value is given once for all."""
     still = {version: Finding(1e-3, "") for version in VERSIONS}
     there = {**still, "1.1": Finding(2e-3, ""), "2.1": Finding(3e-3, "")}
     tracks = (

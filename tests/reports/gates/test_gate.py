@@ -203,7 +203,7 @@ def test_growth_is_compared_with_the_required_one(found: str | None, status: str
 
 
 def test_a_failed_order_has_the_error_at_each_step() -> None:
-    """The coarsest first, with the order between neighbours; a case that failed has its message."""
+    """The coarsest step comes first, with the order between neighbours; a failed case has its message."""
     errors = {0.01: 1e-3, 0.02: 4e-3, 0.005: 5e-4}
     cases = [{"dt_s": dt_s, "orientation_error_rad": error} for dt_s, error in errors.items()]
     cases.append({"dt_s": 0.04, "outcome": "failed", "message": "no convergence"})
@@ -227,7 +227,7 @@ def test_distance_is_in_decades_for_errors_and_plain_for_orders() -> None:
 
 
 def test_worst_case_is_the_nearest_to_failing() -> None:
-    """Of three passing cases it is the largest error; of words it is one that fails."""
+    """Among three passing cases it has the largest error; among words it is one that fails."""
     errors = [{"orientation_error_rad": error, "dt_s": error} for error in (1e-9, 1e-5, 1e-7)]
     worst = one(gate(upper=1e-3), *errors).worst
     assert worst is not None

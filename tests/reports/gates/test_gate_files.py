@@ -160,7 +160,7 @@ def test_thresholds_and_gates_share_a_file(tmp_path: Path, expected_message: Exp
     ],
 )
 def test_wrong_threshold_is_refused_with_its_key(tmp_path: Path, text: str, message: str) -> None:
-    """Both commands refuse it."""
+    """The readers of thresholds and of gates both refuse it."""
     file = tmp_path / "t.toml"
     file.write_text(text)
     for read in (lambda: read_thresholds(file, THRESHOLD), lambda: read_gates(file)):

@@ -1,4 +1,4 @@
-"""Gates word by word, for readers and for other programs; what each measure stands for; new bounds."""
+"""Results of gates as text and as data; the column of each measure; proposals of new bounds."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ COMMAND = "bodycheck run brick --engine mujoco:rk4 --dt 0.01"
 
 
 def gate(**table: Any) -> Gate:
-    """Return a gate on the orientation error, but for what is told."""
+    """Return a gate on the orientation error, with the given fields replaced."""
     return gate_of({"measure": ERROR, "reason": "because", **table}, "here")
 
 
@@ -70,7 +70,7 @@ LINES = (
 
 
 def test_each_gate_is_one_line() -> None:
-    """Its title, how many cases, how many failed, the worst and how far it is, or why there is none."""
+    """The line has title, number of cases and failures, the worst value and its distance, or the reason."""
     assert tuple(line_of(result) for result in results()) == LINES
 
 
@@ -83,12 +83,12 @@ def test_each_gate_is_one_line() -> None:
     ],
 )
 def test_a_bound_is_told_in_words(table: dict[str, Any], bound: str) -> None:
-    """A reach, two sides, or a word."""
+    """A bound is printed as a distance from a value, as two sides, or as a word."""
     assert gate(**table).bound == bound
 
 
 def test_a_case_is_told_by_its_step_its_tolerance_or_neither() -> None:
-    """As in the report."""
+    """The label is the same as in the report."""
     steps = [("dt", 0.02, None), ("tolerance", None, 1e-6), ("none", None, None)]
     run = make_tables(
         [{"control": control, "dt_s": dt_s, "tolerance": reported} for control, dt_s, reported in steps]
@@ -98,13 +98,13 @@ def test_a_case_is_told_by_its_step_its_tolerance_or_neither() -> None:
 
 
 def test_a_run_without_cases_has_none() -> None:
-    """Nothing was measured, which never passes."""
+    """Nothing was measured, which never passes; the reason says so."""
     (result,) = check_gates([gate(upper=1.0)], make_tables([]))
     assert (result.status, result.why) == ("nothing", "no scenario of the run matches * (available: none)")
 
 
 def test_each_row_that_failed_is_told_with_its_command() -> None:
-    """Gate, scenario, method, step, value or why there is none, bound, distance and command."""
+    """The row has gate, scenario, method, step, value or reason, bound, distance and command."""
     assert failure_rows(results()) == [
         ("1", "brick", "mujoco:rk4", "dt 0.02 s", "0.01", f"{ERROR} <= 0.001", "1 decades beyond", COMMAND),
         ("1", "brick", "mujoco:rk4", "dt 0.03 s", "failed: no\x00", f"{ERROR} <= 0.001", "", COMMAND),
@@ -115,7 +115,7 @@ def test_each_row_that_failed_is_told_with_its_command() -> None:
 def test_the_terminal_has_lines_then_failures_then_reasons_then_the_count(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """The reason stands for each gate that did not pass, the numbers of each end in the last line."""
+    """The reason of each gate that did not pass is printed; the last line counts the gates by status."""
     print_document(results_document(results()))
     shown = capsys.readouterr().out.splitlines()
     places = zip(("passed ", "failed ", "failed ", "nothing"), LINES, strict=True)
@@ -145,7 +145,7 @@ def test_the_terminal_has_lines_then_failures_then_reasons_then_the_count(
 def test_on_a_terminal_the_status_alone_is_coloured_and_no_character_is_lost(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Green where it passed, red else; a line that is longer than the terminal is wrapped at its words."""
+    """`passed` is green, any other status red; a line longer than the terminal is wrapped between words."""
     shown = StringIO()
     narrow = Console(file=shown, width=60, force_terminal=True, color_system="standard", highlight=False)
     monkeypatch.setattr(document, "console", lambda: narrow)
@@ -160,7 +160,7 @@ def test_on_a_terminal_the_status_alone_is_coloured_and_no_character_is_lost(
 
 
 def test_changes_are_told_with_what_was_measured(capsys: pytest.CaptureFixture[str]) -> None:
-    """And how many gates are left unchanged although they did not pass."""
+    """The output also counts the gates that did not pass and are left unchanged."""
     changes = [
         Change(0, "upper", 1e-8, 2e-9, 1e-9, loosens=False),
         Change(1, "near", 1e-3, 1e-2, 1e-2, loosens=True),
@@ -181,7 +181,7 @@ def test_changes_are_told_with_what_was_measured(capsys: pytest.CaptureFixture[s
 
 
 def test_junit_has_a_test_case_a_gate_and_a_failure_for_all_that_did_not_pass() -> None:
-    """With counts on both levels; characters that XML cannot hold are replaced."""
+    """Both levels have the counts; characters that XML cannot represent are replaced."""
     written = as_junit(results(), "gates.toml")
     assert written.startswith(b"<?xml version='1.0' encoding='utf-8'?>\n<testsuites")
     assert written.endswith(b"</testsuites>\n")
@@ -204,7 +204,7 @@ def test_junit_has_a_test_case_a_gate_and_a_failure_for_all_that_did_not_pass() 
 
 
 def test_json_has_every_number_in_full() -> None:
-    """The file, the run, whether all passed, and each gate with its rows; what is infinite is null."""
+    """JSON has the file, the run, whether all gates passed, and each gate with its rows; infinity is null."""
     written = json_text(results_data(results(), "gates.toml", "the-run"))
     assert written.startswith('{\n "tolerances": "gates.toml",\n')
     found = json.loads(written)
@@ -272,13 +272,13 @@ def test_json_has_every_number_in_full() -> None:
     ],
 )
 def test_a_measure_stands_for_one_column(name: str, measure: Measure) -> None:
-    """With its table, its quantity, its words, and how two of its values are compared."""
+    """A name gives its table, its quantity, its words, and how two of its values are compared."""
     assert measure_of(name) == measure
 
 
 @pytest.mark.parametrize(("name", "quantity"), [("verdict", None), ("verdict.energy_drift", "energy_drift")])
 def test_a_verdict_is_of_all_quantities_unless_one_is_named(name: str, quantity: str | None) -> None:
-    """Its words are the verdicts, and none of the outcomes."""
+    """Its words are the verdicts, without the outcomes."""
     found = measure_of(name)
     assert (found.source, found.column, found.quantity, found.in_decades) == (
         "methods",
@@ -305,13 +305,13 @@ def test_a_verdict_is_of_all_quantities_unless_one_is_named(name: str, quantity:
 def test_what_is_no_measure_is_refused_with_what_there_is(
     name: str, expected_message: ExpectedMessage
 ) -> None:
-    """The message names it and lists the others."""
+    """The message names the unknown measure and lists the available ones."""
     with expected_message.raises(ValueError):
         measure_of(name)
 
 
 def bounds(table: dict[str, Any], *errors: float) -> list[tuple[str, float, float, float, bool]]:
-    """Return key, old and new bound, the worst measured and whether it loosens, where it may."""
+    """Return key, old and new bound, the worst value and whether the bound is loosened, which is allowed."""
     run = make_tables([{ERROR: error, "dt_s": k + 1.0} for k, error in enumerate(errors)])
     changes = proposals(check_gates([gate(**table)], run), 0.3, loosen=True)
     return [(one.key, one.old, one.new, one.measured, one.loosens) for one in changes]
@@ -326,7 +326,7 @@ def bounds(table: dict[str, Any], *errors: float) -> list[tuple[str, float, floa
         ({"near": 1e-3, "decades": 0.5}, (1e-3, 3e-3), []),
         ({"upper": 1e-3}, (1e-4, 1e-2), [("upper", 1e-3, 2e-2, 1e-2, True)]),
         ({"lower": 1e-3}, (1e-4, 1e-2), [("lower", 1e-3, 5e-5, 1e-4, True)]),
-        ({"upper": 1e-3, "floor": 1e-2}, (9e-3,), []),  # all that is below the floor is the floor
+        ({"upper": 1e-3, "floor": 1e-2}, (9e-3,), []),  # values below the floor count as the floor
         ({"lower": 1e-3, "floor": 1e-2}, (1e-4,), []),
         ({"lower": 1e-3, "floor": 1e-2}, (1.0,), [("lower", 1e-3, 0.5, 1.0, False)]),
         (
@@ -340,7 +340,7 @@ def bounds(table: dict[str, Any], *errors: float) -> list[tuple[str, float, floa
 def test_a_new_bound_is_the_margin_from_the_worst(
     table: dict[str, Any], errors: tuple[float, ...], reported: list[tuple[str, float, float, float, bool]]
 ) -> None:
-    """Upward of the largest, downward of the least, to two digits; the middle of both where it is near."""
+    """The bound is above the largest or below the least error, to two digits; `near` is between the two."""
     assert bounds(table, *errors) == [
         (*one[:2], pytest.approx(one[2], rel=1e-12, abs=0.0), *one[3:]) for one in reported
     ]
@@ -354,7 +354,7 @@ def test_an_edit_after_which_a_file_could_not_be_read_is_refused(expected_messag
 
 
 def test_an_edit_leaves_texts_alone_and_writes_reasons_as_they_are_spoken() -> None:
-    """What looks like a bound within a later text stays; a reason in another script is no row of escapes."""
+    """Text in a later string that looks like a bound stays; letters of another script are not escaped."""
     reported = '[[gate]]\nmeasure = "energy_drift"\nupper = 1e-3\nreason = "r"\n'
     after = reported.replace('"r"', '"""\nupper = 3\n"""')
     change = Change(0, "upper", 1e-3, 1e-2, 5e-3, loosens=True)

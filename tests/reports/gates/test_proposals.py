@@ -64,7 +64,7 @@ def test_no_bound_is_proposed_below_the_floor() -> None:
 
 
 def test_bounds_of_orders_and_words_are_never_changed() -> None:
-    """They come from theory."""
+    """Such bounds come from theory."""
     order = {"measure": "order.orientation_error_rad", "lower": 3.0, "reason": "r"}
     word = {"measure": "verdict", "equals": "converges", "reason": "r"}
     results = check_gates(
@@ -104,7 +104,7 @@ def test_only_bounds_of_a_file_are_changed() -> None:
 
 
 def test_reason_is_added_once() -> None:
-    """It is added once for both bounds, and not again if it is repeated."""
+    """The reason is added once for both bounds, and not again if it is repeated."""
     text = '[[gate]]\nmeasure = "energy_drift"\nlower = 2.0\nupper = 3.0\nreason = "r"\n'
     both = [Change(0, "lower", 2.0, 1.0, 1.5, loosens=True), Change(0, "upper", 3.0, 4.0, 3.5, loosens=True)]
     once = edited(text, "t", both, "wider")

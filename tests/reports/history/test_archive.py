@@ -17,7 +17,7 @@ from tests.helpers.file_size_limit import file_size_limit
 
 
 def test_nightly_runs_are_sorted_by_their_start(tmp_path: Path) -> None:
-    """In whatever order they were stored; other folders are not listed."""
+    """They may be stored in any order; other folders are not listed."""
     history = History.at(tmp_path / "new" / "history")
     for number in (3, 1, 2):
         write(history.folder, number)
@@ -28,7 +28,7 @@ def test_nightly_runs_are_sorted_by_their_start(tmp_path: Path) -> None:
 
 
 def test_start_is_that_of_the_run_id() -> None:
-    """In UTC, to the second."""
+    """The start is in UTC, to the second."""
     assert started_at("20260102T030405Z-0a1b2c") == datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
 
 
@@ -94,7 +94,7 @@ def test_concurrent_processes_lose_nothing(tmp_path: Path) -> None:
 
 
 def test_stored_run_is_flushed_to_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its files and its folder before it is renamed, and the history afterwards: power may fail."""
+    """Files and folder are flushed before the rename, and the history afterwards, since power may fail."""
     flushed: list[str] = []
 
     def fsync(descriptor: int) -> None:

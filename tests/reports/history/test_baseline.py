@@ -86,14 +86,14 @@ def test_sealed_run_holds_what_sha256sum_prints(sealed: Path) -> None:
 
 
 def test_sealed_report_is_written_for_readers(sealed: Path) -> None:
-    """One line per entry, indented by two spaces, with a newline at the end."""
+    """The report has one line per entry, indented by two spaces, and a newline at the end."""
     text = (sealed / "night.json").read_text()
     assert '\n  "status": "no regression",\n' in text
     assert text.endswith("}\n")
 
 
 def test_control_characters_of_a_sealed_report_are_escaped(tmp_path: Path) -> None:
-    """They reach no terminal, and are no damage."""
+    """No control character reaches a terminal, and none counts as damage."""
     (tmp_path / "night.json").write_text(json.dumps({**SUMMARY, "engines": "red \x1b[31m"}))
     seal_run(tmp_path)
     assert read_summary(tmp_path)["engines"] == "red \\x1b[31m"
@@ -148,7 +148,7 @@ def test_table_that_is_gone_cannot_be_read(
 def test_change_of_a_sealed_report_is_detected(
     name: str, sealed: Path, expected_message: ExpectedMessage
 ) -> None:
-    """Each entry by itself, the seal too."""
+    """Each entry is checked by itself, and so is the seal."""
     summary = json.loads((sealed / "night.json").read_text())
     (sealed / "night.json").write_text(json.dumps({**summary, name: "another"}))
     with expected_message.raises(InputError):
@@ -217,7 +217,7 @@ def test_sixty_runs_of_the_same_machine_are_the_baseline(
 
 
 def test_night_reads_the_tables_of_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its accepted levels are those of its tables."""
+    """The accepted levels of a nightly run are those of its tables."""
     monkeypatch.setattr(baseline, "read_tables", lambda folder: f"tables of {folder}")
     monkeypatch.setattr(baseline, "read_accepted", lambda *words: words)
     run: Any = NightlyRun(tmp_path, {}, {})

@@ -51,7 +51,7 @@ def test_a_regression_is_an_entry_of_the_feed(nightly_run: Run, tmp_path: Path) 
 
 
 def run(run_id: str, status: str) -> dict[str, object]:
-    """Return as much of a night.json as the feed reads."""
+    """Return the part of a night.json that the feed reads."""
     counts = {"worse": 2, "missing": 1, "cases": 7}
     return {"run_id": run_id, "status": status, "engines": "a 1 & <b> 2", "machine": "m", **counts}
 

@@ -39,7 +39,7 @@ def test_run_that_cannot_be_judged_is_stored(
 def test_internal_error_of_judging_loses_no_run(
     nightly_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It is raised after the run is stored; the message has the folder, and a query reads it."""
+    """The error is raised after the run is stored; the message has the folder, and a query reads the run."""
 
     def broken(*_: object) -> None:
         raise TypeError("nobody expected this")

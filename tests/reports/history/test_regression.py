@@ -245,13 +245,13 @@ def test_series_of_errors_has_successful_cases_of_equal_scenarios(monkeypatch: p
 
 
 def of(results: pd.DataFrame, method: str, dt_s: float | None = None, scenario: str = "slow") -> Any:
-    """Return which rows are those of a method on a scenario, at any step or at one."""
+    """Return a condition that selects the rows of a method on a scenario, at one step or at all steps."""
     mine = (results["scenario"] == scenario) & (results["method"] == method)
     return mine if dt_s is None else mine & (results["dt_s"] == dt_s)
 
 
 def planted(measure: str, amount: float, method: str = "m1", dt_s: float = 0.01) -> Change:
-    """Return what adds something to one cell."""
+    """Return a change that adds an amount to one cell."""
 
     def change(results: pd.DataFrame) -> pd.DataFrame:
         results.loc[of(results, method, dt_s), measure] += amount
@@ -261,7 +261,7 @@ def planted(measure: str, amount: float, method: str = "m1", dt_s: float = 0.01)
 
 
 def scaled(factor: float, method: str = "m1", dt_s: float = 0.01) -> Change:
-    """Return what multiplies the orientation error of one case."""
+    """Return a change that multiplies the orientation error of one case."""
 
     def change(results: pd.DataFrame) -> pd.DataFrame:
         results.loc[of(results, method, dt_s), "orientation_error_rad"] *= factor
@@ -271,12 +271,12 @@ def scaled(factor: float, method: str = "m1", dt_s: float = 0.01) -> Change:
 
 
 def ended(outcome: str, method: str = "m1", dt_s: float = 0.01) -> Change:
-    """Return what lets one case end otherwise, with nothing measured."""
+    """Return a change that gives one case another outcome, with nothing measured."""
 
     def change(results: pd.DataFrame) -> pd.DataFrame:
         mine = of(results, method, dt_s)
         kept = ["run_id", "scenario", "engine", "engine_version", "method", "control", "dt_s", "reproduce"]
-        kept.append("reused")  # a yes or no is never missing
+        kept.append("reused")  # a Boolean is never missing
         results.loc[mine, [name for name in results.columns if name not in kept]] = None
         results.loc[mine, "outcome"] = outcome
         return results
@@ -556,7 +556,7 @@ def test_history_is_queried_in_sql(nightly_run: Run, one_worse: History) -> None
 @pytest.mark.slow
 @pytest.mark.parametrize("sql", ["SELECT * FROM absent", "SELEC", ""])
 def test_wrong_query_is_refused_in_one_line(one_worse: History, sql: str) -> None:
-    """It has the message of the database and nothing else."""
+    """The line has the message of the database and nothing else."""
     with pytest.raises(InputError) as refused:
         query(one_worse.runs(), sql)
     assert "\n" not in str(refused.value)

@@ -23,7 +23,7 @@ from bodycheck.reports.history.step_detection import (
 )
 
 FIFTH = math.log10(1.2)
-SIGMA = 0.012  # what the median over a method's cases does from night to night
+SIGMA = 0.012  # spread of the median over a method's cases between nightly runs
 
 
 def noise(seed: int, runs: int, methods: int = 20, disturbed: float = 0.0) -> Array:
@@ -152,7 +152,7 @@ def test_step_without_noise_is_reported_beyond_8_percent(
 
 
 def test_each_step_is_reported_once_from_its_own_level() -> None:
-    """Up by 0.5 after 9 runs, and back after 10 more; runs before a step no longer count."""
+    """Steps by 0.5 after 9 runs, and back after 10 more, are reported; runs before a step no longer count."""
     (found,) = detect_steps(column((0.0, 9), (0.5, 10), (0.0, 6)))
     assert found == [Step(9, 13, 0.5), Step(19, 21, -0.5)]
 
@@ -213,14 +213,14 @@ def test_later_runs_do_not_change_the_spread() -> None:
 def test_pooled_spread_is_the_median_over_the_methods() -> None:
     """Half the width of the shortest half over 0.6745, in the twenty runs before the last five."""
     steps = np.arange(30.0)[:, None] * np.array([0.01, 0.03, 0.02])
-    # eleven of twenty nights, a step apart, and the factor for so few
+    # eleven of twenty nightly runs span ten increments; the last factor corrects for the small number
     expected = 0.5 * 10.0 * 0.02 / 0.6745 * (1.0 + 5.0 / 19.0)
     assert pooled_spread(steps, [[]] * 3) == pytest.approx(expected)
     steps[:5] = steps[25:] = 7.0
     assert pooled_spread(steps, [[]] * 3) == pytest.approx(expected)
     unmeasured = np.insert(steps, 1, math.nan, axis=1)
     assert pooled_spread(unmeasured, [[]] * 4) == pytest.approx(expected)
-    # of a method that moved only what came after counts, once it is long enough
+    # of a method that moved, only the later runs count, once there are enough
     assert pooled_spread(steps, [[], [Step(17, 21, 1.0)], []]) == pytest.approx(
         np.median(
             [0.5 * 0.01 * 10.0 * (1.0 + 5.0 / 19.0), 0.5 * 0.03 * 4.0 * (1.0 + 5.0 / 7.0), expected * 0.6745]
@@ -289,7 +289,7 @@ def test_series_has_methods_as_columns_and_runs_as_rows() -> None:
 
 
 def test_series_without_measurements_has_no_methods() -> None:
-    """It has the runs, with nothing measured in any."""
+    """The series has the runs, with nothing measured in any."""
     found = series_of(["a", "b"], cases({"run": "a", "x": 0.0}), "x", lambda decades: float(decades.max()))
     assert (found.runs, found.methods, found.decades.shape, found.measured) == (("a", "b"), (), (2, 0), 0)
     partly = Series(("a", "b"), (("e", "m"), ("e", "n")), np.array([[1.0, math.nan], [math.nan] * 2]))
@@ -297,5 +297,5 @@ def test_series_without_measurements_has_no_methods() -> None:
 
 
 def test_largest_deviation_represents_a_method() -> None:
-    """In either direction."""
+    """The deviation counts in either direction."""
     assert _farthest(pd.Series([0.5, -2.0, 1.0])) == -2.0

@@ -37,7 +37,7 @@ class Motion:
 
     @property
     def rotation(self) -> Rotation:
-        """The orientation, of SciPy, which is what the recordings here are written with."""
+        """The orientation as a rotation of SciPy, with which the recordings here are written."""
         return Rotation.from_quat(self.quaternion, scalar_first=True)
 
     def as_recorded(self) -> dict[str, Array]:
@@ -66,32 +66,32 @@ def motion(seed: int) -> Motion:
 
 
 def write_csv(columns: Mapping[str, Array], path: Path) -> Path:
-    """Write columns as CSV and return where."""
+    """Write columns as CSV and return the path."""
     pd.DataFrame(dict(columns)).to_csv(path.with_suffix(".csv"), index=False)
     return path.with_suffix(".csv")
 
 
 def write_npz(columns: Mapping[str, Array], path: Path) -> Path:
-    """Write columns as arrays (n,) of an npz and return where."""
+    """Write columns as arrays (n,) of an npz and return the path."""
     path.with_suffix(".npz").write_bytes(npz(columns))
     return path.with_suffix(".npz")
 
 
 def write_parquet(columns: Mapping[str, Array], path: Path) -> Path:
-    """Write columns as Parquet and return where."""
+    """Write columns as Parquet and return the path."""
     path.with_suffix(".parquet").write_bytes(as_parquet(pd.DataFrame(dict(columns))))
     return path.with_suffix(".parquet")
 
 
 def write_json_lines(columns: Mapping[str, Array], path: Path) -> Path:
-    """Write one JSON object per line and return where."""
+    """Write one JSON object per line and return the path."""
     rows = pd.DataFrame(dict(columns)).to_dict("records")
     path.with_suffix(".jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
     return path.with_suffix(".jsonl")
 
 
 def write_mcap(columns: Mapping[str, Array], path: Path) -> Path:
-    """Write the rows as JSON messages of one topic, with a log time since 1970, and return where."""
+    """Write the rows as JSON messages of one topic, with a log time since 1970, and return the path."""
     writer_module = pytest.importorskip("mcap.writer", reason="MCAP is an optional format")
     with path.with_suffix(".mcap").open("wb") as file:
         writer = writer_module.Writer(file)
