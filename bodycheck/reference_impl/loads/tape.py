@@ -5,7 +5,8 @@ Kernels execute the list: in doubles for engines, in Taylor coefficients of eith
 Source: Griewank and Walther (2008), Evaluating derivatives, sections 2.2 and 13.2.
 
 A formula may use +, -, *, /, **2, @, np.cross, np.sum, np.sin, np.cos and np.sqrt. One that branches on the
-motion cannot be recorded.
+motion cannot be recorded. The truth ends where the argument of a square root or a divisor reaches 0, since
+the formula is not smooth there: the speed sqrt(v . v) at a turning point, for example.
 """
 
 from __future__ import annotations

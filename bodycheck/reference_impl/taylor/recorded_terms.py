@@ -121,6 +121,25 @@ def _operate(series: Numbers, operation: Array, first: int, row: int, k: int) ->
 
 
 @kernel
+def may_vanish(high: Array, recorded: Array, row: int, h: float, order: int) -> bool:
+    """Whether the argument a of a square root, or a divisor, may reach 0 within the step h.
+
+    It cannot if the sum of |a_k| h^k over k >= 1, up to the order, is below |a_0|. Beyond a zero the series
+    may converge to another branch: along a line, sqrt(v . v) goes on as v. high: the series; doubles suffice.
+    """
+    for i in range(len(recorded)):
+        code = int(recorded[i, 0])
+        if code in (ROOT, QUOTIENT):
+            a = _series_row(recorded[i, 1 if code == ROOT else 2], row)
+            change = 0.0
+            for k in range(order, 0, -1):
+                change = (change + abs(high[a, k])) * h
+            if high[a, 0] == 0.0 or change >= abs(high[a, 0]):
+                return True
+    return False
+
+
+@kernel
 def _quotient(series: Numbers, a: int, b: int, row: int, k: int) -> Any:
     """f = a / b: f_k = (a_k - sum over n >= 1 of b_n f_(k-n)) / b_0."""
     total = term(series, a, k)

@@ -21,6 +21,7 @@ from bodycheck.reference_impl.taylor.spring_terms import SPRING_ROWS, TORSION_RO
 from bodycheck.reference_impl.taylor.taylor_steps import (
     LOST_AT_ANCHOR,
     LOST_AT_HALF_TURN,
+    LOST_AT_ZERO,
     follow_parabola,
     integrate,
 )
@@ -65,6 +66,7 @@ class Solution:
 _LOST = {
     LOST_AT_ANCHOR: "a spring with a rest length is at its anchor, where its force is discontinuous",
     LOST_AT_HALF_TURN: "a torsion spring is rotated by pi, where its torque is discontinuous",
+    LOST_AT_ZERO: "the argument of a square root, or a divisor, in the formula of a load reaches 0",
 }
 
 _STEPS_PER_CALL = 10_000

@@ -31,7 +31,7 @@ from bodycheck.reference_impl.kernels.generic_precision import (
 )
 from bodycheck.reference_impl.kernels.jit import inlined_kernel, kernel, long_kernel
 from bodycheck.reference_impl.taylor.forcing import ACCELERATION_WORLD, ORBIT_RATE, RADIUS
-from bodycheck.reference_impl.taylor.recorded_terms import recorded_share, start_time
+from bodycheck.reference_impl.taylor.recorded_terms import may_vanish, recorded_share, start_time
 from bodycheck.reference_impl.taylor.spring_terms import (
     is_at_anchor,
     passes_anchor,
@@ -61,10 +61,11 @@ from bodycheck.reference_impl.taylor.taylor_terms import (
     world_torque,
 )
 
-LOST_AT_ANCHOR, LOST_AT_HALF_TURN = -1, -2
+LOST_AT_ANCHOR, LOST_AT_HALF_TURN, LOST_AT_ZERO = -1, -2, -3
 """Returned instead of the number of steps: a load is not smooth there."""
 
 _HALF_TURN = 1e-3  # the cosine of half the angle, below which the angle counts as pi
+_AT_ZERO = 2.0**-26  # of the time: closer to a zero of a formula the highest terms overflow
 _EPS = 2.0**-52
 _GRID_BITS = 6  # a step ends on a multiple of about 2^-6 of its length
 _SMALLER = 1e14  # times the tolerance: for terms below this, rounding to doubles is far below the tolerance
@@ -257,7 +258,7 @@ def integrate(
     sines in world axes, the springs, the torsion spring and the recorded loads. Coefficients beyond the
     paired orders are computed in doubles, because they are small. times (n,): ascending, in [begin, end]. out
     ((n, 13), (n, 13)): NaN from the point where the integration fails. The result is then negative if the
-    reason is known (LOST_AT_ANCHOR, LOST_AT_HALF_TURN).
+    reason is known (LOST_AT_ANCHOR, LOST_AT_HALF_TURN, LOST_AT_ZERO).
     """
     high = high_part(series)
     order = high.shape[1] - 1
@@ -312,6 +313,9 @@ def integrate(
         if torsion is not None:
             while after > t and passes_half_turn(high, rows[2], after - t):
                 after = _halved(t, after, end)
+        if recorded is not None:
+            while after > t and may_vanish(high, recorded, rows[3], after - t, order):
+                after = _halved(t, after, end)
         if not after > t:
             for i in range(last):  # beyond last, the centre of mass is integrated separately
                 state[0][i] = math.nan
@@ -321,6 +325,8 @@ def integrate(
                 return LOST_AT_ANCHOR, end
             if torsion is not None and high[rows[2], 0] < _HALF_TURN:
                 return LOST_AT_HALF_TURN, end
+            if recorded is not None and may_vanish(high, recorded, rows[3], _AT_ZERO * t, 2):
+                return LOST_AT_ZERO, end
             return steps, end
         while due < len(times) and times[due] < after:
             for i in range(last):
