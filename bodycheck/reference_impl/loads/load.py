@@ -31,8 +31,8 @@ REQUIRED = object()
 class Key(NamedTuple):
     """One key of a load's table, as an annotation of the field that it sets.
 
-    name: ends with the unit. form: the allowed values; a damping matrix is 3x3, or a number times the
-    identity, and dissipates energy. omitted: the default value.
+    name: ends with the unit. form: the allowed values, one of KeyForm; a damping matrix is 3x3, or a number
+    times the identity, and dissipates energy. omitted: the default value.
     """
 
     name: str

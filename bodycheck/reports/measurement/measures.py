@@ -29,15 +29,16 @@ IDENTITY = ("scenario", "family", "engine", "engine_version", "method")
 """The columns that identify a row's method, in each table but probes.csv."""
 
 _NORM_FLOOR = 1e-12  # round-off of |q| and R^T R after millions of products, each renormalised
-_RESOLVED = 3.0  # multiples of the error of the work: a smaller imbalance counts as not measured
+_RESOLVED = 3.0  # an imbalance below this many errors of the work counts as not measured
 _DIRECTED = 0.1  # of its largest value: a smaller vector has no reliable direction
 
 BoundKind: TypeAlias = Literal["rad", "energy", "momentum", "omega_rad_s", "m", "m_s"]
 """The truth's error bounds, `truth_bound_KIND` in results.csv.
 
-A measure's floor is its bound as a fraction of a scale of the true motion: rad, of the attitude, itself;
-energy and momentum, over the largest kinetic energy and |L|; omega_rad_s, m and m_s, in SI units, over the
-scales of omega, length and speed, whether the measure is divided by that scale or, as an angle, by none.
+The floor of a measure is its bound, divided by a scale of the true motion:
+rad, of the attitude: by none;
+energy, momentum: relative already, to the largest kinetic energy and |L|;
+omega_rad_s, m, m_s: by the scale of omega, of length or of speed, also for a measure without a scale.
 """
 Judgement: TypeAlias = Literal["limit", "property"]
 

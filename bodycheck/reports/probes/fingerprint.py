@@ -24,12 +24,9 @@ from bodycheck.adapters.registry import own_code
 from bodycheck.adapters.stable_step import invalid_state
 from bodycheck.adapters.workers import protocol
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.loads.kinds.drag import Drag
-from bodycheck.reference_impl.loads.kinds.gravity_gradient import GravityGradient
-from bodycheck.reference_impl.loads.kinds.magnetic_dipole import MagneticDipole
-from bodycheck.reference_impl.loads.kinds.sine_torque import SineTorque
-from bodycheck.reference_impl.loads.kinds.spring import Spring
-from bodycheck.reference_impl.loads.kinds.torsion_spring import TorsionSpring
+from bodycheck.reference_impl.loads import load_kinds
+from bodycheck.reference_impl.loads.kinds.callback import CallbackLoad
+from bodycheck.reference_impl.loads.load import ContinuousLoad, KeyForm
 from bodycheck.reference_impl.one_step_maps import MAPS, OneStepMap
 from bodycheck.reference_impl.one_step_maps.one_step_map import (
     Loads,
@@ -102,13 +99,24 @@ CONSTANT_LOADS: Mapping[str, tuple[Load, ...]] = {
 }
 """The loads under which every run compares the maps, each alone."""
 
+
+def _example(kind: type[ContinuousLoad]) -> ContinuousLoad:
+    """Return a load of a kind, each constant different from the others."""
+    examples: dict[KeyForm, Callable[[int], Any]] = {
+        "number": lambda i: 0.4 + 0.3 * i,
+        "positive": lambda i: 0.8 + 0.3 * i,
+        "not negative": lambda i: 0.6 + 0.3 * i,
+        "vector": lambda i: (1.0 + i) * np.roll([0.5, -0.3, 0.8], i),
+        "damping matrix": lambda _: np.diag([0.3, 0.4, 0.5]),
+        "axes": lambda _: "body",
+    }
+    return kind(**{name: examples[key.form](i) for i, (name, key) in enumerate(kind.keys().items())})
+
+
 CONTINUOUS_LOADS: Mapping[str, tuple[Load, ...]] = {
-    "drag": (Drag(0.6, np.diag([0.3, 0.4, 0.5])),),
-    "spring": (Spring(np.array([0.0, 0.0, 2.0]), _AT, 3.0, 1.0),),
-    "torsion-spring": (TorsionSpring(0.8),),
-    "sine-torque": (SineTorque("body", np.array([0.9, -0.7, 0.5]), 1.3, 0.4),),
-    "gravity-gradient": (GravityGradient(0.9),),
-    "magnetic-dipole": (MagneticDipole(np.array([0.5, -0.3, 0.8]), np.array([0.4, 0.9, -0.6])),),
+    name: (_example(kind),)
+    for name, kind in load_kinds().items()
+    if issubclass(kind, ContinuousLoad) and kind is not CallbackLoad
 }
 """Loads whose kernels an engine may have to compile first."""
 
