@@ -90,16 +90,3 @@ def test_full_disk_prints_one_line(
         "cannot be written: No space left on device; compiled code is cached for this command only\n"
     )
     assert str(folder) in message
-
-
-def _plus(x: float, k: int) -> float:
-    return x + k
-
-
-@pytest.mark.usefixtures("folder")
-def test_constant_argument_needs_no_version_of_its_own() -> None:
-    """A kernel that is called with a constant and with a variable is compiled once."""
-    plus = jit.kernel(_plus)
-    sums = jit.kernel(lambda x, k: plus(x, 1) + plus(x, k))
-    assert sums(0.5, 2) == 4.0
-    assert len(plus.dispatcher.signatures) == 1

@@ -70,10 +70,11 @@ def _warn_once(reason: str) -> None:
 
 def check_files_of(dispatcher: Any) -> Any:
     """Store the compiled code of a numba dispatcher in checksummed files, and return the dispatcher."""
-    numba_cache = dispatcher._cache
-    numba_cache._cache_file = CheckedCacheFile(
-        cache_path=numba_cache._cache_path,
-        filename_base=numba_cache._impl.filename_base,
-        source_stamp=numba_cache._impl.locator.get_source_stamp(),
-    )
+    numba_cache = getattr(dispatcher, "_cache", None)
+    if numba_cache is not None:  # None if NUMBA_DISABLE_JIT is set
+        numba_cache._cache_file = CheckedCacheFile(
+            cache_path=numba_cache._cache_path,
+            filename_base=numba_cache._impl.filename_base,
+            source_stamp=numba_cache._impl.locator.get_source_stamp(),
+        )
     return dispatcher

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache, cached_property, update_wrapper
@@ -74,25 +74,9 @@ def _compiled(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(cache_directory())
     try:
-        dispatcher = numba.njit(cache=True, error_model="numpy", **options)(function)
+        return check_files_of(numba.njit(cache=True, error_model="numpy", **options)(function))
     finally:
         numba.config.CACHE_DIR = before
-    return dispatcher if numba.config.DISABLE_JIT else check_files_of(_without_literals(dispatcher))
-
-
-def _without_literals(dispatcher: Any) -> Any:
-    """Let a numba dispatcher compile one version for all integers, not one for each constant argument."""
-    from numba import types
-
-    template_of = dispatcher.get_call_template
-
-    def get_call_template(args: Sequence[Any], kws: Mapping[str, Any]) -> Any:
-        return template_of(
-            [types.unliteral(arg) for arg in args], {name: types.unliteral(arg) for name, arg in kws.items()}
-        )
-
-    dispatcher.get_call_template = get_call_template
-    return dispatcher
 
 
 def _compile(function: Callable[..., Any], **options: Any) -> Any:
