@@ -260,7 +260,7 @@ def test_stopped_shard_is_resumed(
         pd.testing.assert_frame_equal(table, tables(folder / "part-2")[name])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_shard_without_cases_is_a_shard(folder: Path, tmp_path: Path) -> None:
     """With more shards than studies some shards are empty, and merged they equal the run."""
     requested = replace(request(folder), scenarios=[str(folder / "mine.toml")], engines=["reference:m1"])

@@ -461,7 +461,7 @@ def test_wrong_arguments_are_refused(
     assert reported in error
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_mujocos_rk4_is_of_order_4_from_4_0_0(command: Callable[..., tuple[int, str, str]]) -> None:
     """In the real releases, if an index can be reached, the order is 2 in 3.17.0 and 4 in 4.0.0."""
     try:

@@ -177,7 +177,11 @@ input()
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("end", "outcome"),
-    [("sys.exit(1)", "failed"), ("print('x', flush=True)", "failed"), ("time.sleep(99)", "timeout")],
+    [
+        ("sys.exit(1)", "failed"),
+        ("print('x', flush=True)", "failed"),
+        pytest.param("time.sleep(99)", "timeout", marks=pytest.mark.nightly),
+    ],
 )
 def test_program_that_ends_in_a_case_costs_that_case(end: str, outcome: str, folder: Path) -> None:
     """The case has its own outcome, and the program's claim to be an installed release is ignored."""

@@ -44,7 +44,7 @@ CASES = {
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=pytest.mark.nightly if name == "spring-pendulum" else ()) for name in CASES],
+    [pytest.param(name, marks=pytest.mark.nightly if "spring" in name else ()) for name in CASES],
 )
 def test_truth_of_forced_motion_lies_within_its_bounds(name: str) -> None:
     """All quantities are within their bounds of fifty digits; x, v and omega agree to round-off."""

@@ -409,7 +409,7 @@ OVERLAPS = """() => {
 }"""
 
 
-@pytest.mark.parametrize("width", [360, 768, 1440])
+@pytest.mark.parametrize("width", [360, pytest.param(768, marks=pytest.mark.nightly), 1440])
 def test_nothing_is_cut_or_overlaps(opened: Page, width: int) -> None:
     """At the widths of a phone, a tablet and a desktop the page fits the window and parts do not overlap."""
     draw_all(opened, width)

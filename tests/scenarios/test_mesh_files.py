@@ -317,7 +317,12 @@ def ball_files(vertices: Array, triangles: Triangles) -> dict[str, bytes]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", [pytest.param("binary.stl", marks=pytest.mark.nightly), "text.stl", "text.obj", "text.ply"]
+    "name",
+    [
+        *(pytest.param(f"{kind}.stl", marks=pytest.mark.nightly) for kind in ("binary", "text")),
+        "text.obj",
+        "text.ply",
+    ],
 )
 def test_mesh_takes_at_most_200_bytes_per_triangle(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
