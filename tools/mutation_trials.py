@@ -71,7 +71,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "reports/measurement/growth.py": ("test_growth.py",),
     "reports/measurement/study.py": ("test_verdicts.py",),
     "reports/summary/worst_results.py": ("test_verdicts.py", "test_summary.py"),
-    "reports/run_files/run_tables.py": ("test_verdicts.py",),
+    "reports/run_files/run_tables.py": ("test_verdicts.py", "comparison/test_change.py"),
     "reports/summary/cells.py": ("test_verdicts.py",),
     "adapters/stable_step.py": ("../adapters/test_stable_step.py",),
     **{f"reports/gates/{name}.py": _GATES for name in ("gate", "gate_output", "proposal", "verdict")},

@@ -84,6 +84,29 @@ def test_a_change_of_speed_is_a_factor() -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "shown"),
+    [(1.234e-3, 5.678e-3, "0.0012 -> 0.0057"), (1.2341e-3, 1.2349e-3, "0.001234 -> 0.001235")],
+)
+def test_values_have_as_many_digits_as_distinguish_them(before: float, after: float, shown: str) -> None:
+    """Two values are shown with at least two digits, and with more only if those are equal."""
+    change = Change(
+        "case",
+        "brick",
+        "mujoco",
+        "rk4",
+        ERROR,
+        before,
+        after,
+        "worse",
+        fineness=1e-3,
+        control="dt",
+        decades=0.5,
+    )
+    (line,) = headlines(replace(compare(OLD, OLD), changes=(change,)))
+    assert f" {shown}." in line
+
+
 def test_a_better_release_is_one_sentence() -> None:
     """A headline has versions, method, order, error with step and factor; moved methods are counted."""
     assert headlines(compare(OLD, NEW)) == [

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from bodycheck.reports.gates.gate import Gate, gate_of
 from bodycheck.reports.gates.verdict import GateResult, check_gates, distance
+from bodycheck.reports.run_files.tables import LAW_COLUMNS, as_table
 from tests.helpers.gate_tables import CASE, METHOD, make_tables
 
 NEAR = {"near": 1e-3, "decades": 0.5}
@@ -101,6 +103,26 @@ def test_outcome_is_compared_with_the_required_one(outcome: str) -> None:
     assert [one(requested, case).status for case in cases] == [
         "passed" if found == outcome else "failed" for found in ("ok", "unstable", "unsupported")
     ]
+
+
+def test_law_is_bounded_by_method_and_not_measured_without_a_row() -> None:
+    """A gate on a law takes the size of each method's own row; a method without one does not pass."""
+    laws = [
+        {
+            "engine": "mujoco",
+            "method": "rk4",
+            "law": "replay",
+            "size": 0.0,
+            "reproduce": "bodycheck laws mujoco",
+        },
+        {"engine": "mujoco", "method": "rk4", "law": "rotation", "size": 1.0},
+        {"engine": "mujoco", "method": "euler", "law": "replay", "size": 1e-9},
+    ]
+    cases = [{"method": method} for method in ("rk4", "euler", "implicit")]
+    tables = replace(make_tables(cases), laws=as_table(laws, LAW_COLUMNS))
+    for method, status in (("rk4", "passed"), ("euler", "failed"), ("implicit", "nothing")):
+        (result,) = check_gates([gate(measure="law.replay", method=method, upper=0.0)], tables)
+        assert result.status == status, method
 
 
 PATTERNS = {

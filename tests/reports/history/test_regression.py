@@ -17,7 +17,7 @@ import pytest
 from bodycheck._util.errors import InputError
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.history import regression
-from bodycheck.reports.history.accepted_levels import read_accepted
+from bodycheck.reports.history.accepted_levels import read_accepted, write_accepted
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import seal_run
 from bodycheck.reports.history.history_output import nightly_sentences
@@ -345,6 +345,17 @@ def test_change_is_named_and_only_worse_fails(
     )
     assert (change.quantity, change.status) == ("orientation_error_rad", status)
     assert judged.status == ("regression" if status == "worse" else "no regression")
+
+
+def test_stored_levels_are_the_cases_of_the_next_comparison(tmp_path: Path) -> None:
+    """Without a file of levels the successful cases of the run count; with one, its rows."""
+    row = {"scenario": "slow", "engine": "reference", "method": "m1", "control": "dt", "dt_s": 0.01}
+    own = [CaseResult({**row, "outcome": outcome, "message": ""}) for outcome in ("ok", "failed")]
+    tables = make_tables([case.columns for case in own])
+    assert [case.ok for case in read_accepted(tmp_path, tables).cases] == [True]
+    write_accepted([{**row, "outcome": "ok", "orientation_error_rad": 2e-5}], "a run", tmp_path)
+    (level,) = read_accepted(tmp_path, tables).cases
+    assert (level.columns["orientation_error_rad"], level.dt_s) == (2e-5, 0.01)
 
 
 @pytest.mark.slow
