@@ -20,7 +20,7 @@ from bodycheck.reports.probes.examination import examined, replayed
 from bodycheck.reports.probes.finding import Finding
 from bodycheck.reports.probes.fingerprint import (
     CONSTANT_LOADS,
-    CONTINUOUS_LOADS,
+    continuous_loads,
     fingerprint_of,
     fingerprint_row,
 )
@@ -160,7 +160,7 @@ def fingerprints(
 
     all_loads: also under loads that vary with time and motion, whose kernels may have to be compiled.
     """
-    loads = {**CONSTANT_LOADS, **CONTINUOUS_LOADS} if all_loads else CONSTANT_LOADS
+    loads = {**CONSTANT_LOADS, **continuous_loads()} if all_loads else CONSTANT_LOADS
     with _methods(engines, timeout_s, allow_code=allow_code) as (methods, client):
         return [
             fingerprint_row(engine, method, fingerprint_of(engine, method, client.ask, loads))

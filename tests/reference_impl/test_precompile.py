@@ -74,7 +74,6 @@ def test_two_processes_share_the_names(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 SOLVES = """
-import numpy as np
 from bodycheck.adapters.reference import Reference
 from bodycheck.scenarios.library import load_scenario
 

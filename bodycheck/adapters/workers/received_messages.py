@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import asdict
-from typing import Annotated, Any, Literal, TypeAlias, TypeVar
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar, get_args
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
@@ -27,7 +27,7 @@ from bodycheck.adapters.contract import (
     ReadBack,
     Reading,
 )
-from bodycheck.adapters.execution import Answer
+from bodycheck.adapters.execution import Answer, Ending
 from bodycheck.adapters.stable_step import StableStep
 from bodycheck.adapters.workers.protocol import (
     LARGEST_MESSAGE,
@@ -239,16 +239,22 @@ def _method(parsed: MethodMessage) -> Method:
     return Method(**facts)
 
 
+def _ending_of(message: Message, what: str) -> tuple[Ending, str]:
+    """Return the outcome and the text of a message; raises ProtocolError if the outcome is unknown."""
+    outcome: Any = message.get("outcome")
+    if outcome not in get_args(Ending):
+        raise ProtocolError(f"{what} whose outcome is {outcome!r:.80}")
+    return outcome, one_line(text_of(message, "message"))
+
+
 def answer_of(message: Message, t_s: Array) -> Answer:
     """Return the answer to a case that is sampled at t_s (n,).
 
     Raises ProtocolError or ValueError, which say what is wrong, if the message is not an answer to that case.
     """
-    outcome, text = message.get("outcome"), one_line(text_of(message, "message"))
-    if outcome in ("unsupported", "failed", "timeout"):
-        return Answer(outcome, text)
+    outcome, text = _ending_of(message, "an answer")
     if outcome != "ok":
-        raise ProtocolError(f"an answer whose outcome is {outcome!r:.80}")
+        return Answer(outcome, text)
     parsed = checked(AnswerMessage, message, "invalid answer")
     try:
         trajectory = Trajectory(**{name: unpacked(vars(array)) for name, array in parsed.trajectory.items()})
@@ -321,11 +327,9 @@ def stable_step_of(message: Message) -> StableStep:
 
     Raises ProtocolError if the message is invalid.
     """
-    outcome, text = message.get("outcome"), one_line(text_of(message, "message"))
-    if outcome in ("unsupported", "failed", "timeout"):
-        return StableStep(outcome, text)
+    outcome, text = _ending_of(message, "a search")
     if outcome != "ok":
-        raise ProtocolError(f"a search whose outcome is {outcome!r:.80}")
+        return StableStep(outcome, text)
     parsed = checked(StableStepMessage, message, "invalid search result")
     steps = [step for step in (parsed.stable_s, parsed.unstable_s) if step is not None]
     if not steps:

@@ -147,7 +147,7 @@ class WorkerProcess:
         to_worker, answers, output = (pipe.fileno() for pipe in self._pipes)
         end = time.monotonic() + timeout_s
         unsent = self._left_of(memoryview(sent), to_worker)
-        if unsent:
+        if unsent and to_worker not in self._selector.get_map():  # it is if an earlier exchange timed out
             self._selector.register(to_worker, selectors.EVENT_WRITE)
         while not self._unread.endswith(b"\n"):
             left = end - time.monotonic()

@@ -113,12 +113,13 @@ def _example(kind: type[ContinuousLoad]) -> ContinuousLoad:
     return kind(**{name: examples[key.form](i) for i, (name, key) in enumerate(kind.keys().items())})
 
 
-CONTINUOUS_LOADS: Mapping[str, tuple[Load, ...]] = {
-    name: (_example(kind),)
-    for name, kind in load_kinds().items()
-    if issubclass(kind, ContinuousLoad) and kind is not CallbackLoad
-}
-"""Loads whose kernels an engine may have to compile first."""
+def continuous_loads() -> dict[str, tuple[Load, ...]]:
+    """Return an example of each continuous load; an engine may have to compile kernels for it first."""
+    return {
+        name: (_example(kind),)
+        for name, kind in load_kinds().items()
+        if issubclass(kind, ContinuousLoad) and kind is not CallbackLoad
+    }
 
 
 @dataclass(frozen=True, eq=False)
