@@ -111,8 +111,8 @@ def test_arrays_of_the_documented_interface_have_their_shapes(module: str) -> No
     for node, public in defined(ast.parse(path.read_text())):
         if public and not isinstance(node, ast.ClassDef):
             annotations = f"{ast.unparse(node.args)} {ast.unparse(node.returns or ast.Constant(None))}"
-            reported = SHAPE.search(ast.get_docstring(node) or "")
-            assert reported or not re.search(r"\bArray\b", annotations), f"{path.name}: {node.name}"
+            shape = SHAPE.search(ast.get_docstring(node) or "")
+            assert shape or not re.search(r"\bArray\b", annotations), f"{path.name}: {node.name}"
 
 
 @pytest.mark.nightly

@@ -348,16 +348,16 @@ def test_a_new_bound_is_the_margin_from_the_worst(
 
 def test_an_edit_after_which_a_file_could_not_be_read_is_refused(expected_message: ExpectedMessage) -> None:
     """A new upper bound below the lower one is never written."""
-    reported = '[[gate]]\nmeasure = "energy_drift"\nlower = 1e-4\nupper = 1e-3\nreason = "r"\n'
+    toml_text = '[[gate]]\nmeasure = "energy_drift"\nlower = 1e-4\nupper = 1e-3\nreason = "r"\n'
     with expected_message.raises(InputError):
-        edited(reported, "here", [Change(0, "upper", 1e-3, 1e-5, 5e-6, loosens=False)], None)
+        edited(toml_text, "here", [Change(0, "upper", 1e-3, 1e-5, 5e-6, loosens=False)], None)
 
 
 def test_an_edit_leaves_texts_alone_and_writes_reasons_as_they_are_spoken() -> None:
     """Text in a later string that looks like a bound stays; letters of another script are not escaped."""
-    reported = '[[gate]]\nmeasure = "energy_drift"\nupper = 1e-3\nreason = "r"\n'
-    after = reported.replace('"r"', '"""\nupper = 3\n"""')
+    toml_text = '[[gate]]\nmeasure = "energy_drift"\nupper = 1e-3\nreason = "r"\n'
+    after = toml_text.replace('"r"', '"""\nupper = 3\n"""')
     change = Change(0, "upper", 1e-3, 1e-2, 5e-3, loosens=True)
     assert edited(after, "here", [change], None) == after.replace("1e-3", "0.01")
-    expected = reported.replace("1e-3", "0.01").replace('"r"', '"r; loosened: größer"')
-    assert edited(reported, "here", [change], "größer") == expected
+    expected = toml_text.replace("1e-3", "0.01").replace('"r"', '"r; loosened: größer"')
+    assert edited(toml_text, "here", [change], "größer") == expected
