@@ -60,8 +60,8 @@ def measure_speeds(
     executor: times the cases elsewhere, by workers that do nothing else meanwhile.
 
     The reference measurement is the reference's rk4 on the same scenario at its finest listed step.
-    relative_cpu is the case's fastest lap over the fastest lap of the reference, with the laps of both
-    alternating. A disturbance can only lengthen a lap: on a busy machine the fastest laps of two runs differ
+    relative_cpu is the case's fastest lap over the fastest lap of the reference. The laps of both alternate;
+    the last reference lap of a case also counts for the next case on the scenario. A disturbance can only lengthen a lap: on a busy machine the fastest laps of two runs differ
     half as much as their medians. Once a second lap of both confirms the fastest one, no more are timed.
     """
     by_name = {problem.scenario.name: problem for problem in problems}
@@ -203,13 +203,13 @@ class _Clock:
         message: Message = {"do": "prepare", "case": request.case}
         answer = self._engine_pool.ask(request.engine, message, request.timeout_s)
         own: list[float] = []
-        others: list[float] = []
+        others = self._reference.last_lap()
         while (
             answer.get("outcome") == "ok"
             and len(own) < request.laps
             and not (_is_repeated(own) and (_is_repeated(others) or not others))
         ):
-            if (other := self._reference.lap()) is not None:
+            if len(others) <= len(own) and (other := self._reference.lap()) is not None:
                 others.append(other)
             answer = self._engine_pool.ask(request.engine, _LAP, request.timeout_s)
             if answer.get("outcome") == "ok":
@@ -235,6 +235,7 @@ class _Reference:
     def __init__(self, core: int | None) -> None:
         self._engine_pool, self._timeout_s = EnginePool(core), 0.0
         self._prepared: Message | None = None
+        self._last: list[float] = []
 
     def prepare(self, request: TimingRequest) -> None:
         """Prepare the reference for the scenario of this case, unless that is done already."""
@@ -243,16 +244,23 @@ class _Reference:
             message: Message = {"do": "prepare", "case": request.reference}
             answer = self._engine_pool.ask(_REFERENCE[0], message, request.timeout_s)
             self._prepared = request.reference if answer.get("outcome") == "ok" else None
+            self._last = []
+
+    def last_lap(self) -> list[float]:
+        """Return the time in s of the last lap of the prepared scenario, if there was one."""
+        return list(self._last)
 
     def lap(self) -> float | None:
         """Return the time of one lap in s; None on a scenario that the reference method cannot run."""
         if self._prepared is None:
             return None
         try:
-            return received_messages.lap_of(self._engine_pool.ask(_REFERENCE[0], _LAP, self._timeout_s))
+            seconds = received_messages.lap_of(self._engine_pool.ask(_REFERENCE[0], _LAP, self._timeout_s))
         except protocol.ProtocolError:
-            self._prepared = None
+            self._prepared, self._last = None, []
             return None
+        self._last = [seconds]
+        return seconds
 
     def close(self) -> None:
         """End the worker."""

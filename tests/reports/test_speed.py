@@ -16,15 +16,17 @@ from bodycheck.reports.measurement.problem import Problem
 from bodycheck.runs import speed
 from bodycheck.scenarios.library import load_scenario
 
-ENGINE, YARDSTICK = "quick", "reference"
-LAP_S = {ENGINE: 3e-3, YARDSTICK: 1e-3}
+ENGINE, REFERENCE = "quick", "reference"
+LAP_S = {ENGINE: 3e-3, REFERENCE: 1e-3}
 STEPS_S = (1e-2, 5e-3)
 Lap = Callable[[str, int], Message]
-"""Name of an engine, number of its lap -> its answer."""
+"""Name of an engine, number of laps of the timed engine so far -> its answer to a lap."""
+ONE_SCENARIO = ("intermediate-axis", "intermediate-axis")
+TWO_SCENARIOS = ("intermediate-axis", "symmetric-top")
 
 
 def timed(
-    monkeypatch: pytest.MonkeyPatch, lap: Lap, passes: int
+    monkeypatch: pytest.MonkeyPatch, lap: Lap, passes: int, scenarios: tuple[str, str] = ONE_SCENARIO
 ) -> tuple[list[dict[str, object]], list[int]]:
     """Return the columns of two cases with these laps, and after how many laps each was reported."""
     laps: Counter[str] = Counter()
@@ -39,19 +41,23 @@ def timed(
             del timeout_s
             if request["do"] == "prepare":
                 return {"outcome": "ok"}
+            before = laps[ENGINE]
             laps[engine] += 1
-            return lap(engine, laps[engine] - 1)
+            return lap(engine, before)
 
         def close(self) -> None:
             """Nothing to do."""
 
     monkeypatch.setattr(speed, "EnginePool", Clockwork)
-    problem = Problem.of(load_scenario("intermediate-axis"), "intermediate-axis")
-    about = {"scenario": "intermediate-axis", "engine": ENGINE, "method": "m", "outcome": "ok", "message": ""}
-    cases = [CaseResult({**about, "dt_s": dt_s, "steps": round(10.0 / dt_s)}) for dt_s in STEPS_S]
+    problems = [Problem.of(load_scenario(name), name) for name in dict.fromkeys(scenarios)]
+    about = {"engine": ENGINE, "method": "m", "outcome": "ok", "message": ""}
+    cases = [
+        CaseResult({**about, "scenario": name, "dt_s": dt_s, "steps": round(10.0 / dt_s)})
+        for name, dt_s in zip(scenarios, STEPS_S, strict=True)
+    ]
     reported: list[int] = []
     found, noise = speed.measure_speeds(
-        [problem],
+        problems,
         cases,
         {ENGINE: Engine(ENGINE, "1", {})},
         Answers(None, None, 1.0),
@@ -98,14 +104,37 @@ def test_timing_ends_once_both_fastest_laps_are_repeated(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A case is timed 3 times, and up to 5 until a second lap is within 2 % of the fastest."""
-    laps = {ENGINE: engine_laps, YARDSTICK: reference_laps}
+    laps = {ENGINE: engine_laps, REFERENCE: reference_laps}
 
     def lap(engine: str, number: int) -> Message:
         return {"outcome": "ok", "cpu_s": LAP_S[engine] * laps[engine][number % timed_laps]}
 
-    rows, reported = timed(monkeypatch, lap, passes=1)
+    rows, reported = timed(monkeypatch, lap, 1, TWO_SCENARIOS)
     assert reported == [timed_laps, 2 * timed_laps]
     assert [row["relative_cpu"] for row in rows] == pytest.approx([3.0, 3.0], rel=1e-15, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    ("scenarios", "relative_cpu"), [(ONE_SCENARIO, [3.0, 3.0]), (TWO_SCENARIOS, [3.0, 1.5])]
+)
+def test_last_reference_lap_also_counts_for_the_next_case_on_its_scenario(
+    scenarios: tuple[str, str], relative_cpu: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """If all later reference laps take twice as long, only a case on another scenario appears faster."""
+    references: list[int] = []
+
+    def lap(engine: str, number: int) -> Message:
+        slower = 1.0
+        if engine == REFERENCE:
+            references.append(number)
+            slower = 1.0 if number < 3 else 2.0
+        return {"outcome": "ok", "cpu_s": slower * LAP_S[engine]}
+
+    rows, reported = timed(monkeypatch, lap, 1, scenarios)
+    assert [row["relative_cpu"] for row in rows] == pytest.approx(relative_cpu, rel=1e-15, abs=0.0)
+    own_laps_of_the_second = reported[1] - reported[0]
+    shared = 1 if scenarios == ONE_SCENARIO else 0
+    assert len(references) == 3 + own_laps_of_the_second - shared
 
 
 def test_median_and_quartiles_are_of_all_laps(monkeypatch: pytest.MonkeyPatch) -> None:

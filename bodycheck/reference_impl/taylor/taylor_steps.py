@@ -220,10 +220,38 @@ def _advanced(state: tuple[Array, Array], i: int, change: Any) -> DoubleDouble:
     return dd.add((state[0][i], state[1][i]), as_pair(change))
 
 
-@inlined_kernel
-def _write(out: tuple[Array, Array], row: int, state: tuple[Array, Array]) -> None:
-    for i in range(STATE):
-        out[0][row, i], out[1][row, i] = state[0][i], state[1][i]
+@kernel
+def _written(
+    out: tuple[Array, Array], state: tuple[Array, Array], times: Array, due: int, last: float
+) -> int:
+    """Write the state at the times from index due up to the last; return the next index."""
+    while due < len(times) and times[due] <= last:
+        for i in range(STATE):
+            out[0][due, i], out[1][due, i] = state[0][i], state[1][i]
+        due += 1
+    return due
+
+
+@kernel
+def _stepped(
+    state: tuple[Array, Array],
+    series: Numbers,
+    rows: int,
+    t: float,
+    after: float,
+    times: Array,
+    due: int,
+    out: tuple[Array, Array],
+) -> int:
+    """Advance these rows of the state from t to after; write it at the times before; return the next index."""
+    order = high_part(series).shape[1] - 1
+    while due < len(times) and times[due] < after:
+        for i in range(rows):
+            out[0][due, i], out[1][due, i] = _advanced(state, i, _change(series, i, order, times[due] - t))
+        due += 1
+    for i in range(rows):
+        state[0][i], state[1][i] = _advanced(state, i, _change(series, i, order, after - t))
+    return due
 
 
 @long_kernel
@@ -265,10 +293,7 @@ def integrate(
     full = min(paired_orders, order) if is_paired(series) else order
     last = STATE if translational is not None else V
     length = high_part(translational)[RADIUS] if translational is not None else 0.0
-    t, due, steps = begin, 0, 0
-    while due < len(times) and times[due] == begin:
-        _write(out, due, state)
-        due += 1
+    t, due, steps = begin, _written(out, state, times, 0, begin), 0
     while t < end and steps < max_steps:
         _start(series, state, body_sines, world_sines, orbit, recorded, rows, t)
         _expand(
@@ -319,8 +344,7 @@ def integrate(
         if not after > t:
             for i in range(last):  # beyond last, the centre of mass is integrated separately
                 state[0][i] = math.nan
-            for lost in range(due, len(times)):
-                _write(out, lost, state)
+            _written(out, state, times, due, end)
             if springs is not None and is_at_anchor(high, springs, rows[1]):
                 return LOST_AT_ANCHOR, end
             if torsion is not None and high[rows[2], 0] < _HALF_TURN:
@@ -328,17 +352,8 @@ def integrate(
             if recorded is not None and may_vanish(high, recorded, rows[3], _AT_ZERO * t, 2):
                 return LOST_AT_ZERO, end
             return steps, end
-        while due < len(times) and times[due] < after:
-            for i in range(last):
-                out[0][due, i], out[1][due, i] = _advanced(
-                    state, i, _change(series, i, order, times[due] - t)
-                )
-            due += 1
-        for i in range(last):
-            state[0][i], state[1][i] = _advanced(state, i, _change(series, i, order, after - t))
-        while due < len(times) and times[due] == after:
-            _write(out, due, state)
-            due += 1
+        due = _stepped(state, series, last, t, after, times, due, out)
+        due = _written(out, state, times, due, after)
         t = after
         steps += 1
     return steps, t
