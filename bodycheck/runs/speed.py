@@ -61,8 +61,9 @@ def measure_speeds(
 
     The reference measurement is the reference's rk4 on the same scenario at its finest listed step.
     relative_cpu is the case's fastest lap over the fastest lap of the reference. The laps of both alternate;
-    the last reference lap of a case also counts for the next case on the scenario. A disturbance can only lengthen a lap: on a busy machine the fastest laps of two runs differ
-    half as much as their medians. Once a second lap of both confirms the fastest one, no more are timed.
+    the last reference lap of a case also counts for the next case on the scenario. A disturbance can only
+    lengthen a lap: on a busy machine the fastest laps of two runs differ half as much as their medians. Once
+    a second lap of both confirms the fastest one, no more are timed.
     """
     by_name = {problem.scenario.name: problem for problem in problems}
     laps_each = _LAPS if passes == 1 else _LAPS_OF_ONE_OF_MANY

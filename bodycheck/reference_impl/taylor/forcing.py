@@ -65,7 +65,8 @@ class Forcing:
 
     rotational (21,): I, I^-1, the constant torque in body axes. damping (9,): the angular drag C. body_sines
     and world_sines (n, 5): amplitude, rate, phase of each sine torque, doubles. world (12,): the constant
-    torque in world axes; moment = sum of at F^T over the world forces. orbit (2,): 3 n^2 and n of the gravity
+    torque in world axes; moment = sum of at F^T over the world forces; 0 where there is none, because
+    kernels without it would be further kernels to compile. orbit (2,): 3 n^2 and n of the gravity
     gradient. translational (9,): constant acceleration in body axes and in world axes, drag over mass,
     1 / mass, radius of gyration. springs (n, 14): anchor, at, stiffness, rest length, then the low parts of
     anchor and at. torsion (5,): stiffness and q(0). recorded (n, 5): the operations of tape.py that sum all
@@ -76,7 +77,7 @@ class Forcing:
     rotational: Numbers
     damping: Numbers | None
     body_sines: Array | None
-    world: Numbers | None
+    world: Numbers
     world_sines: Array | None
     orbit: Numbers | None
     translational: Numbers
@@ -123,16 +124,14 @@ def forcing_between(scene: Scene, begin_s: float, end_s: float) -> Forcing:
     body_sines, world_sines = (_sine_rows(sines, axes) for axes in ("body", "world"))
     if gradients and scene.pivot is not None:
         raise ValueError("a body with a pivot is not in orbit: no gravity gradient can act on it")
-    world, orbit = _world(scene, constant_loads), _orbit(gradients)
-    damping = _damping(scene, drags)
+    orbit, damping = _orbit(gradients), _damping(scene, drags)
     translational = _translational(scene, constant_loads, drags)
     forced_in_body = any(translational[ACCELERATION_BODY:ACCELERATION_WORLD])
-    turns = any(world) or orbit or springs or others or forced_in_body or world_sines is not None
     return Forcing(
         _pairs(_rotational(scene, constant_loads)),
         _pairs(damping) if any(damping) else None,
         body_sines,
-        _pairs(world) if turns else None,
+        _pairs(_world(scene, constant_loads)),
         world_sines,
         _pairs(orbit) if orbit else None,
         _pairs(translational),

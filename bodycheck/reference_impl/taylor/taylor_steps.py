@@ -77,7 +77,7 @@ def _expand(
     rotational: Numbers,
     damping: Numbers | None,
     body_sines: Array | None,
-    world: Numbers | None,
+    world: Numbers,
     world_sines: Array | None,
     orbit: Numbers | None,
     translational: Numbers | None,
@@ -92,9 +92,8 @@ def _expand(
     for k in range(first, last):
         share = over_double(exactly(series, 1.0), k + 1.0)
         torque = own_torque(series, rotational, damping, body_sines, k, share)
-        if world is not None:
-            rotation_matrix(series, k)
-            torque = added(torque, added(world_torque(series, world, k), moment_torque(series, world, k)))
+        rotation_matrix(series, k)
+        torque = added(torque, added(world_torque(series, world, k), moment_torque(series, world, k)))
         if world_sines is not None:
             torque = added(torque, sine_torque(series, world_sines, rows[0], k))
         if orbit is not None:
@@ -103,8 +102,7 @@ def _expand(
             torque = added(torque, torsion_torque(series, torsion, rows[2], k))
         if translational is not None:
             rate = acceleration(series, translational, k)
-            if world is not None:
-                rate = added(rate, rotated_acceleration(series, translational, k))
+            rate = added(rate, rotated_acceleration(series, translational, k))
             if springs is not None:
                 couple, push = springs_share(series, springs, translational, rows[1], k)
                 torque, rate = added(torque, couple), added(rate, push)
@@ -243,7 +241,7 @@ def _stepped(
     due: int,
     out: tuple[Array, Array],
 ) -> int:
-    """Advance these rows of the state from t to after; write it at the times before; return the next index."""
+    """Advance these rows of the state to `after`, write it at the times before; return the next index."""
     order = high_part(series).shape[1] - 1
     while due < len(times) and times[due] < after:
         for i in range(rows):
@@ -261,7 +259,7 @@ def integrate(
     rotational: Numbers,
     damping: Numbers | None,
     body_sines: Array | None,
-    world: Numbers | None,
+    world: Numbers,
     world_sines: Array | None,
     orbit: Numbers | None,
     translational: Numbers | None,
