@@ -64,7 +64,18 @@ NOT_RUN = {
 
 LONG = tuple(
     f"docs/{name}.md"
-    for name in ("clusters", "ensembles", "gates", "nightly", "questions", "report", "start", "workers")
+    for name in (
+        "audit",
+        "clusters",
+        "diagnosis",
+        "ensembles",
+        "gates",
+        "nightly",
+        "questions",
+        "report",
+        "start",
+        "workers",
+    )
 )
 """Pages whose commands take long; smaller tests of the same commands run at each push."""
 

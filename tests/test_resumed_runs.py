@@ -169,7 +169,7 @@ def test_stopped_run_continues_to_the_same_tables(
     assert whole.tables["results"]["outcome"].tolist() == ["ok", "ok", "timeout", "ok", "ok", "ok"]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_killed_run_leaves_no_engine(command: Command, tmp_path: Path, whole: Whole) -> None:
     """An engine that never releases the interpreter's lock is ended too."""
     killed = command(*hanging("c-loop"), "--out", "out")

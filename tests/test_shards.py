@@ -274,7 +274,7 @@ def test_shard_without_cases_is_a_shard(folder: Path, tmp_path: Path) -> None:
         pd.testing.assert_frame_equal(table, tables(tmp_path / "whole")[name])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_shards_of_a_nightly_run_are_judged_as_one(folder: Path, tmp_path: Path) -> None:
     """The merged run is stored in a history and compared: the status is 3 the first time and 0 the second."""
     (tmp_path / "mine.toml").write_text((folder / "mine.toml").read_text())

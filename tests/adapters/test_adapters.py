@@ -245,7 +245,7 @@ def test_reset_removes_the_wrench(adapter: Adapter, method: str) -> None:
 
 @every_method
 @pytest.mark.parametrize("kind", LOADS)
-@pytest.mark.parametrize("dt_s", [1e-2, 1.0 / 300.0])
+@pytest.mark.parametrize("dt_s", [1e-2, pytest.param(1.0 / 300.0, marks=pytest.mark.nightly)])
 def test_n_steps_in_one_call_equal_n_calls(adapter: Adapter, method: str, kind: str, dt_s: float) -> None:
     """n steps in one call end where n calls of one step end, within 1e-12."""
     scene = scene_of(loads=LOADS[kind], gravity=(0.2, 0.3, -9.81))
@@ -396,8 +396,21 @@ def substeps_of(method: str) -> int:
 
 
 @first_order_methods
-@pytest.mark.parametrize("gravity", [(0.0, 0.0, 0.0), (0.3, -0.4, -9.81)], ids=["weightless", "heavy"])
-@pytest.mark.parametrize("body", ["diagonal", "full", "plate beyond the limit by a round-off"])
+@pytest.mark.parametrize(
+    "gravity",
+    [
+        pytest.param((0.0, 0.0, 0.0), id="weightless", marks=pytest.mark.nightly),
+        pytest.param((0.3, -0.4, -9.81), id="heavy"),
+    ],
+)
+@pytest.mark.parametrize(
+    "body",
+    [
+        pytest.param("diagonal", marks=pytest.mark.nightly),
+        "full",
+        "plate beyond the limit by a round-off",
+    ],
+)
 @pytest.mark.parametrize("kind", LOADS)
 def test_step_equals_its_map(
     adapter: Adapter, method: str, kind: str, body: str, gravity: tuple[float, float, float]

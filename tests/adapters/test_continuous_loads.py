@@ -431,7 +431,10 @@ LINKS = {
 @every_method
 @pytest.mark.parametrize("link", LINKS.values(), ids=LINKS.keys())
 @pytest.mark.parametrize("pivot", [None, PIVOT], ids=["free", "pivoted"])
-@pytest.mark.parametrize("kind", ["drag", "with constant ones", "a function"])
+@pytest.mark.parametrize(
+    "kind",
+    [*(pytest.param(k, marks=pytest.mark.nightly) for k in ("drag", "with constant ones")), "a function"],
+)
 def test_link_frame_does_not_matter(
     adapter: Adapter, method: str, kind: str, pivot: Array | None, link: Link
 ) -> None:

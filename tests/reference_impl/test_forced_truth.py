@@ -40,11 +40,14 @@ CASES = {
 }
 """The time up to which forty digits follow each scene, and steps within which no load switches."""
 
+OWN_KERNEL = {"satellite-libration", "sine-torque", "spring-pendulum", "torsion-spring"}
+"""Scenes whose kernels take up to 10 s to compile; test_taylor.py covers their loads at each push."""
+
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=pytest.mark.nightly if "spring" in name else ()) for name in CASES],
+    [pytest.param(name, marks=pytest.mark.nightly if name in OWN_KERNEL else ()) for name in CASES],
 )
 def test_truth_of_forced_motion_lies_within_its_bounds(name: str) -> None:
     """All quantities are within their bounds of fifty digits; x, v and omega agree to round-off."""

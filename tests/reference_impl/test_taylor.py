@@ -233,7 +233,8 @@ def scene_under(*loads: Load, duration_s: float = 2.0) -> Scene:
 
 
 CASES = {name: scene_under(*loads) for name, loads in LOADS.items()}
-OWN_KERNEL = {"sine world", "torsion spring"}  # takes 10 s to compile, and is also covered by the mixture
+OWN_KERNEL = {"sine body", "sine world", "spring", "torsion spring", "gravity gradient"}
+"""Loads whose kernels take up to 10 s to compile; the mixture contains them too."""
 every_load = pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[pytest.mark.nightly] * (n in OWN_KERNEL)) for n in LOADS]
 )

@@ -62,6 +62,8 @@ LOADS: dict[str, tuple[Load, ...]] = {
     ),
 }
 every_load = pytest.mark.parametrize("name", LOADS)
+OWN_KERNEL = {"sine body", "sine world", "gravity gradient", "spring"}
+"""Loads whose truths have kernels that take 5 s to compile; the mixture contains all but the spring."""
 
 BODIES = {
     "brick": np.diag([1.0, 2.0, 3.0]),
@@ -101,7 +103,9 @@ def askew(inertia: Array) -> Array:
 # ----------------------------------------------------------------------------------------------- accuracy
 
 
-@every_load
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.nightly] * (name in OWN_KERNEL)) for name in LOADS]
+)
 def test_errors_are_those_of_doubles(name: str) -> None:
     """Orientation, energy and momentum at each sample are within ten times eps x sensitivity of the truth."""
     scene, truth = truth_of(name)

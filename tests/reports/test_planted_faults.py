@@ -28,7 +28,7 @@ NOT_BY_PROBES = {
 }
 """Faults that only the verdicts and orders of a whole run detect."""
 
-EVERY = 20
+EVERY = 40
 """A push runs one fault in this many through smoke, and all of them through the probes."""
 
 
