@@ -149,7 +149,7 @@ def test_stopped_run_continues_to_the_same_tables(
 ) -> None:
     """A hanging engine ends with the run, and stored answers are not computed again."""
     stopped = command(*hanging(), "--timeout-s", "5", "--out", "out")
-    answered(stopped, tmp_path, whole.answers - 1)  # all except the hanging case
+    answered(stopped, tmp_path, whole.answers // 2)  # one engine hangs, the other answers
     assert workers_of(stopped.pid)
     stopped.send_signal(blow)
     ended = finished(stopped)
@@ -183,7 +183,7 @@ def test_killed_run_leaves_no_engine(command: Command, tmp_path: Path, whole: Wh
 def test_second_process_on_the_same_run_is_refused(command: Command, tmp_path: Path, whole: Whole) -> None:
     """Resuming or starting it gives one line and status 2, and does not disturb the first process."""
     first = command(*hanging(), "--timeout-s", "5", "--out", "out")
-    answered(first, tmp_path, whole.answers - 1)
+    answered(first, tmp_path, whole.answers // 2)
     first.send_signal(signal.SIGSTOP)  # stopped, so that it cannot finish before the other commands
     status, words = finished(command("run", "--resume", "out"))
     assert status == 2
