@@ -11,8 +11,10 @@ from bodycheck.reports.measurement.convergence import (
     Convergence,
     Criteria,
     Point,
+    best_of,
     convergence_of,
     next_step_size,
+    reaches_round_off,
     round_off_floor,
     stepless_verdict,
     tolerance_convergence,
@@ -68,6 +70,39 @@ def test_errors_that_have_stopped_falling_do_not_converge(level: float) -> None:
     """A fall of order 2 and then a plateau over the three finest steps is not convergence."""
     points = [*power_law(2.0, 2.0 * level, (1e-2, 7e-3)), *(Point(dt, level) for dt in (4e-3, 2e-3, 1e-3))]
     assert convergence_of(points, CRITERIA).verdict == "does-not-converge"
+
+
+@pytest.mark.parametrize(("finest", "verdict"), [(1.01e-9, "does-not-converge"), (0.99e-9, "pre-asymptotic")])
+def test_errors_that_stop_falling_at_round_off_have_no_verdict(finest: float, verdict: str) -> None:
+    """A plateau counts as a wrong limit if the error at the finest step is above 1e-9."""
+    points = [*power_law(2.0, 4e-9, (1e-2, 7e-3)), Point(4e-3, 1.1e-9), Point(2e-3, 1.05e-9)]
+    assert convergence_of([*points, Point(1e-3, finest)], CRITERIA).verdict == verdict
+
+
+def test_the_best_case_is_the_coarsest_with_the_least_error() -> None:
+    """Cases that did not end well are left out."""
+    points = [Point(0.1, 2.0), Point(0.05, 1.0), Point(0.02, 1.0), Point(0.01, None)]
+    assert best_of(points) is points[1]
+    assert best_of(points[3:]) is None
+
+
+@pytest.mark.parametrize(
+    ("errors", "reached"),
+    [
+        ((1e-3, 1e-5, 1e-6), False),
+        ((1e-3, 1e-5, 8.9e-7), True),
+        ((1e-3, 8.9e-6, 1e-5), True),
+        ((1e-3, 9.1e-6, 1e-5), False),
+        ((1e-3, None, None), False),
+        ((None, None, None), False),
+    ],
+)
+def test_round_off_is_reached_where_the_error_is_that_predicted(
+    errors: tuple[float | None, ...], reached: bool
+) -> None:
+    """The least error is up to 10 times that at the finest step, or 100 times before errors rise."""
+    points = [Point(dt, error, None, 9e-8) for dt, error in zip((0.1, 0.01, 0.001), errors, strict=True)]
+    assert reaches_round_off(points) is reached
 
 
 def test_a_wrong_limit_outweighs_an_order_at_coarser_steps() -> None:

@@ -296,6 +296,20 @@ def test_replay_is_not_measured_where_a_run_fails() -> None:
     assert check_replays(ENGINE, [METHOD], fails, [])[METHOD.name].message == "failed: gone"
 
 
+def test_replay_starts_from_a_state_that_the_method_supports() -> None:
+    """The next state is tried if one is unsupported; a run that fails ends the attempts."""
+    same, requested = stepping(MAPS["M1"].step), 0
+
+    def refusing_one(engine: Engine, case: Case) -> Answer:
+        nonlocal requested
+        requested += 1
+        return Answer("unsupported", "too fast") if requested == 1 else same(engine, case)
+
+    assert check_replays(ENGINE, [METHOD], refusing_one, [("again", same)])[METHOD.name].verdict == "holds"
+    unsupported = lambda engine, case: Answer("unsupported", "none")  # noqa: E731, ARG005 - as above
+    assert check_replays(ENGINE, [METHOD], unsupported, [])[METHOD.name].message == "unsupported: none"
+
+
 @pytest.mark.slow
 def test_a_reversible_map_must_reverse() -> None:
     """M1 breaks `reverse` if its map is declared reversible; Moser-Veselov obeys it."""

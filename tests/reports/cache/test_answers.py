@@ -444,6 +444,19 @@ def test_sentinel_is_measured_by_every_run(tmp_path: Path) -> None:
     assert engine_pool.requested == 2
 
 
+def test_sentinel_of_a_resumed_run_is_measured_by_it(tmp_path: Path) -> None:
+    """The journal may hold the answer of an earlier run to the same case; the sentinel's own one is kept."""
+    engine_pool, cache = Counting(GOOD), Cache(tmp_path / "cache")
+    Answers(None, cache, 1.0, run_id="earlier").ask(engine_pool, ENGINE, CASE)
+    with Journal(tmp_path / "journal") as journal:
+        assert Answers(journal, cache, 1.0, run_id="this").ask(engine_pool, ENGINE, CASE).reused
+    for _ in range(2):
+        with Journal(tmp_path / "journal") as journal:
+            answers = Answers(journal, cache, 1.0, run_id="this")
+            assert not answers.sentinel(engine_pool, ENGINE, CASE).reused
+    assert engine_pool.requested == 2
+
+
 @pytest.mark.parametrize("returned", [{}, {"outcome": "failed", "message": "it crashed"}, {"outcome": "ok"}])
 def test_failed_search_is_requested_again(returned: dict[str, Any], tmp_path: Path) -> None:
     """A failed search has a reason, and the next run requests it again."""

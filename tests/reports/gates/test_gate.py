@@ -239,11 +239,14 @@ def test_a_failed_order_has_the_error_at_each_step() -> None:
 
 
 def test_distance_is_in_decades_for_errors_and_plain_for_orders() -> None:
-    """1e-2 is one decade beyond 1e-3; an order of 3.5 is 0.4 beyond 3.9."""
+    """1e-2 is one decade beyond 1e-3; an order of 3.5 is 0.4 beyond 3.9; two digits are shown."""
     error = one(gate(upper=1e-3), {"orientation_error_rad": 1e-2})
+    near = one(gate(upper=1e-3), {"orientation_error_rad": 9.7e-3})
     order = one(gate(measure="order.orientation_error_rad", lower=3.9), {}, methods=[{"order": 3.5}])
     assert error.worst is not None
+    assert near.worst is not None
     assert order.worst is not None
+    assert distance(near.worst, near.gate) == "0.99 decades beyond"  # log10 9.7 = 0.98677
     assert distance(error.worst, error.gate) == "1 decades beyond"
     assert distance(order.worst, order.gate) == "0.4 beyond"
 
