@@ -127,16 +127,18 @@ def _verdict_text(found: Mapping[str, Any]) -> str:
 
 def _errors_by_step(columns: Mapping[str, Any], quantity: str, run: RunTables) -> tuple[str, ...]:
     """Return the error at each step of a method on a scenario, with the order between neighbouring steps."""
-    own = (
-        case for case in run.cases if study_key(case.columns) == study_key(columns) and case.dt_s is not None
-    )
+    own = [
+        (dt_s, case)
+        for case in run.cases
+        if study_key(case.columns) == study_key(columns) and (dt_s := case.dt_s) is not None
+    ]
     lines, coarser = [], None
-    for case in sorted(own, key=lambda case: -(case.dt_s or 0.0)):
+    for dt_s, case in sorted(own, key=lambda one: -one[0]):
         error = case.columns.get(quantity) if case.ok else None
         if error is None:
             lines.append(f"{_at(case.columns)}: {case.columns['outcome']}: {case.columns['message']}")
             continue
-        point = (case.dt_s or 0.0, error)
+        point = (dt_s, error)
         order = "" if coarser is None else _order_between(coarser, point)
         lines.append(f"{_at(case.columns)}: {amount_of(quantity, error)}{order}")
         coarser = point
