@@ -380,7 +380,7 @@ def test_a_torque_that_switches_inside_a_step_is_said_so(tmp_path: Path) -> None
     assert measured.results["orientation_error_rad"].tolist()[1] < 1e-9
 
 
-def test_untouched_defaults_are_run_only_when_asked_for_by_name() -> None:
+def test_untouched_defaults_are_run_only_when_named() -> None:
     """An engine's name selects all methods except the @defaults variants, which are requested by name."""
     pytest.importorskip("pybullet")
     names = [method.name for _, method in select(["smoke"], ["pybullet"]).methods]

@@ -232,7 +232,7 @@ def test_measures_equal_those_of_a_run() -> None:
             assert values[row] == pytest.approx(case.columns[name], rel=1e-6, abs=1e-15)
 
 
-def test_diverged_and_missing_motions_are_told_apart() -> None:
+def test_diverged_and_missing_motions_are_distinguished() -> None:
     """A motion that is not finite is unstable with infinite error; a failed motion is not measured."""
     requested = batch("rk4", 3)
     answer = record_batch(Reference(), requested)

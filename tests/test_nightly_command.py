@@ -91,13 +91,13 @@ def run(*words: str, angle_rad: float = 0.0) -> Result:
 def test_nightly_run_fails_on_a_regression(folder: Path) -> None:
     """The status is 3 without a baseline, 0 without a regression, and 1 if an orientation is worse."""
     first, second, moved = run(), run(), run(angle_rad=1e-9)
-    third, fourth = run("--out", "told.md", angle_rad=1e-2), run()
+    third, fourth = run("--out", "changes.md", angle_rad=1e-2), run()
     assert [done.exit_code for done in (first, second, moved, third, fourth)] == [3, 0, 0, 1, 0], third.output
     assert "Insufficient history" in first.stdout
     assert "Nothing changed" in second.stdout
     assert "turned 1: 1 method moved" in moved.stdout
     assert "turned 1: m1 improved" in fourth.stdout
-    reported = (folder / "told.md").read_text()
+    reported = (folder / "changes.md").read_text()
     for text in (third.stdout, reported):
         assert "turned 1: m1 worse, error at" in text
         assert "turned:m1" in text
@@ -112,8 +112,8 @@ def test_history_is_listed_queried_and_pruned(folder: Path) -> None:
     run(), run()
     listed = bodycheck("history", "list", "kept")
     assert [line.split()[1] for line in listed.stdout.splitlines()] == ["status", "insufficient", "no"]
-    asked = bodycheck("history", "query", "kept", "SELECT count(*) AS nights FROM nights")
-    assert asked.stdout.split() == ["nights", "2"]
+    queried = bodycheck("history", "query", "kept", "SELECT count(*) AS nights FROM nights")
+    assert queried.stdout.split() == ["nights", "2"]
     oldest = min(path.name for path in (folder / "kept").glob("2*"))
     assert bodycheck("history", "prune", "kept", "--keep", "1").stdout.split() == [oldest]
     assert len(bodycheck("history", "list", "kept").stdout.splitlines()) == 2
@@ -203,9 +203,9 @@ def test_nightly_run_does_what_the_options_request(what: str, monkeypatch: pytes
     words, changed = REQUESTS[what]
     done = bodycheck("nightly", *words, "--history", "kept", "--threshold", "0.25")
     assert isinstance(done.exception, RequestedError), done.output
-    asked, history, watching, thresholds = done.exception.args
+    requested_run, history, watching, thresholds = done.exception.args
     expected = {**REQUESTS["nothing"][1], **changed}
-    assert {name: getattr(asked, name) for name in expected} == expected
+    assert {name: getattr(requested_run, name) for name in expected} == expected
     assert (history, thresholds.default) == (Path("kept"), 0.25)
     assert watching == f"quiet: {what == 'quiet'}"
 
@@ -226,9 +226,9 @@ def test_shard_of_a_nightly_run_is_stored_in_its_own_folder(
     monkeypatch.setattr("bodycheck.cli.nightly.progress_of", lambda *, quiet: f"quiet: {quiet}")
     done = bodycheck("nightly", "tumble.toml", "--shard", "1/2", "--part", "part", *words)
     assert (done.exit_code, done.stdout) == (0, "part/report.html\n"), done.output
-    ((asked, part, watching),) = requested
+    ((requested_run, part, watching),) = requested
     expected = {**REQUESTS["nothing"][1], "scenarios": ["tumble.toml"], "shard": "1/2"}
-    assert {name: getattr(asked, name) for name in expected} == expected
+    assert {name: getattr(requested_run, name) for name in expected} == expected
     assert (part, watching) == (Path("part"), f"quiet: {bool(words)}")
 
 
@@ -251,7 +251,7 @@ def test_status_and_files_are_those_of_the_judgement(
     monkeypatch.setattr(f"{module}.nightly_data", lambda of: {"status": of.status})
     monkeypatch.setattr(f"{module}.nightly_page", lambda of, place: f"{of.status}: {place}report.html")
     (folder / "public").mkdir()
-    files = ("public/page.html", *(f"told.{suffix}" for suffix in ("html", "md", "json")))
+    files = ("public/page.html", *(f"changes.{suffix}" for suffix in ("html", "md", "json")))
     out = [word for file in files for word in ("--out", file)]
     done = bodycheck("nightly", "--history", "kept", *out, *(["--json"] if as_json else []))
     assert done.exit_code == code, done.output
@@ -261,11 +261,11 @@ def test_status_and_files_are_those_of_the_judgement(
     else:
         assert "Done." in done.stdout
         assert done.stdout.splitlines()[-1] == str(run / "night.html")
-    assert (folder / "told.html").read_text() == f"{status}: kept/a night/report.html"
+    assert (folder / "changes.html").read_text() == f"{status}: kept/a night/report.html"
     assert (folder / "public/page.html").read_text() == f"{status}: ../kept/a night/report.html"
-    assert (folder / "told.md").read_text() == "a text\n"
-    assert (folder / "told.json").read_text().endswith("}\n")
-    assert json.loads((folder / "told.json").read_text()) == data
+    assert (folder / "changes.md").read_text() == "a text\n"
+    assert (folder / "changes.json").read_text().endswith("}\n")
+    assert json.loads((folder / "changes.json").read_text()) == data
 
 
 @pytest.mark.usefixtures("folder")

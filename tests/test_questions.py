@@ -261,7 +261,7 @@ def test_advice_is_that_of_the_newest_run_with_these_very_scenarios(command: Com
     ]
 
 
-def test_a_function_of_ones_own_needs_leave_wherever_it_is_asked_about(command: Command) -> None:
+def test_a_user_function_needs_permission_in_every_command(command: Command) -> None:
     """The message recommends --allow-code only for commands that have this option."""
     forcing = '[[forcing]]\nkind = "callable"\nfunction = "math:hypot"\n'
     Path("called.toml").write_text(tumbling("called") + forcing)

@@ -85,7 +85,7 @@ class FixedStep:
         self._load = load.astype(self._integrator.real)
 
     def advance(self, steps: int) -> None:
-        """Make the steps in one compiled call; in Python where a function is to be asked."""
+        """Make the steps in one compiled call; in Python where a user's function is called."""
         method, state, dt_s = self._integrator, self._state, self._dt_s
         begin = self._steps_made * dt_s
         if self._callback is not None:

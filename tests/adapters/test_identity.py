@@ -80,7 +80,7 @@ UNCHANGED: dict[str, tuple[Callable[[Path], object], dict[str, str]]] = {
     "a time": (touched, {}),
     "bytecode": (lambda site: (site / "shaky/__pycache__/x.pyc").write_bytes(b"x"), {}),
     "an idle variable": (lambda site: None, {"PYTHONHASHSEED": "7", "NUMBA_CACHE_DIR": "x"}),  # noqa: ARG005
-    "a library built anew the same": (lambda site: build_library(site, 1.0), {}),
+    "a library rebuilt from the same source": (lambda site: build_library(site, 1.0), {}),
 }
 
 

@@ -312,8 +312,8 @@ def test_plug_in_is_installed_with_its_engine(
     facts.mkdir(parents=True)
     needs = ("toy-engine>=2", "scipy", "pytest; extra == 'tests'")
     lines = ("Metadata-Version: 2.1", "Name: made-up-plugin", "Version: 0.1")
-    reported = (*lines, *(f"Requires-Dist: {need}" for need in needs))
-    (facts / "METADATA").write_text("\n".join(reported) + "\n")
+    metadata = (*lines, *(f"Requires-Dist: {need}" for need in needs))
+    (facts / "METADATA").write_text("\n".join(metadata) + "\n")
     if origin is not None:
         (facts / "direct_url.json").write_text(json.dumps(origin))
     monkeypatch.syspath_prepend(str(tmp_path / "site"))

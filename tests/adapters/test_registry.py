@@ -39,7 +39,7 @@ def test_engines_of_other_packages_are_found_by_entry_point() -> None:
 
 
 @pytest.mark.usefixtures("plugged_in")
-def test_an_engine_that_lacks_what_is_asked_of_it_is_unavailable(expected_message: ExpectedMessage) -> None:
+def test_an_engine_that_lacks_a_requested_part_is_unavailable(expected_message: ExpectedMessage) -> None:
     """A package that does not fit is unavailable with the reason and affects no other engine."""
     with expected_message.raises(UnavailableError):
         registry.get_adapter("aged")

@@ -82,10 +82,10 @@ def test_case_of_the_docs_survives_its_message(line: str) -> None:
 def test_search_of_the_docs_survives_its_message() -> None:
     """The search of the page that is read and written again gives the same message; its answer is valid."""
     (line,) = (line for line in REQUESTS if "stable-step" in line)
-    asked = json.loads(line)
-    search = case_messages.search_of(asked)
-    assert {"id": asked["id"], "do": "stable-step", **case_messages.search_message(search)} == asked
-    (answer,) = (found for found in map(json.loads, ANSWERS) if found.get("id") == asked["id"])
+    request = json.loads(line)
+    search = case_messages.search_of(request)
+    assert {"id": request["id"], "do": "stable-step", **case_messages.search_message(search)} == request
+    (answer,) = (found for found in map(json.loads, ANSWERS) if found.get("id") == request["id"])
     assert received_messages.stable_step_of(answer).outcome == "unsupported"
 
 
@@ -112,12 +112,12 @@ def test_worker_conforms(worker: str) -> None:
     assert accepted > 10_000
     assert method in engine.methods
     assert [answer["id"] for answer in found[1:]] == [7, 8, None, None, 9, 10, 11]
-    asked = case_messages.case_of(case)
-    answer = received_messages.answer_of(recorded, asked.scene.sample_times)
+    requested = case_messages.case_of(case)
+    answer = received_messages.answer_of(recorded, requested.scene.sample_times)
     assert answer.outcome == "ok"
     assert answer.trajectory is not None
     assert answer.read_back is not None
-    assert read_back_mismatch(asked.scene, asked.setting.dt_s, answer.read_back) is None
+    assert read_back_mismatch(requested.scene, requested.setting.dt_s, answer.read_back) is None
     # a drifting body's positions are sums of powers of two, which are exact in doubles
     assert answer.trajectory.position_m.tolist() == [[0.0, 0.0, 0.0], [0.5, 0.0, -0.25], [1.0, 0.0, -0.5]]
     assert refused["outcome"] == "failed"
@@ -240,9 +240,9 @@ def test_docs_list_the_keys_of_every_load(load: Load) -> None:
     """The table of the page lists exactly the keys of each load, next to its kind."""
     body = RigidBody(1.0, np.eye(3))
     scene = Scene(body, STATE, (load,), np.zeros(3), 0.1, 4)
-    (reported,) = case_messages.scene_message(scene)["loads"]
-    (keys,) = re.findall(rf"^\| `{reported.pop('kind')}` \| (.*) \|$", PAGE, flags=re.MULTILINE)
-    assert set(re.findall(r"`(\w+)`", keys)) - {"body", "world"} == set(reported)
+    (load,) = case_messages.scene_message(scene)["loads"]
+    (keys,) = re.findall(rf"^\| `{load.pop('kind')}` \| (.*) \|$", PAGE, flags=re.MULTILINE)
+    assert set(re.findall(r"`(\w+)`", keys)) - {"body", "world"} == set(load)
 
 
 @pytest.mark.parametrize("shape", [(0,), (5,), (2, 3), (2, 3, 3)])

@@ -162,7 +162,7 @@ def test_an_unknown_map_is_described_by_its_leading_error() -> None:
     assert found.leading.omega["omega"] == pytest.approx(-0.04, rel=0.05)
 
 
-def test_an_unrenormalised_quaternion_is_told_from_a_renormalised_one() -> None:
+def test_an_unrenormalised_quaternion_differs_from_a_renormalised_one() -> None:
     """The norm of the quaternion is compared, so M4 is not M1 with renormalisation."""
     scene = replace(STATES["free, |omega| dt = 0.3"][0], samples=2)
     scene = replace(scene, duration_s=scene.duration_s / 16)

@@ -590,11 +590,11 @@ def clamped(name: str) -> Trajectory:
     """Clamp each component of v and omega at 90 % of the largest there is."""
     motion = truth_of(name).trajectory
     fastest = 0.9 * np.max(np.abs(motion.velocity_m_s))
-    quickest = 0.9 * np.max(np.abs(motion.omega_body))
+    fastest = 0.9 * np.max(np.abs(motion.omega_body))
 
     def tamper(state: Array) -> None:
         state[3:6] = np.clip(state[3:6], -fastest, fastest)
-        state[6:9] = np.clip(state[6:9], -quickest, quickest)
+        state[6:9] = np.clip(state[6:9], -fastest, fastest)
 
     return stepped(SCENES[name], tamper=tamper)
 

@@ -68,7 +68,7 @@ def test_an_axis_of_a_decade_has_more_numbers_than_one(chromium: Browser) -> Non
     assert many == none == []
 
 
-def test_what_failed_stands_at_the_edge_of_the_speed_plot(opened: Page) -> None:
+def test_failed_cases_are_at_the_edge_of_the_speed_plot(opened: Page) -> None:
     """Failed, invalid and unstable cases have marks next to the axes; markup in a label is plain text."""
     draw_all(opened)
     texts = opened.evaluate(

@@ -208,7 +208,7 @@ def test_what_has_no_points_is_no_figure(figure: str, run: Run, expected_message
 
 
 @pytest.mark.parametrize(("out", "error"), [("a.jpg", InputError), ("a.svg", UnavailableError)])
-def test_a_picture_is_asked_for_rightly(
+def test_format_and_program_of_a_picture_are_checked(
     out: str, error: type[Exception], monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
 ) -> None:
     """Another format is refused; without matplotlib the message names the extra."""

@@ -34,7 +34,7 @@ def test_a_packed_line_has_three_digits() -> None:
     assert packed_line(np.full(3, 0.25)) == 0.25
 
 
-def test_lines_can_be_told_without_colour() -> None:
+def test_lines_can_be_distinguished_without_colour() -> None:
     """As many methods as there are pairs of marker and dash all look different."""
     several = styles((f"engine-{i % 4}", f"method-{i}") for i in range(len(MARKERS) * len(DASHES)))
     assert len({(style.marker, style.dash) for style in several.values()}) == len(several)
@@ -105,6 +105,6 @@ def test_a_heading_is_words_with_a_unit(column: str, words: str) -> None:
         (None, np.nan, ""),
     ],
 )
-def test_a_growth_is_told_with_its_exponent(growth: str, exponent: float, words: str) -> None:
+def test_a_growth_is_described_with_its_exponent(growth: str, exponent: float, words: str) -> None:
     """A power of t has its exponent, bounded and exponential growth do not, and a missing growth is empty."""
     assert growth_text({"growth": growth, "growth_exponent": exponent}) == words

@@ -78,7 +78,7 @@ def test_parquet_reads_back_as_the_same_table(
     ],
     ids=str,
 )
-def test_whatever_a_query_finds_can_be_told(cell: Any, reported: Any, shown: str) -> None:
+def test_any_cell_of_a_query_can_be_shown(cell: Any, reported: Any, shown: str) -> None:
     """JSON has text for types that it lacks, lists for arrays, and null for missing values."""
     table = pd.DataFrame({"found": pd.Series([cell], dtype=object)})
     assert json.loads(as_json(table)) == [{"found": reported}]

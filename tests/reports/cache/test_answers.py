@@ -92,7 +92,7 @@ PASSING = {
         **GOOD,
         "trajectory": {**GOOD["trajectory"], "spin": protocol.packed(np.zeros(3))},
     },
-    "answered when asked again": {**GOOD, "message": "asked twice; first it crashed"},
+    "answered by a second run": {**GOOD, "message": "ran twice; first it crashed"},
 }
 
 
@@ -144,7 +144,7 @@ def test_failure_is_requested_again(what: str, tmp_path: Path) -> None:
     """Failures and invalid answers are not stored for other runs; an invalid answer is a failure."""
     assert requests_of_two_runs(PASSING[what], Cache(tmp_path)) == 2
     answer = Answers(None, None, 1.0).ask(Counting(PASSING[what]), ENGINE, CASE)
-    assert answer.outcome in ("failed", "timeout") or what == "answered when asked again"
+    assert answer.outcome in ("failed", "timeout") or what == "answered by a second run"
     assert answer.message
 
 
@@ -385,7 +385,7 @@ def test_requests_are_those_of_the_protocol(tmp_path: Path) -> None:
     assert requests == [recorded, replayed, recorded, recorded, searched]
 
 
-def test_engine_is_asked_again_after_reset_and_in_another_process() -> None:
+def test_engine_runs_again_after_reset_and_in_another_process() -> None:
     """Its worker is restarted for the second; every answer counts for what is derived."""
     done: list[str] = []
 

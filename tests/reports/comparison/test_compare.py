@@ -163,7 +163,7 @@ def test_a_comparison_is_the_same_from_either_side(tables: Tables, seed: int) ->
 
 
 @pytest.mark.parametrize("outcome", ["failed", "invalid", "timeout", "unstable", "unsupported"])
-def test_a_case_that_does_not_end_well_any_more_is_told(tables: Tables, outcome: str) -> None:
+def test_a_case_that_no_longer_ends_well_is_reported(tables: Tables, outcome: str) -> None:
     """A case that no longer succeeds is one change for the worse, whatever it measured before."""
     where = of("free", "m1", 0.01)
     kept = ("scenario", "engine", "method", "control", "dt_s", "tolerance", "reproduce")
@@ -172,7 +172,7 @@ def test_a_case_that_does_not_end_well_any_more_is_told(tables: Tables, outcome:
     assert (change.kind, change.before, change.after, change.status) == ("outcome", "ok", outcome, "worse")
 
 
-def test_a_measure_that_is_gone_is_told(tables: Tables) -> None:
+def test_a_missing_measure_is_reported(tables: Tables) -> None:
     """A measure that only the first run has is reported as missing, without a size and before all others."""
     gone = with_rows(
         tables,
@@ -183,7 +183,7 @@ def test_a_measure_that_is_gone_is_told(tables: Tables) -> None:
     assert (change.quantity, change.after, change.status) == ("energy_drift", None, "missing")
 
 
-def test_cases_of_one_run_alone_are_told(tables: Tables) -> None:
+def test_cases_of_only_one_run_are_reported(tables: Tables) -> None:
     """Each case that only one of the two runs has is a change."""
     few = replace(tables, cases=tables.cases[4:])
     gone = compare(tables, few).changes
@@ -192,7 +192,7 @@ def test_cases_of_one_run_alone_are_told(tables: Tables) -> None:
     assert sentences(compare(tables, few))[-1].endswith("0 new cases, 4 missing cases.")
 
 
-def test_another_verdict_and_another_order_are_told(tables: Tables) -> None:
+def test_a_changed_verdict_and_order_are_reported(tables: Tables) -> None:
     """A lower order whose interval does not overlap the old one is worse; so is a plateau."""
     methods = tables.methods.copy()
     mine = (methods["scenario"] == "free") & (methods["quantity"] == "orientation_error_rad")
@@ -238,7 +238,7 @@ def test_a_stable_step_changed_where_the_two_searches_cannot_mean_one(
     assert [swapped(change) for change in found] == list(compare(after, before).changes)
 
 
-def test_a_search_that_fails_now_is_told(tables: Tables) -> None:
+def test_a_search_that_now_fails_is_reported(tables: Tables) -> None:
     """A search that fails where it found a stable step before is a change for the worse."""
     stability = tables.stability.copy()
     stability.loc[stability.index[0], ["outcome", "dt_stable_s"]] = "failed", np.nan
@@ -246,7 +246,7 @@ def test_a_search_that_fails_now_is_told(tables: Tables) -> None:
     assert (change.kind, change.after, change.status) == ("stability", "failed", "worse")
 
 
-def test_a_method_that_slowed_down_is_told_and_what_laps_scatter_is_not(tables: Tables) -> None:
+def test_a_slower_method_is_reported_and_scatter_of_laps_is_not(tables: Tables) -> None:
     """Twice the time exceeds the quartiles of quiet laps and is reported; times within them do not differ."""
     tables = with_rows(
         tables,
@@ -281,15 +281,15 @@ def test_a_scenario_that_is_another_by_the_same_name_is_not_compared(tables: Tab
     """Only its name is reported, since its cases differ without an engine's fault; the summary is ignored."""
     free = tables.manifest["scenarios"]["free"]
 
-    def reported(**keys: Any) -> Comparison:
+    def compared_with(**keys: Any) -> Comparison:
         scenarios = {**tables.manifest["scenarios"], "free": {**free, **keys}}
         after = planted(tables, of("free", "m1"), orientation_error_rad=0.1)
         return compare(tables, replace(after, manifest={**tables.manifest, "scenarios": scenarios}))
 
-    found = reported(duration_s=2.0)
+    found = compared_with(duration_s=2.0)
     assert (found.redefined, found.changes) == (("free",), ())
     assert "(scenario definition changed): free" in " ".join(sentences(found))
-    assert reported(summary="reworded").changes
+    assert compared_with(summary="reworded").changes
 
 
 def test_versions_that_differ_stand_on_top(tables: Tables) -> None:

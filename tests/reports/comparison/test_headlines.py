@@ -68,9 +68,9 @@ def test_another_one_step_map_is_named() -> None:
 
     before = mapped(OLD, rk4="RK4", euler="M1", implicit="M2")
     after = mapped(NEW, rk4="RK4 Munthe-Kaas", euler="M1", implicit="implicit midpoint")
-    (reported,) = headlines(compare(before, after))
-    assert "(factor 1.9e6), one-step map RK4 -> RK4 Munthe-Kaas; " in reported
-    assert "; implicit moved, one-step map M2 -> implicit midpoint; 3 methods moved in the " in reported
+    (headline,) = headlines(compare(before, after))
+    assert "(factor 1.9e6), one-step map RK4 -> RK4 Munthe-Kaas; " in headline
+    assert "; implicit moved, one-step map M2 -> implicit midpoint; 3 methods moved in the " in headline
 
 
 def test_a_change_of_speed_is_a_factor() -> None:
@@ -177,17 +177,17 @@ def test_a_measure_that_is_far_worse_than_the_orientation_is_named(factor: float
     """A measure that is more than a decade worse is named; the orientation comes first in any case."""
     before = run({ERROR: 1e-4, "energy_drift": 1e-6})
     after = run({ERROR: 2e-4, "energy_drift": 2e-6 * factor})
-    (reported,) = headlines(compare(before, after))
-    assert "rk4 worse, error at 10 ms 0.0001 -> 0.0002 rad (factor 2)" in reported
-    assert ("energy_drift at 10 ms 1e-6 -> 0.002 (factor 2e3)" in reported) == named
+    (headline,) = headlines(compare(before, after))
+    assert "rk4 worse, error at 10 ms 0.0001 -> 0.0002 rad (factor 2)" in headline
+    assert ("energy_drift at 10 ms 1e-6 -> 0.002 (factor 2e3)" in headline) == named
 
 
 def test_a_method_stands_in_one_clause_however_many_of_its_digits_moved() -> None:
     """Changes of last digits in both directions count once, and make no method worse or improved."""
     before = run({ERROR: 1e-2}, {"dt_s": 0.02, ERROR: 1e-2}, {"method": "euler", ERROR: 1e-2})
     after = run({ERROR: 1e-2 + 3e-13}, {"dt_s": 0.02, ERROR: 1e-2 - 3e-13}, {"method": "euler", ERROR: 2e-2})
-    (reported,) = headlines(compare(before, after))
-    assert reported == (
+    (headline,) = headlines(compare(before, after))
+    assert headline == (
         "mujoco 3.17.0: euler worse, error at 10 ms 0.01 -> 0.02 rad (factor 2);"
         " 1 method moved in the 11th digit."
     )
@@ -202,12 +202,12 @@ def test_methods_are_sorted_by_what_fails_and_by_factor() -> None:
     )
     found = compare(before, after)
     assert [one.method for one in by_method(found.changes)][:5] == ["b", "a", "gone", "c", "d"]
-    (reported,) = headlines(found)
+    (headline,) = headlines(found)
     places = [
-        reported.index(words) for words in ("b worse", "a worse", "gone missing (1 case)", "c improved")
+        headline.index(words) for words in ("b worse", "a worse", "gone missing (1 case)", "c improved")
     ]
     assert places == sorted(places)
-    assert reported.endswith(
+    assert headline.endswith(
         "d improved, error at 10 ms 1e-5 -> 5e-6 rad (factor 2); 1 method moved by up to 1 %; came new."
     )
 
@@ -262,7 +262,7 @@ def test_a_step_that_a_run_chose_itself_is_neither_new_nor_missing() -> None:
         ({"dt_s": None, "tolerance": 1e-6, "control": "tolerance"}, {"dt_s": [0.1], "scenarios": {}}, False),
     ],
 )
-def test_the_steps_of_a_run_are_those_it_was_asked_for(
+def test_the_steps_of_a_run_are_the_requested_ones(
     row: dict[str, Any], manifest: dict[str, Any], chosen: bool
 ) -> None:
     """A step is requested by the run's option, else by the scenario, else as one of five per interval."""

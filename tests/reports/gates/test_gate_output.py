@@ -82,12 +82,12 @@ def test_each_gate_is_one_line() -> None:
         ({"measure": "outcome", "equals": "ok"}, "= ok"),
     ],
 )
-def test_a_bound_is_told_in_words(table: dict[str, Any], bound: str) -> None:
+def test_a_bound_is_described(table: dict[str, Any], bound: str) -> None:
     """A bound is printed as a distance from a value, as two sides, or as a word."""
     assert gate(**table).bound == bound
 
 
-def test_a_case_is_told_by_its_step_its_tolerance_or_neither() -> None:
+def test_a_case_is_named_by_its_step_its_tolerance_or_neither() -> None:
     """The label is the same as in the report."""
     steps = [("dt", 0.02, None), ("tolerance", None, 1e-6), ("none", None, None)]
     run = make_tables(
@@ -103,7 +103,7 @@ def test_a_run_without_cases_has_none() -> None:
     assert (result.status, result.why) == ("nothing", "no scenario of the run matches * (available: none)")
 
 
-def test_each_row_that_failed_is_told_with_its_command() -> None:
+def test_each_failed_row_is_shown_with_its_command() -> None:
     """The row has gate, scenario, method, step, value or reason, bound, distance and command."""
     assert failure_rows(results()) == [
         ("1", "brick", "mujoco:rk4", "dt 0.02 s", "0.01", f"{ERROR} <= 0.001", "1 decades beyond", COMMAND),
@@ -159,7 +159,7 @@ def test_on_a_terminal_the_status_alone_is_coloured_and_no_character_is_lost(
     assert f"[0] {20 * 'because '}".rstrip() in " ".join(shown.getvalue().split())
 
 
-def test_changes_are_told_with_what_was_measured(capsys: pytest.CaptureFixture[str]) -> None:
+def test_changes_are_shown_with_their_measurements(capsys: pytest.CaptureFixture[str]) -> None:
     """The output also counts the gates that did not pass and are left unchanged."""
     changes = [
         Change(0, "upper", 1e-8, 2e-9, 1e-9, loosens=False),

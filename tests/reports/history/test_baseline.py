@@ -216,7 +216,7 @@ def test_sixty_runs_of_the_same_machine_are_the_baseline(
     assert (other.runs, other.left_out) == ((), ())
 
 
-def test_night_reads_the_tables_of_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nightly_run_reads_the_tables_of_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The accepted levels of a nightly run are those of its tables."""
     monkeypatch.setattr(baseline, "read_tables", lambda folder: f"tables of {folder}")
     monkeypatch.setattr(baseline, "read_accepted", lambda *words: words)

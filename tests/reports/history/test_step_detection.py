@@ -169,9 +169,9 @@ def test_first_step_can_be_reported_in_the_thirteenth_run() -> None:
 
 def test_one_fast_run_excludes_that_a_method_is_slower() -> None:
     """The fastest of five runs counts; of a faster method two runs may be slow."""
-    for quickest, detected in ((1.001 * LEAST, 1), (0.999 * LEAST, 0)):
+    for fastest, detected in ((1.001 * LEAST, 1), (0.999 * LEAST, 0)):
         series = column((0.0, 8), (0.5, 5))
-        series[10, 0] = quickest
+        series[10, 0] = fastest
         assert [len(steps) for steps in detect_steps(series)] == [detected]
     for slow, detected in (([9, 11], 1), ([9, 11, 12], 0)):
         series = column((0.0, 8), (-0.5, 5))
