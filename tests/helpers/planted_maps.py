@@ -104,8 +104,6 @@ def _spun(model: Model, w: Array, torque: Array, h: float) -> Array:
     """Return the change of omega by M2, with its gyroscopic terms multiplied by the model's factor."""
     if model.gyro == 1.0:
         return implicit_step(model.inertia, w, torque, h)
-    full = implicit_step(model.inertia, w, 0.0 * torque, h)
-    del full
     spin = model.inertia @ w
     skew = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
     lean = np.array([[0.0, -spin[2], spin[1]], [spin[2], 0.0, -spin[0]], [-spin[1], spin[0], 0.0]])

@@ -164,12 +164,14 @@ def test_a_comparison_is_the_same_from_either_side(tables: Tables, seed: int) ->
 
 @pytest.mark.parametrize("outcome", ["failed", "invalid", "timeout", "unstable", "unsupported"])
 def test_a_case_that_no_longer_ends_well_is_reported(tables: Tables, outcome: str) -> None:
-    """A case that no longer succeeds is one change for the worse, whatever it measured before."""
+    """A case that no longer succeeds is one change for the worse, and in reverse an improvement."""
     where = of("free", "m1", 0.01)
     kept = ("scenario", "engine", "method", "control", "dt_s", "tolerance", "reproduce")
     after = with_rows(tables, where, lambda row: {name: row[name] for name in kept} | {"outcome": outcome})
     (change,) = compare(tables, after).changes
     assert (change.kind, change.before, change.after, change.status) == ("outcome", "ok", outcome, "worse")
+    (change,) = compare(after, tables).changes
+    assert (change.kind, change.before, change.after, change.status) == ("outcome", outcome, "ok", "improved")
 
 
 def test_a_missing_measure_is_reported(tables: Tables) -> None:
