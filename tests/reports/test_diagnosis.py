@@ -35,6 +35,7 @@ from tests.helpers.in_process_cli import run_bodycheck
 from tests.helpers.planted_faults import FAULTS as PLANTED
 from tests.helpers.planted_faults import Faulty
 from tests.helpers.planted_maps import FaultyMap
+from tests.helpers.scenario_texts import tumbling
 
 STEPS = {"full-tensor": 1e-2, "powered-flight": 2e-2, "body-torque": 0.1, "fast-flight": 2e-4}
 KNOWN = frozenset({"position", "velocity", "attitude", "omega"})
@@ -72,6 +73,47 @@ def test_the_motion_of_a_healthy_map_is_no_fault(base: str, scenario: str) -> No
     """The diagnosis is `healthy` and names the map."""
     found = diagnosis_of(scenario, motion_of(scenario, base), 4 if base == "rk4" else 1)
     assert (found.verdict, found.base, found.faults) == ("healthy", base, ())
+
+
+TRUE_MOTIONS = ("symmetric-top", "powered-flight")
+NIGHTLY_TRUE_MOTIONS = ("intermediate-axis", "thruster", "torsion-spring", "world-torque", "free-flight")
+
+
+@pytest.mark.parametrize(
+    "scenario",
+    [*TRUE_MOTIONS, *(pytest.param(name, marks=pytest.mark.nightly) for name in NIGHTLY_TRUE_MOTIONS)],
+)
+def test_the_true_motion_is_no_fault(scenario: str) -> None:
+    """Without a step, the truth at the samples is the motion of the exact flow."""
+    problem = problem_of(scenario)
+    found = diagnosed(problem.scenario.scene, problem.truth.trajectory, problem.scales, None)
+    assert found is not None
+    assert (found.verdict, found.base, found.faults) == ("healthy", "exact", ())
+
+
+def test_a_body_that_never_moves_is_diagnosed(tmp_path: Path) -> None:
+    """No change is small relative to values that are all 0."""
+    (tmp_path / "forced.toml").write_text(
+        tumbling("forced")
+        + '[[forcing]]\nkind = "torque"\naxes = "body"\nvalue_n_m = [0.3, 0.0, 0.0]\n'
+        + '[[forcing]]\nkind = "gravity"\nacceleration_m_s2 = [0.0, 0.0, -9.81]\n'
+    )
+    problem = Problem.of(load_scenario(tmp_path / "forced.toml"), "forced")
+    t_s = problem.scenario.scene.sample_times
+    still, attitude = np.zeros((len(t_s), 3)), np.tile([1.0, 0.0, 0.0, 0.0], (len(t_s), 1))
+    motion = Trajectory(
+        t_s=t_s, position_m=still, velocity_m_s=still, quaternion=attitude, omega_body_rad_s=still
+    )
+    found = diagnosed(problem.scenario.scene, motion, problem.scales, 0.01)
+    assert found is not None
+    assert found.verdict != "healthy"
+
+
+def test_a_step_too_short_to_be_examined_costs_nothing() -> None:
+    """The grid of a step of 0.1 ns would take more memory than there is."""
+    problem = problem_of("full-tensor")
+    found = diagnosed(problem.scenario.scene, motion_of("full-tensor", "rk4"), problem.scales, 1e-10, order=4)
+    assert found is None or found.base == "exact"
 
 
 @pytest.mark.parametrize(

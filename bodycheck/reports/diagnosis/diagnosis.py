@@ -12,6 +12,7 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import GravityGradient, Scene
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.wrench import steps_per_sample
 from bodycheck.reports.diagnosis.engine_model import Grid
 from bodycheck.reports.diagnosis.faults import FAULTS, Fault, FaultContext
 from bodycheck.reports.diagnosis.fit import Fit, Start, cost_of, fitted
@@ -31,7 +32,7 @@ _SAME_EFFECT = 0.02  # relative difference of what two faults leave, below which
 _PARAMETER_COST = 0.1  # decades of the cost that a further parameter must gain
 _BETTER = 10.0  # a pair must reduce the cost of a single that explains the motion by this factor
 _PAIRED = 8
-_COARSEST_TURN = 0.02  # rad, of a step of the exact flow
+_COARSEST_TURN = 0.1  # rad, of a step of the exact flow
 _MAX_STEPS = 400  # between two samples
 
 
@@ -152,17 +153,15 @@ class _Search:
         cls, scene: Scene, trajectory: Trajectory, scales: Scales, dt_s: float | None, known: frozenset[str]
     ) -> _Search | None:
         own = fine = None
-        if dt_s is not None:
-            grid = Grid.of(scene, dt_s)
-            own = Transitions.of(scene, trajectory, grid, scales, known)
+        if dt_s is not None and steps_per_sample(scene.sample_interval_s, dt_s) <= _MAX_STEPS:
+            own = Transitions.of(scene, trajectory, Grid.of(scene, dt_s), scales, known)
         speed = float(np.max(np.linalg.norm(trajectory.omega_body, axis=-1)))
         finest = _COARSEST_TURN / speed if speed > 0.0 else math.inf
         if math.isfinite(speed):
-            largest = min(finest, float(np.max(np.diff(trajectory.t_s))) / 4.0)
-            fine_grid = Grid.between(scene, trajectory.t_s, largest)
-            fine = Transitions.of(scene, trajectory, fine_grid, scales, known)
-        own = own if own is not None and own.grid.stride <= _MAX_STEPS else None
-        fine = fine if fine is not None and fine.grid.stride <= _MAX_STEPS else None
+            stride = max(4.0, np.ceil(np.max(np.diff(trajectory.t_s)) / finest))
+            if stride <= _MAX_STEPS:
+                fine_grid = Grid.between(scene, trajectory.t_s, int(stride))
+                fine = Transitions.of(scene, trajectory, fine_grid, scales, known)
         return None if own is None and fine is None else cls(own, fine)
 
     def on(self, base: Base) -> Transitions | None:

@@ -263,10 +263,9 @@ class Grid:
         return cls(plan.stride, dts, Loads.of(spans), rows.reshape(scene.samples - 1, plan.stride))
 
     @classmethod
-    def between(cls, scene: Scene, t_s: Array, largest_dt_s: float) -> Grid:
-        """Return a grid of equal numbers of steps between any times t_s (n,)."""
+    def between(cls, scene: Scene, t_s: Array, stride: int) -> Grid:
+        """Return a grid of `stride` steps between any two consecutive times t_s (n,)."""
         gaps = np.diff(t_s)
-        stride = max(4, int(np.ceil(gaps.max() / largest_dt_s)))
         dts = gaps / stride
         if not scene.switches_before(float(t_s[-1])):
             acting = _shares(scene, float(t_s[0]), float(t_s[-1]))

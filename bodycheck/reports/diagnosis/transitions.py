@@ -7,6 +7,7 @@ Chemical Physics 18, 102).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -268,9 +269,9 @@ class Transitions:
 
 
 def _relative(change: Array, value: Array) -> float:
-    """Return the largest change over the largest value; 0 without values."""
-    largest = float(np.max(np.abs(change), initial=0.0))
-    return largest / float(np.max(np.abs(value))) if largest else 0.0
+    """Return the largest change over the largest value; 0 without a change, infinite if all values are 0."""
+    largest, size = (float(np.max(np.abs(part), initial=0.0)) for part in (change, value))
+    return 0.0 if largest == 0.0 else largest / size if size else math.inf
 
 
 def _reads_now(name: str, model: Model) -> bool:
