@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -43,6 +44,7 @@ from bodycheck.scenarios.model import Scenario
 FROM_START = "_from_start"
 """Suffix of an energy drift relative to the first sample of the file, instead of relative to the truth."""
 
+_SAME = 1e-9  # relative difference of two times that count as equal
 _PREFERRED = ("orientation_error_rad", "omega_error", "position_error", "velocity_error")
 
 
@@ -76,11 +78,13 @@ def judge_files(
 ) -> Ranking:
     """Judge several files of one scenario and rank them by the first error that all of them have.
 
-    steps_s: the step of each file, from which orders are fitted. Raises InputError like `judge_file`.
+    steps_s: the step of each file, from which orders are fitted. Raises InputError like `judge_file`, and
+    where the files end at different times.
     """
     rows = [
         {"file": str(path), **judge_file(path, scenario, scenario_spec, cache, column_map)} for path in paths
     ]
+    _check_spans([row for row in rows if row["outcome"] == "ok"])
     if steps_s is not None:
         rows = [{"file": row["file"], "dt_s": dt_s, **row} for row, dt_s in zip(rows, steps_s, strict=True)]
     ended = [row for row in rows if row["outcome"] == "ok"]
@@ -89,6 +93,17 @@ def judge_files(
     ranked = sorted(rows, key=lambda row: (row["outcome"] != "ok", row.get(quantity, 0.0)))
     orders = {} if steps_s is None else _orders(rows, common, Problem.of(scenario, scenario_spec, cache))
     return Ranking(tuple(ranked), quantity, orders)
+
+
+def _check_spans(rows: Sequence[Mapping[str, Any]]) -> None:
+    """Raise InputError where files end at different times: the errors of a shorter motion are smaller."""
+    for row in rows[1:]:
+        first, other = rows[0]["compared_until_s"], row["compared_until_s"]
+        if not math.isclose(first, other, rel_tol=_SAME):
+            raise InputError(
+                f"{row['file']}: ends at t = {other!r} s, but {rows[0]['file']} at t = {first!r} s; "
+                "only files of the same time span can be ranked"
+            )
 
 
 def _orders(
@@ -112,10 +127,15 @@ def judge_file(
 ) -> dict[str, Any]:
     """Return outcome, message and measures of the trajectory in a file, like a row of results.csv.
 
-    Raises InputError where the file is invalid or its times are outside the scenario's duration.
+    compared_until_s: the last time in s that was compared. Raises InputError where the file is invalid, has
+    nothing to compare, or has times outside the scenario's duration.
     """
     arrays = recorded_arrays(path, column_map or ColumnMap())
-    scene, t_s = scenario.scene, arrays["t_s"]
+    scene, t_s, available = scenario.scene, arrays["t_s"], _quantities(arrays)
+    if not available:
+        raise InputError(
+            f"{path}: omega in world axes needs an attitude to be compared: qw, qx, qy, qz, or r00 to r22"
+        )
     if t_s[0] < 0.0 or t_s[-1] > scenario.duration_s * (1.0 + 1e-12):
         raise InputError(
             f"{path}: t_s must lie between 0 and the duration, {scenario.duration_s!r} s, but goes from "
@@ -141,7 +161,7 @@ def judge_file(
     if not trusted.all():
         until = f"t = {truth.trusted_until_s:.6g} s"
         columns["message"] = f"compared until {until}, where the truth ends: {truth.end_reason}"
-    available = _quantities(arrays)
+    columns["compared_until_s"] = float(t_s[trusted][-1])
     invariants = [one for one in invariants_of(scene) if one.needs <= available]
     compared = Compared(
         scene, truth.trajectory, true, trajectory, motion, invariants, until=int(np.count_nonzero(trusted))

@@ -237,6 +237,22 @@ def test_the_error_of_a_step_is_measured_or_predicted_for_each_method() -> None:
     assert 9e-4 <= answer.options[0].error < 1.1e-3
 
 
+@pytest.mark.parametrize(("dt_s", "confirmed"), [(0.025, True), (0.02, True), (0.03, False)])
+def test_a_step_that_no_run_can_use_has_no_command(dt_s: float, confirmed: bool) -> None:
+    """Only steps that divide the sampling interval of 0.1 s can be confirmed by a run."""
+    cases = sequence("rk2", [1e-2 / 4**k for k in range(5)])
+    (answer,) = errors_at(curves(cases), dt_s, ["free"])
+    assert bool(answer.options[0].confirm) is confirmed
+
+
+def test_a_step_longer_than_the_scenario_has_no_error() -> None:
+    """The reason gives the duration."""
+    cases = sequence("rk2", [1e-2 / 4**k for k in range(5)])
+    (answer,) = errors_at(curves(cases), 100.0, ["free"])
+    assert answer.options == ()
+    assert [why for _, why in answer.without] == ["the scenario lasts 10 s"]
+
+
 def test_a_search_measures_what_is_predicted_and_refines_what_is_not() -> None:
     """An engine without any option gets a step half as large; a measured answer needs nothing more."""
     cases = [

@@ -10,6 +10,7 @@ import pytest
 
 import bodycheck
 from bodycheck.reports.run_files.trajectory_files import trajectory_table
+from bodycheck.runs.runner import rank
 from tests.helpers.expected_messages import ExpectedMessage
 
 GROUPS = {
@@ -17,7 +18,6 @@ GROUPS = {
     "velocity": ["vx_m_s", "vy_m_s", "vz_m_s"],
     "attitude": ["qw", "qx", "qy", "qz"],
     "omega_body": ["wx_body_rad_s", "wy_body_rad_s", "wz_body_rad_s"],
-    "omega_world": ["wx_world_rad_s", "wy_world_rad_s", "wz_world_rad_s"],
 }
 
 
@@ -35,6 +35,7 @@ def test_stored_trajectory_has_the_measures_of_its_case(stored: tuple[Path, pd.S
     """Every measure of the row is the same, digit for digit."""
     path, row = stored
     judged = bodycheck.judge(path, "boxes")
+    assert judged.pop("compared_until_s") == 10.0
     for name, value in judged.items():
         assert row[name.removesuffix("_from_start")] == value, name  # the case starts at the truth
     assert row.dropna().filter(regex="drift|error|balance").index.isin(list(judged)).all()
@@ -61,7 +62,6 @@ EXPECTED = {
         *("linear_momentum_drift", "linear_momentum_drift_abs"),
     },
     ("attitude",): {"orientation_error_rad", "orientation_error_final_rad", "quaternion_norm_error"},
-    ("omega_world",): set(),
     ("omega_body",): {
         *("omega_error", "omega_error_abs"),
         *("rotational_energy_drift", "rotational_energy_drift_abs", "rotational_energy_drift_from_start"),
@@ -72,12 +72,10 @@ EXPECTED = {
 @pytest.mark.parametrize("groups", EXPECTED)
 def test_only_available_quantities_are_measured(groups: tuple[str, ...], tmp_path: Path) -> None:
     """A measure whose quantities are not in the file is left out."""
-    columns = ["t_s", *(column for group in groups for column in GROUPS[group])]
-    if not EXPECTED[groups]:
-        columns.append("bound_rad")
+    columns = ["t_s", *(column for group in groups for column in GROUPS[group]), "bound_rad"]
     table = truth_table().assign(bound_rad=0.0)[columns]
     judged = bodycheck.judge(write(table, tmp_path / "part.csv"), "boxes")
-    who = {"scenario", "outcome", "message", "truth", "truth_bound_rad"}
+    who = {"scenario", "outcome", "message", "truth", "truth_bound_rad", "compared_until_s"}
     assert set(judged) - who == EXPECTED[groups]
 
 
@@ -133,7 +131,19 @@ WRONG = {
     "time stands still": "t_s,x_m,y_m,z_m\n0,0,0,0\n0,0,0,0\n",
     "negative time": "t_s,x_m,y_m,z_m\n-1,0,0,0\n",
     "past the end": "t_s,x_m,y_m,z_m\n11,0,0,0\n",
+    "omega in world axes alone": "t_s,wx_world_rad_s,wy_world_rad_s,wz_world_rad_s\n0,1,0,0\n1,1,0,0\n",
 }
+
+
+def test_files_that_end_at_different_times_are_not_ranked(
+    tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
+    """A program that stopped early would be the best one."""
+    whole, short = (write(truth_table()[:rows], tmp_path / f"{rows}.csv") for rows in (11, 4))
+    assert bodycheck.judge(short, "boxes")["compared_until_s"] == 3.0
+    assert [row["compared_until_s"] for row in rank([whole, whole], "boxes").rows] == [10.0, 10.0]
+    with expected_message.raises(bodycheck.InputError):
+        rank([whole, short], "boxes")
 
 
 @pytest.mark.parametrize("what", WRONG)

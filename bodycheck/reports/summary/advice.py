@@ -42,7 +42,7 @@ class Option:
     and cpu_s: CPU seconds of the whole scenarios; None where no time was measured. evaluations: right-hand
     sides of the whole scenarios, the cost where no time was measured. rotation_rad: max |omega|
     times the step. limiting: the scenario that requires this setting. duration_s: simulated time, of
-    all scenarios together. confirm: the command that measures it.
+    all scenarios together. confirm: the command that measures it; "" where no run can use the step.
     snippet: the statements that select it in a program; "" if the engine declares none.
     """
 
@@ -132,7 +132,11 @@ def errors_at(curves: Curves, dt_s: float, scenarios: Sequence[str]) -> tuple[An
     def at(curve: ErrorCurve) -> Option | None:
         return None if (found := _at(curve, dt_s)) is None else _option(curve, found)
 
-    each = {name: _found(curves, name, at, lambda curve: _why_none(curve, None)) for name in scenarios}
+    def why(curve: ErrorCurve) -> str:
+        longer = curve.control == "dt" and dt_s > curve.duration_s
+        return f"the scenario lasts {curve.duration_s:g} s" if longer else _why_none(curve, None)
+
+    each = {name: _found(curves, name, at, why) for name in scenarios}
     answers = [_by_error(name, *each[name]) for name in scenarios]
     if len(scenarios) > 1:
         answers.insert(0, _by_error(None, *_over_all(each, curves)))
@@ -212,9 +216,13 @@ def _option(curve: ErrorCurve, found: Estimate, timed: CaseResult | None = None)
         rotation_rad=None if dt_s is None or omega is None else omega * dt_s,
         limiting=columns["scenario"],
         duration_s=curve.duration_s,
-        confirm=_with_step(columns["reproduce"], dt_s),
+        confirm=_with_step(columns["reproduce"], dt_s) if _can_run(curve, dt_s) else "",
         snippet="" if dt_s is None else curve.snippet.replace("{dt_s}", repr(dt_s)),
     )
+
+
+def _can_run(curve: ErrorCurve, dt_s: float | None) -> bool:
+    return dt_s is None or curve.divides_interval(dt_s)
 
 
 def _nearest_timed(curve: ErrorCurve, setting: float | None) -> CaseResult:
@@ -319,6 +327,7 @@ def _joint(key: MethodKey, each: Sequence[Option], curves: Curves) -> Option:
     cpu_s = _total(_times(one.cpu_s, _ratio(one, limiting)) for one in each)
     simulated = sum(curves[one.limiting, key].duration_s for one in each)
     basis = max((one.basis for one in each), key=_SURENESS.index)
+    commands = [one.confirm for one in each]
     fits = all(curves[one.limiting, key].divides_interval(limiting.setting) for one in each)
     return Option(
         *key,
@@ -333,7 +342,7 @@ def _joint(key: MethodKey, each: Sequence[Option], curves: Curves) -> Option:
         rotation_rad=limiting.rotation_rad,
         limiting=limiting.limiting,
         duration_s=simulated,
-        confirm=_command(key, [one.confirm for one in each], limiting.setting if fits else None),
+        confirm=_command(key, commands, limiting.setting if fits else None) if all(commands) else "",
         snippet=limiting.snippet,
     )
 

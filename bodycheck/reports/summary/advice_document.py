@@ -59,8 +59,13 @@ def _answer_parts(answer: Answer, scenarios: int) -> Iterator[Part]:
         yield Sentence(f"{engine}: {why}", "open")
     if not answer.options:
         yield from _nothing(answer)
+    if any(not option.confirm for option in answer.options):
+        yield Sentence(
+            "no run can confirm this step, because it does not divide the sampling interval", "open"
+        )
     for option in answer.options[:_MAX_COMMANDS]:
-        yield Command(option.confirm, "measured by" if option.basis == "measured" else "confirm with")
+        if option.confirm:
+            yield Command(option.confirm, "measured by" if option.basis == "measured" else "confirm with")
     pasted = next((option for option in answer.options if option.snippet), None)
     if pasted is not None:
         yield Command(pasted.snippet, f"use {pasted.name}")

@@ -142,7 +142,9 @@ class ErrorCurve:
         return min(self.measured, key=lambda case: largest_error(case, self.quantity))
 
     def at(self, dt_s: float) -> Estimate | None:
-        """Return the error at a step; None where neither measured nor predictable."""
+        """Return the error at a step; None where neither measured nor predictable, or above the duration."""
+        if dt_s > self.duration_s * (1.0 + _SAME):
+            return None
         for case in self.cases:
             if case.dt_s is not None and math.isclose(case.dt_s, dt_s, rel_tol=_SAME):
                 largest = largest_error(case, self.quantity)
