@@ -23,6 +23,7 @@ from bodycheck.scenarios.forcings import Forcing, check_together, gravity_of, lo
 
 _VELOCITY_TOLERANCE = 1e-9  # relative deviation of a given velocity from the one that a pivot implies
 _MAX_SAMPLES = 1_000_000
+_LARGEST = 1e100  # of a number of the initial state: its square and cube must be doubles
 _UNIT = 4.0 * float(np.finfo(np.float64).eps)  # deviation from 1 of the norm of a quaternion of doubles
 DEFAULT_STEPS_PER_SAMPLE = (5, 10, 20, 50, 100)
 
@@ -35,6 +36,13 @@ class Initial(Table):
     velocity_m_s: Vector | None = None
     omega_body_rad_s: Vector | None = None
     omega_world_rad_s: Vector | None = None
+
+    @field_validator("position_m", "velocity_m_s", "omega_body_rad_s", "omega_world_rad_s")
+    @classmethod
+    def _not_too_large(cls, value: Vector | None) -> Vector | None:
+        if value is not None and max(map(abs, value)) > _LARGEST:
+            raise ValueError(f"numbers above {_LARGEST:g} are not supported")
+        return value
 
     @field_validator("omega_world_rad_s")
     @classmethod

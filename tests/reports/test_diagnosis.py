@@ -294,6 +294,15 @@ def test_a_run_diagnoses_wrong_methods_only(
         expected_message(refused.stderr.strip())
 
 
+@pytest.mark.parametrize(
+    ("factor", "text"), [(1.0, "1"), (1.01, "1.01"), (1.0 + 1e-6, "1 + 1e-06"), (1.0 - 2.5e-7, "1 - 2.5e-07")]
+)
+def test_a_factor_near_one_is_written_as_a_difference(factor: float, text: str) -> None:
+    """Five digits would show a factor of 1."""
+    (fault,) = (fault for fault in FAULTS if fault.name == "torque")
+    assert fault.text([factor]).endswith(f"multiplied by {text}")
+
+
 @pytest.mark.slow
 def test_judge_explains_a_trajectory_of_any_program(tmp_path: Path) -> None:
     """With the program's step the fault is named to round-off; without it, relative to the exact flow."""

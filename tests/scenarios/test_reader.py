@@ -184,6 +184,7 @@ FAULTS = {
     },
     "sweep that is a number": "sweep = 3\n" + GOOD,
     "long quaternion": GOOD + "[initial]\nquaternion = [1, 1, 0, 0]\n",
+    "spin whose square is infinite": GOOD + "[initial]\nomega_body_rad_s = [1e200, 0, 0]\n",
     "zero quaternion": GOOD + "[initial]\nquaternion = [0, 0, 0, 0]\n",
     "three numbers of four": GOOD + "[initial]\nquaternion = [1, 0, 0]\n",
     "two omegas": GOOD + "[initial]\nomega_body_rad_s = [1, 2, 3]\nomega_world_rad_s = [1, 2, 3]\n",

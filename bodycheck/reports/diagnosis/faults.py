@@ -148,7 +148,10 @@ class Fault:
 
 
 def _number(value: float) -> str:
-    return f"{value:.5g}"
+    shown = f"{value:.5g}"
+    if shown != "1" or value == 1.0:
+        return shown
+    return f"1 {'+' if value > 1.0 else '-'} {abs(value - 1.0):.2g}"
 
 
 _FACTOR = Parameter("factor")
