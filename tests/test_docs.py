@@ -423,7 +423,7 @@ def test_table_of_methods_equals_the_adapter(engine: str) -> None:
     assert tables["with_tables"](page, adapter.methods.values()) == page
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_pages_of_engines_are_written_from_a_run() -> None:
     """The tables have the orders, floors, refusals and faults of a run; a second writing changes nothing."""
     write = runpy.run_path(str(ROOT / "docs/engine_results.py"))

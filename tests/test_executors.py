@@ -285,7 +285,7 @@ def requested(scenario: Path, cluster: Loopback, **others: Any) -> RunRequest:
     return RunRequest(**{**given, "cluster": cluster.address, **tls, **others})
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_cluster_gives_the_tables_of_a_run(
     cluster: Loopback, scenario: Path, here: list[pd.DataFrame], tmp_path: Path
 ) -> None:

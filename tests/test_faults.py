@@ -151,7 +151,7 @@ def test_report_has_every_message(faulty: Run, tmp_path: Path) -> None:
         assert message in report
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_fault_changes_no_other_case(faulty: Run, sound: Run) -> None:
     """All other rows equal those of a run without a fault bit for bit, also after a flood of output."""
     rows, expected = rows_of(faulty), rows_of(sound)

@@ -179,7 +179,7 @@ def test_killed_run_leaves_no_engine(command: Command, tmp_path: Path, whole: Wh
     assert finished(killed)[0] == -signal.SIGKILL
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_second_process_on_the_same_run_is_refused(command: Command, tmp_path: Path, whole: Whole) -> None:
     """Resuming or starting it gives one line and status 2, and does not disturb the first process."""
     first = command(*hanging(), "--timeout-s", "5", "--out", "out")
@@ -239,7 +239,7 @@ def test_folder_without_a_request_is_replaced(command: Command, tmp_path: Path) 
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.toml", "out", "package"]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_killed_run_keeps_its_laps(command: Command, tmp_path: Path) -> None:
     """Speeds that were measured before the interruption are those of the resumed run, digit for digit."""
     words = ["run", "mine.toml", "--engine", "reference:m1,reference:rk4,misbehaving:nan", *STEPS]

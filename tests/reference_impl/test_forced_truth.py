@@ -40,7 +40,7 @@ CASES = {
 }
 """The time up to which forty digits follow each scene, and steps within which no load switches."""
 
-OWN_KERNEL = {"satellite-libration", "sine-torque", "spring-pendulum", "torsion-spring"}
+OWN_KERNEL = {"detumbling", "satellite-libration", "sine-torque", "spring-pendulum", "torsion-spring"}
 """Scenes whose kernels take up to 10 s to compile; test_taylor.py covers their loads at each push."""
 
 

@@ -26,10 +26,9 @@ def hidden(scene: Scene) -> Scene:
 NAMES = [
     "heavy-top",
     "damped-fall",
-    pytest.param("satellite-libration", marks=pytest.mark.slow),
     *(
         pytest.param(name, marks=pytest.mark.nightly)  # each solver takes about 15 s to compile
-        for name in ("sine-torque", "spring-pendulum", "torsion-spring")
+        for name in ("satellite-libration", "sine-torque", "spring-pendulum", "torsion-spring")
     ),
 ]
 

@@ -233,7 +233,7 @@ def scene_under(*loads: Load, duration_s: float = 2.0) -> Scene:
 
 
 CASES = {name: scene_under(*loads) for name, loads in LOADS.items()}
-OWN_KERNEL = {"sine body", "sine world", "spring", "torsion spring", "gravity gradient"}
+OWN_KERNEL = {"sine body", "sine world", "spring", "two springs", "torsion spring", "gravity gradient"}
 """Loads whose kernels take up to 10 s to compile; the mixture contains them too."""
 every_load = pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[pytest.mark.nightly] * (n in OWN_KERNEL)) for n in LOADS]
@@ -363,6 +363,7 @@ def test_signal_interrupts_a_motion_that_would_take_years() -> None:
         signal.signal(signal.SIGALRM, before)
 
 
+@pytest.mark.nightly
 def test_specialised_kernels_equal_the_general_one() -> None:
     """Loads of zero strength change nothing, so the general kernel gives the free motion."""
     idle: tuple[Load, ...] = (

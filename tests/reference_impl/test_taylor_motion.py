@@ -275,7 +275,7 @@ print(json.dumps(found))
 """
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_compiled_kernels_equal_their_python_source() -> None:
     """Compiled and interpreted states agree to 1e-14, free and under every load that the frame supports."""
     compiled, interpreted = (

@@ -320,7 +320,7 @@ def test_bounds_never_shrink(name: str) -> None:
         assert np.all(bound > 0.0)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_sensitivity_of_a_chaotic_motion_is_not_saturated() -> None:
     """A perturbation of 1e-13 grows as the truth states in forty digits; in doubles it saturates."""
     start = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.1, 2.0, 0.1]))

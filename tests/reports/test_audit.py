@@ -482,7 +482,7 @@ def test_audit_command_writes_shards_that_merge_puts_together(
     assert reported == json.loads(json_text(audit_data(shards[1])))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_spellings_move_alike_where_no_tensor_is_discarded(tmp_path: Path) -> None:
     """As URDF, PyBullet's default import breaks the law, its recommended import and DART's obey it."""
     done = run_bodycheck(tmp_path, "audit", "--spellings", "--engine", "pybullet,dart", "--quiet")

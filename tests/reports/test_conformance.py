@@ -49,7 +49,9 @@ def failures(adapter: Adapter, method: str) -> list[tuple[str, str]]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", FAULTS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.nightly] * (k % 2)) for k, name in enumerate(FAULTS)]
+)
 def test_mistake_of_an_adapter_is_described(name: str) -> None:
     """The check that concerns the mistake fails first, or after the read-back, in the right words."""
     fault = FAULTS[name]

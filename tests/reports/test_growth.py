@@ -122,7 +122,7 @@ def test_finest_case_above_round_off_is_classified(tmp_path: Path) -> None:
     assert run.methods.set_index("quantity")["growth"]["energy_drift"] == "bounded"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_round_off_grows_as_a_random_walk() -> None:
     """The energy of a million symplectic steps drifts as the root of t.
 
