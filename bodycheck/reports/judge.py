@@ -84,10 +84,10 @@ def judge_files(
     rows = [
         {"file": str(path), **judge_file(path, scenario, scenario_spec, cache, column_map)} for path in paths
     ]
-    _check_spans([row for row in rows if row["outcome"] == "ok"])
     if steps_s is not None:
         rows = [{"file": row["file"], "dt_s": dt_s, **row} for row, dt_s in zip(rows, steps_s, strict=True)]
     ended = [row for row in rows if row["outcome"] == "ok"]
+    _check_spans(ended)
     common = [name for name in (*_PREFERRED, *MEASURES) if ended and all(name in row for row in ended)]
     quantity = next(iter(common), "")
     ranked = sorted(rows, key=lambda row: (row["outcome"] != "ok", row.get(quantity, 0.0)))

@@ -133,8 +133,9 @@ def errors_at(curves: Curves, dt_s: float, scenarios: Sequence[str]) -> tuple[An
         return None if (found := _at(curve, dt_s)) is None else _option(curve, found)
 
     def why(curve: ErrorCurve) -> str:
-        longer = curve.control == "dt" and dt_s > curve.duration_s
-        return f"the scenario lasts {curve.duration_s:g} s" if longer else _why_none(curve, None)
+        if curve.is_shorter_than(dt_s):
+            return f"the scenario lasts {curve.duration_s:g} s"
+        return _why_none(curve, None)
 
     each = {name: _found(curves, name, at, why) for name in scenarios}
     answers = [_by_error(name, *each[name]) for name in scenarios]
@@ -216,13 +217,11 @@ def _option(curve: ErrorCurve, found: Estimate, timed: CaseResult | None = None)
         rotation_rad=None if dt_s is None or omega is None else omega * dt_s,
         limiting=columns["scenario"],
         duration_s=curve.duration_s,
-        confirm=_with_step(columns["reproduce"], dt_s) if _can_run(curve, dt_s) else "",
+        confirm=_with_step(columns["reproduce"], dt_s)
+        if dt_s is None or curve.divides_interval(dt_s)
+        else "",
         snippet="" if dt_s is None else curve.snippet.replace("{dt_s}", repr(dt_s)),
     )
-
-
-def _can_run(curve: ErrorCurve, dt_s: float | None) -> bool:
-    return dt_s is None or curve.divides_interval(dt_s)
 
 
 def _nearest_timed(curve: ErrorCurve, setting: float | None) -> CaseResult:

@@ -143,7 +143,7 @@ class ErrorCurve:
 
     def at(self, dt_s: float) -> Estimate | None:
         """Return the error at a step; None where neither measured nor predictable, or above the duration."""
-        if dt_s > self.duration_s * (1.0 + _SAME):
+        if self.is_shorter_than(dt_s):
             return None
         for case in self.cases:
             if case.dt_s is not None and math.isclose(case.dt_s, dt_s, rel_tol=_SAME):
@@ -183,6 +183,10 @@ class ErrorCurve:
             return None
         finest = min(case.dt_s or math.inf for case in self.cases)
         return next((dt_s for dt_s in self.steps if dt_s <= finest / _REFINED), None)
+
+    def is_shorter_than(self, dt_s: float) -> bool:
+        """Whether the scenario ends before one step, so that no run has this step."""
+        return self.control == "dt" and dt_s > self.duration_s * (1.0 + _SAME)
 
     def divides_interval(self, dt_s: float | None) -> bool:
         """Whether a run of the scenario can use this step."""
