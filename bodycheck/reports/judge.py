@@ -81,27 +81,30 @@ def judge_files(
     steps_s: the step of each file, from which orders are fitted. Raises InputError like `judge_file`, and
     where the files end at different times.
     """
+    recordings = {str(path): recorded_arrays(path, column_map) for path in paths}
+    problem = Problem.of(scenario, scenario_spec, cache)
     rows = [
-        {"file": str(path), **judge_file(path, scenario, scenario_spec, cache, column_map)} for path in paths
+        {"file": str(path), **_judged(path, recordings[str(path)], problem, cache, column_map)}
+        for path in paths
     ]
     if steps_s is not None:
         rows = [{"file": row["file"], "dt_s": dt_s, **row} for row, dt_s in zip(rows, steps_s, strict=True)]
     ended = [row for row in rows if row["outcome"] == "ok"]
-    _check_spans(ended)
+    _check_spans({row["file"]: float(recordings[row["file"]]["t_s"][-1]) for row in ended})
     common = [name for name in (*_PREFERRED, *MEASURES) if ended and all(name in row for row in ended)]
     quantity = next(iter(common), "")
     ranked = sorted(rows, key=lambda row: (row["outcome"] != "ok", row.get(quantity, 0.0)))
-    orders = {} if steps_s is None else _orders(rows, common, Problem.of(scenario, scenario_spec, cache))
+    orders = {} if steps_s is None else _orders(rows, common, problem)
     return Ranking(tuple(ranked), quantity, orders)
 
 
-def _check_spans(rows: Sequence[Mapping[str, Any]]) -> None:
+def _check_spans(ends_s: Mapping[str, float]) -> None:
     """Raise InputError where files end at different times: the errors of a shorter motion are smaller."""
-    for row in rows[1:]:
-        first, other = rows[0]["compared_until_s"], row["compared_until_s"]
-        if not math.isclose(first, other, rel_tol=_SAME):
+    for file, end_s in ends_s.items():
+        first, first_s = next(iter(ends_s.items()))
+        if not math.isclose(first_s, end_s, rel_tol=_SAME):
             raise InputError(
-                f"{row['file']}: ends at t = {other!r} s, but {rows[0]['file']} at t = {first!r} s; "
+                f"{file}: ends at t = {end_s!r} s, but {first} at t = {first_s!r} s; "
                 "only files of the same time span can be ranked"
             )
 
@@ -130,7 +133,15 @@ def judge_file(
     compared_until_s: the last time in s that was compared. Raises InputError where the file is invalid, has
     nothing to compare, or has times outside the scenario's duration.
     """
-    arrays = recorded_arrays(path, column_map or ColumnMap())
+    column_map = column_map or ColumnMap()
+    arrays = recorded_arrays(path, column_map)
+    return _judged(path, arrays, Problem.of(scenario, scenario_spec, cache), cache, column_map)
+
+
+def _judged(
+    path: Path, arrays: dict[str, Array], problem: Problem, cache: Cache | None, column_map: ColumnMap
+) -> dict[str, Any]:
+    scenario = problem.scenario
     scene, t_s, available = scenario.scene, arrays["t_s"], _quantities(arrays)
     if not available:
         raise InputError(
@@ -141,7 +152,7 @@ def judge_file(
             f"{path}: t_s must lie between 0 and the duration, {scenario.duration_s!r} s, but goes from "
             f"{float(t_s[0])!r} to {float(t_s[-1])!r}"
         )
-    scales = Problem.of(scenario, scenario_spec, cache).scales
+    scales = problem.scales
     truth = known_truth(scene, t_s, cache)
     trusted = t_s < truth.trusted_until_s
     if not trusted[0]:
@@ -167,7 +178,7 @@ def judge_file(
         scene, truth.trajectory, true, trajectory, motion, invariants, until=int(np.count_nonzero(trusted))
     )
     departures = departures_of(compared)
-    if column_map is not None and column_map.euler:  # the file has no quaternion
+    if column_map.euler:  # the file has no quaternion
         departures.pop("quaternion_norm_error", None)
     series = series_of(compared, departures)
     measurable = {

@@ -12,6 +12,8 @@ import bodycheck
 from bodycheck._util.formatting import number
 from bodycheck.reports.measurement.convergence import Criteria, Point, tolerance_convergence
 from bodycheck.reports.render.page.scenario_section import scenario_facts
+from bodycheck.reports.run_files.trajectory_files import trajectory_table
+from bodycheck.runs.runner import rank
 from tests.helpers.expected_messages import ExpectedMessage
 
 CHAOTIC = """
@@ -133,6 +135,20 @@ def test_chaotic_motion_is_compared_until_its_truth_ends(tmp_path: Path) -> None
     assert all(len(values) == problem.compared for case in run.cases for values in case.series.values())
     verdicts = run.methods.set_index("quantity")["verdict"]
     assert verdicts["orientation_error_rad"] == "chaotic"
+
+
+@pytest.mark.slow
+def test_files_with_other_samples_of_a_chaotic_motion_are_ranked(tmp_path: Path) -> None:
+    """Their last samples before the end of the truth differ, but both files cover the same time span."""
+    path = tmp_path / "chaotic.toml"
+    path.write_text(CHAOTIC)
+    run = bodycheck.run([path], engines=["reference:cf4"], dt_s=[0.025], speed=False)
+    table = trajectory_table(run.cases[0].trajectory)
+    files = [tmp_path / f"every-{stride}.csv" for stride in (1, 8)]
+    for file, stride in zip(files, (1, 8), strict=True):
+        table[::stride].to_csv(file, index=False)
+    rows = rank(files, path).rows
+    assert len({row["compared_until_s"] for row in rows}) == 2
 
 
 @pytest.mark.slow
