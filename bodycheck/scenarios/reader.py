@@ -13,6 +13,7 @@ from typing import Annotated, Any, TypeAlias
 from pydantic import Field, PlainValidator, StrictStr, ValidationError, field_validator
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import count
 from bodycheck._util.untrusted import parse_toml
 from bodycheck.scenarios.body import BODY_FORMS
 from bodycheck.scenarios.fields import Table, finite_numbers
@@ -184,12 +185,16 @@ def _line(fault: Any) -> str:
             return f"{path}: is not a key of {table}"
         case "model_type":
             return f"{path}: should be a table (it is {fault['input']!r:.60})"
-        case "too_long":
-            return f"{path}: needs {fault['ctx']['max_length']} numbers, not {fault['ctx']['actual_length']}"
+        case "tuple_type":
+            return f"{path}: should be a list (it is {fault['input']!r:.60})"
+        case "too_short" | "too_long":
+            bound, wanted = ("least", "min_length") if fault["type"] == "too_short" else ("most", "max_length")
+            items = count(fault["ctx"][wanted], "item")
+            return f"{path}: must have at {bound} {items}, not {fault['ctx']['actual_length']}"
         case "value_error":
             return f"{path}: {fault['ctx']['error']}"
         case _:
-            message = fault["msg"].replace("Input should", "should")
+            message = re.sub("^(Input|String) should", "should", fault["msg"])
             text = repr(fault["input"])
             return f"{path}: {message}" + (f" (it is {text})" if len(text) <= 60 else "")
 

@@ -78,7 +78,7 @@ WRONG = {
     ),
     "step below 0": (GATE + "dt_s = -0.1\n", "gate[0].dt_s: should be greater than 0"),
     "floor below 0": (GATE + "floor = -0.1\n", "gate[0].floor: should be greater than or equal to 0"),
-    "empty pattern": (GATE + 'engine = ""\n', "gate[0].engine: String should have at least 1 character"),
+    "empty pattern": (GATE + 'engine = ""\n', "gate[0].engine: should have at least 1 character"),
 }
 
 
