@@ -15,7 +15,8 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.files import write_file
-from bodycheck._util.formatting import suggestion, vector
+from bodycheck._util import formatting
+from bodycheck._util.formatting import number, suggestion, vector
 from bodycheck.adapters.contract import Method
 from bodycheck.adapters.programs import with_method
 from bodycheck.reports.cache.disk_cache import Cache
@@ -220,10 +221,22 @@ def advise(request: AdviceRequest, make_progress: ProgressFactory) -> Advice:
     if request.horizon_s is not None and request.body is None:
         full_run = read_run(folder, allow_code=request.allow_code, cache=Cache.default())
         found = until(full_run, request.horizon_s)
+        _note_shorter(found, names, request.horizon_s)
     answers = (
         _searched(found, request, names, make_progress) if request.search else _answers(found, request, names)
     )
     return Advice(request.quantity, request.error, request.dt_s, str(folder), answers)
+
+
+def _note_shorter(run: Run, scenarios: Sequence[str], horizon_s: float) -> None:
+    """Note on standard error which of the scenarios end before the horizon, in s."""
+    ends = {problem.scenario.name: problem.scenario.duration_s for problem in run.problems}
+    shorter = [
+        f"{name} ({number(ends[name])} s)" for name in scenarios if ends[name] < horizon_s * (1.0 - _SAME)
+    ]
+    if shorter:
+        listed = formatting.names(shorter)
+        print(f"note: shorter than --horizon-s {horizon_s!r}, counted whole: {listed}", file=sys.stderr)
 
 
 def _written(body: FreeBody, horizon_s: float | None) -> str:

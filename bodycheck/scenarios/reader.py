@@ -187,10 +187,12 @@ def _line(fault: Any) -> str:
             return f"{path}: should be a table (it is {fault['input']!r:.60})"
         case "tuple_type":
             return f"{path}: should be a list (it is {fault['input']!r:.60})"
-        case "too_short" | "too_long":
-            bound, wanted = ("least", "min_length") if fault["type"] == "too_short" else ("most", "max_length")
-            items = count(fault["ctx"][wanted], "item")
-            return f"{path}: must have at {bound} {items}, not {fault['ctx']['actual_length']}"
+        case "too_short":
+            items = count(fault["ctx"]["min_length"], "item")
+            return f"{path}: must have at least {items}, not {fault['ctx']['actual_length']}"
+        case "too_long":
+            items = count(fault["ctx"]["max_length"], "item")
+            return f"{path}: must have at most {items}, not {fault['ctx']['actual_length']}"
         case "value_error":
             return f"{path}: {fault['ctx']['error']}"
         case _:
