@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from bodycheck._util import formatting
 from bodycheck._util.errors import InputError
 from bodycheck._util.files import write_file
-from bodycheck._util import formatting
 from bodycheck._util.formatting import number, suggestion, vector
 from bodycheck.adapters.contract import Method
 from bodycheck.adapters.programs import with_method
