@@ -98,6 +98,16 @@ def read_json(path: Path, *, escape: bool = True) -> Any:
         raise InputError(f"{path}: is not JSON: {error}") from None
 
 
+def read_text(path: Path) -> str:
+    """Read a UTF-8 text file, without a byte order mark; raise InputError if it cannot be read."""
+    try:
+        return path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: is not UTF-8 text: {error.reason} at byte {error.start}") from None
+
+
 def parse_toml(text: str, where: str) -> dict[str, Any]:
     """Return the content of TOML text; raises InputError with one line, which names `where`, if invalid."""
     try:

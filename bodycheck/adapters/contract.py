@@ -87,6 +87,15 @@ class Method:
         """Whether this variant also runs unrequested where a link is off the centre of mass."""
         return self.name.endswith(UNALIGNED)
 
+    @property
+    def finest_tolerance(self) -> float | None:
+        """The finest default tolerance of a method that is controlled by one."""
+        return min(self.tolerances, default=None) if self.control == "tolerance" else None
+
+    def setting(self, dt_s: float) -> Setting:
+        """Return the setting of this method at a step, or at its finest default tolerance."""
+        return Setting(dt_s if self.control == "dt" else None, self.finest_tolerance)
+
 
 @dataclass(frozen=True)
 class Build:

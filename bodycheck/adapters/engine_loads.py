@@ -7,9 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.loads_at import continuous_wrench_of
 from bodycheck.reference_impl.scene import Scene
-from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
+from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench, continuous_wrench_of
 
 
 class StageLoads:

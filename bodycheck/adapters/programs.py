@@ -19,7 +19,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.untrusted import parse_toml
+from bodycheck._util.untrusted import parse_toml, read_text
 from bodycheck.adapters.registry import engine_names
 from bodycheck.scenarios.reader import fault_lines
 
@@ -44,12 +44,9 @@ class _ProgramsFile(BaseModel):
 
 def named_programs() -> Mapping[str, Program]:
     """Return the programs of engines.toml in the working directory, by name; raise InputError if invalid."""
-    try:
-        text = PROGRAMS_FILE.read_text(encoding="utf-8")
-    except FileNotFoundError:
+    if not PROGRAMS_FILE.exists():
         return {}
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{PROGRAMS_FILE}: cannot be read: {error}") from None
+    text = read_text(PROGRAMS_FILE)
     try:
         found = _ProgramsFile.model_validate(parse_toml(text, str(PROGRAMS_FILE))).engines
     except ValidationError as error:

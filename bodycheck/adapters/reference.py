@@ -14,6 +14,7 @@ from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, S
 from bodycheck.reference_impl.batch import BatchMethod, advance_checked
 from bodycheck.reference_impl.closed_forms.exact_motion import closed_form_of
 from bodycheck.reference_impl.continuous_loads import packed_continuous_loads
+from bodycheck.reference_impl.integrators import SINGLE_PRECISION, STEPPED
 from bodycheck.reference_impl.integrators.evaluated_loads import (
     advance_with_callback,
     omega_world,
@@ -22,12 +23,10 @@ from bodycheck.reference_impl.integrators.evaluated_loads import (
 )
 from bodycheck.reference_impl.integrators.facts import Integrator
 from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
-from bodycheck.reference_impl.loads_at import continuous_wrench_of
 from bodycheck.reference_impl.pivot import about_pivot, load_about
 from bodycheck.reference_impl.scene import ContinuousLoad, Drag, GravityGradient, Scene, WrenchFunction
-from bodycheck.reference_impl.single_precision import SINGLE_PRECISION, STEPPED
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
+from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench, continuous_wrench_of
 
 _POSITION, _VELOCITY, _SPIN = slice(0, 3), slice(3, 6), slice(6, 9)
 

@@ -97,14 +97,13 @@ def gate(
     if run is not None and out is not None:
         raise InputError(f"--out {out}: keeps a new run; give --run or --out, not both")
     from bodycheck._util.files import check_file, write_file
-    from bodycheck.reports.cache.reuse import reuse_of
     from bodycheck.reports.document import answer, print_document
     from bodycheck.reports.gates.gate import read_gates
     from bodycheck.reports.gates.gate_output import as_junit, results_data, results_document
     from bodycheck.reports.gates.verdict import check_gates
     from bodycheck.reports.run_files.run_reader import read_tables
     from bodycheck.reports.run_files.writer import check_output
-    from bodycheck.runs.run_options import RunOptions
+    from bodycheck.runs.run_options import RunOptions, reuse_of
 
     gates = read_gates(tolerances)
     outputs = {"--junit": junit, "--update": tolerances if update else None}
@@ -169,11 +168,11 @@ def _new_run(
 def _update(file: Path, results: Sequence[GateResult], margin: float | None, loosen: str | None) -> Document:
     """Replace bounds in a file by what a run meets, and return which; loosen: the reason to loosen some."""
     from bodycheck._util.files import write_file
+    from bodycheck._util.untrusted import read_text
     from bodycheck.reports.gates.gate_output import changes_document
     from bodycheck.reports.gates.proposal import MARGIN_DECADES, edited, proposals
 
     margin = MARGIN_DECADES if margin is None else margin
     changes = proposals(results, margin, loosen=loosen is not None)
-    before = file.read_bytes().decode("utf-8-sig")
-    write_file(file, edited(before, str(file), changes, loosen).encode())
+    write_file(file, edited(read_text(file), str(file), changes, loosen).encode())
     return changes_document(changes, results, margin)

@@ -83,10 +83,9 @@ def versions(
 
     Each release runs in its own environment. The exit status is 0 even if a measure changed.
     """
-    from bodycheck.reports.cache.reuse import reuse_of
     from bodycheck.reports.comparison.release_results import found_data, found_document
     from bodycheck.reports.document import answer
-    from bodycheck.runs.run_options import RunOptions
+    from bodycheck.runs.run_options import RunOptions, reuse_of
     from bodycheck.runs.version_search import Search, audit_versions, search
 
     announce = partial(_announce, quiet=quiet)

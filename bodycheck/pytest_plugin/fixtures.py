@@ -19,7 +19,7 @@ from bodycheck._util.errors import InputError
 from bodycheck.adapters.contract import Adapter
 from bodycheck.adapters.registry import registered
 from bodycheck.adapters.step_function import Step, StepFunction
-from bodycheck.reports.cache.reuse import Reuse
+from bodycheck.reports.cache.answers import Reuse
 from bodycheck.reports.gates.gate import Gate, gate_of, measure_of, read_gates
 from bodycheck.reports.gates.gate_output import failure_rows, line_of, obtained
 from bodycheck.reports.gates.verdict import Check, GateResult, Row, check_gates, rows_of

@@ -264,9 +264,9 @@ def _compile_flight() -> None:
 
 def _compile_integrator(name: str) -> None:
     """Make one step, under continuous loads if the name says so."""
+    from bodycheck.reference_impl.integrators import STEPPED
     from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
     from bodycheck.reference_impl.loads.load import ContinuousLoad
-    from bodycheck.reference_impl.single_precision import STEPPED
 
     integrator = STEPPED[name.removesuffix(_WITH_CONTINUOUS_LOADS)]
     attitude = np.eye(3).ravel() if integrator.attitude == "matrix" else np.array([1.0, 0.0, 0.0, 0.0])

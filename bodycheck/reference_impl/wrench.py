@@ -1,15 +1,16 @@
-"""The sum of the loads between two switches, and the grid of fixed steps aligned with the switches."""
+"""The sum of the loads at an instant and between two switches, and the grid of steps aligned with these."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.loads.load import Instants, Load, WrenchFunction, checked
 from bodycheck.reference_impl.scene import ConstantLoad, PointForce, RigidBody, Scene, Torque, unknown_load
 
 _MAX_STEPS = 1e9
@@ -88,18 +89,64 @@ def constant_loads_between(scene: Scene, begin_s: float, end_s: float) -> list[C
     ]
 
 
-def wrench_between(scene: Scene, begin_s: float, end_s: float) -> Wrench:
-    """Return the mean of the piecewise constant loads within [begin_s, end_s); exact if none switches inside.
-
-    Continuous loads are not included: they are not constant, and a simulation evaluates them itself.
-    """
-    shares = []
+def shares_of_loads(scene: Scene, begin_s: float, end_s: float) -> list[tuple[ConstantLoad, float]]:
+    """Return the piecewise constant loads that act within [begin_s, end_s), each with its share of it."""
+    shares: list[tuple[ConstantLoad, float]] = []
     for load in scene.piecewise_constant_loads:
         overlap = min(end_s, load.until_s) - max(begin_s, load.from_s)
         share = min(max(overlap / (end_s - begin_s), 0.0), 1.0)
         if share > _ON_GRID:
             shares.append((load, 1.0 if share > 1.0 - _ON_GRID else share))
-    return wrench_of(tuple(shares))
+    return shares
+
+
+def wrench_between(scene: Scene, begin_s: float, end_s: float) -> Wrench:
+    """Return the mean of the piecewise constant loads within [begin_s, end_s); exact if none switches inside.
+
+    Continuous loads are not included: they are not constant, and a simulation evaluates them itself.
+    """
+    return wrench_of(tuple(shares_of_loads(scene, begin_s, end_s)))
+
+
+def wrench_at(load: Load, scene: Scene, instants: Instants) -> tuple[Array, Array]:
+    """Return force and torque (..., 3) about the centre of mass, in N and N m, world axes.
+
+    A load with a limited duration is treated as acting. The docstrings of the loads give the formulas.
+    """
+    return checked(load, "the sum of forces and torques").wrench(scene, instants)
+
+
+def sum_of_wrenches(loads: Sequence[Load], scene: Scene) -> WrenchFunction:
+    """Return one function of the motion that sums these loads and the weight."""
+
+    def wrench(
+        t: float, position: Array, rotation: Array, velocity: Array, omega: Array
+    ) -> tuple[Array, Array]:
+        instants = Instants(np.array(t), position, rotation, velocity, omega)
+        force, torque = scene.body.mass * scene.gravity, np.zeros(3)
+        for load in loads:
+            push, couple = wrench_at(load, scene, instants)
+            force, torque = force + push, torque + couple
+        return force, torque
+
+    return wrench
+
+
+def continuous_wrench_of(scene: Scene) -> WrenchFunction:
+    """Return one function of the motion that sums the scene's continuous loads, including callback loads.
+
+    Force and torque are NaN where the motion is not finite; no callback is called there.
+    """
+    wrench = sum_of_wrenches(scene.continuous_loads, replace(scene, gravity=np.zeros(3)))
+
+    def continuous(
+        t: float, position: Array, rotation: Array, velocity: Array, omega: Array
+    ) -> tuple[Array, Array]:
+        if not np.isfinite([*position, *rotation.flat, *velocity, *omega]).all():
+            return np.full(3, np.nan), np.full(3, np.nan)
+        return wrench(t, position, rotation, velocity, omega)
+
+    return continuous
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,11 +27,10 @@ from bodycheck._util.files import atomic_write
 from bodycheck._util.shard import Shard
 from bodycheck._util.untrusted import read_json, shell_quote
 from bodycheck.reports.cache.journal import Journal
-from bodycheck.reports.cache.reuse import reuse_of
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.writer import check_output, write_files
 from bodycheck.runs.manifest import Identity
-from bodycheck.runs.run_options import TIMEOUT_S, ProgressFactory, RunOptions
+from bodycheck.runs.run_options import TIMEOUT_S, ProgressFactory, RunOptions, reuse_of
 from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import Selection, select
 from bodycheck.scenarios.reader import fault_lines

@@ -9,6 +9,7 @@ from typing import Any
 
 from bodycheck._util.formatting import count, scientific
 from bodycheck.reports.document import Column, Command, Document, Sentence, Table
+from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.probes.examination import OTHER_BITS, SAME_BITS
 from bodycheck.reports.summary.quantiles import Quantile
 from bodycheck.runs.ensemble_files import method_rows, quantile_rows
@@ -16,7 +17,6 @@ from bodycheck.runs.ensemble_result import SENTINELS, EnsembleResult, key_text
 from bodycheck.runs.hunt_run import HuntResult, command_of
 
 _QUANTILES = (0.5, 0.95, 0.99)
-_MEASURE = "orientation_error_rad"
 
 
 def ensemble_document(result: EnsembleResult, folder: Path) -> Document:
@@ -27,7 +27,8 @@ def ensemble_document(result: EnsembleResult, folder: Path) -> Document:
     for key, statistics in result.statistics:
         measured = statistics.bodies
         cells = [
-            _quantile_text(statistics.quantile(_MEASURE, share)) if measured else "" for share in _QUANTILES
+            _quantile_text(statistics.quantile(ORIENTATION, share)) if measured else ""
+            for share in _QUANTILES
         ]
         worst = _error(statistics.worst[0].error_rad) if statistics.worst else ""
         unstable = statistics.endings["unstable"]

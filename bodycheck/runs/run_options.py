@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from bodycheck._util.errors import InputError
-from bodycheck.reports.cache.reuse import Reuse
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
+
+    from bodycheck.reports.cache.answers import Reuse
 
 TIMEOUT_S = 120.0
 """Default time limit of one case."""
@@ -66,6 +67,11 @@ class RunOptions:
     def timing_executor(self) -> Executor | None:
         """The executor that times cases; None to time them in this process."""
         return None if self.timing is None else self.timing.executor
+
+
+def reuse_of(fresh: bool | None, default: Reuse) -> Reuse:
+    """Return the setting of --fresh or --reuse [default: that of the command]."""
+    return default if fresh is None else "nothing" if fresh else "everything"
 
 
 class Progress(Protocol):

@@ -17,7 +17,6 @@ from bodycheck.reference_impl.truth.truth import Truth
 from bodycheck.reports.cache.answers import Answers
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.journal import Journal
-from bodycheck.reports.cache.reuse import reuse_of
 from bodycheck.reports.cache.truths import is_known, known_truth
 from bodycheck.reports.diagnosis.explain import ExplainedCase, diagnosis_row, explained_cases, wrong_verdicts
 from bodycheck.reports.judge import Ranking, explained_file, judge_files
@@ -38,7 +37,7 @@ from bodycheck.reports.run_files.tables import (
 )
 from bodycheck.runs.manifest import Identity, manifest_of
 from bodycheck.runs.motions import run_motions
-from bodycheck.runs.run_options import NULL_PROGRESS, TIMEOUT_S, Progress, RunOptions
+from bodycheck.runs.run_options import NULL_PROGRESS, TIMEOUT_S, Progress, RunOptions, reuse_of
 from bodycheck.runs.selection import Selection, select
 from bodycheck.runs.speed import measure_speeds
 from bodycheck.scenarios.library import PROBES, load_scenario

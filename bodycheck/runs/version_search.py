@@ -128,8 +128,7 @@ def _one_scenario(request: Search) -> tuple[str, Scenario]:
 
 def _measure_of(request: Search, scenario: Scenario, method: Method) -> OneMeasure:
     """Return the measure of a method at the finest requested step or tolerance."""
-    finest = {"dt": min(request.dt_s or scenario.steps), "tolerance": min(method.tolerances, default=None)}
-    fineness = finest.get(method.control)
+    fineness = method.setting(min(request.dt_s or scenario.steps)).fineness
     key = scenario.name, request.engine, method.name
     return OneMeasure(*key, request.measure, method.control, fineness, request.thresholds)
 

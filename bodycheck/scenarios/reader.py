@@ -14,7 +14,7 @@ from pydantic import Field, PlainValidator, StrictStr, ValidationError, field_va
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import count
-from bodycheck._util.untrusted import parse_toml
+from bodycheck._util.untrusted import parse_toml, read_text
 from bodycheck.scenarios.body import BODY_FORMS
 from bodycheck.scenarios.fields import Table, finite_numbers
 from bodycheck.scenarios.forcings import FORCING_KINDS
@@ -108,13 +108,7 @@ def read_members(path: Path, *, allow_code: bool = False) -> Members:
     Raises InputError with one line per error: the file, the path of the key in it, what is wrong and what
     would be right.
     """
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not UTF-8 text: {error.reason} at byte {error.start}") from None
-    return parse_members(text, where=str(path), folder=path.parent, allow_code=allow_code)
+    return parse_members(read_text(path), where=str(path), folder=path.parent, allow_code=allow_code)
 
 
 def parse_members(text: str, where: str, folder: Traversable, *, allow_code: bool = False) -> Members:

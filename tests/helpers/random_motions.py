@@ -12,7 +12,6 @@ import mpmath
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.loads_at import sum_of_wrenches
 from bodycheck.reference_impl.scene import (
     CallbackLoad,
     Drag,
@@ -28,6 +27,7 @@ from bodycheck.reference_impl.scene import (
     TorsionSpring,
 )
 from bodycheck.reference_impl.truth.truth import Truth
+from bodycheck.reference_impl.wrench import sum_of_wrenches
 from tests.helpers.decimal_gauss_solver import DIGITS, Oracle
 from tests.helpers.integer_taylor_series import (
     BITS,

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.loads_at import sum_of_wrenches
 from bodycheck.reference_impl.rotations import log_quaternion, matrix_to_quaternion
 from bodycheck.reference_impl.scene import CallbackLoad, PointForce, Scene, Torque
 from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reference_impl.truth.motion_distance import distances
+from bodycheck.reference_impl.wrench import sum_of_wrenches
 from bodycheck.scenarios.library import load_scenario
 from tests.helpers.expected_messages import ExpectedMessage
 

@@ -16,7 +16,6 @@ from bodycheck.adapters.registry import get_adapter
 from bodycheck.adapters.workers.case_messages import scene_message
 from bodycheck.reference_impl.closed_forms.exact_motion import closed_form_of
 from bodycheck.reference_impl.continuous_loads import packed_continuous_loads
-from bodycheck.reference_impl.loads_at import continuous_wrench_of, sum_of_wrenches
 from bodycheck.reference_impl.pivot import about_pivot
 from bodycheck.reference_impl.scene import Load, RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.taylor.forcing import forcing_between
@@ -26,7 +25,7 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth.certification import certified_truth, solve_truth
 from bodycheck.reference_impl.truth.motion_distance import potential_energy
 from bodycheck.reference_impl.truth.step_halving import solve_by_halving
-from bodycheck.reference_impl.wrench import wrench_of
+from bodycheck.reference_impl.wrench import continuous_wrench_of, sum_of_wrenches, wrench_of
 from bodycheck.reports.cache.truths import known_truth
 from bodycheck.reports.measurement.measures import Motion
 from bodycheck.reports.measurement.work import working_loads

@@ -17,10 +17,9 @@ from bodycheck.adapters.contract import Engine, Precision, Setting, read_back_mi
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.step_function import StepFunction
-from bodycheck.reference_impl.integrators import INTEGRATORS
+from bodycheck.reference_impl.integrators import INTEGRATORS, SINGLE_PRECISION
 from bodycheck.reference_impl.kernels.jit import in_single_precision
 from bodycheck.reference_impl.loads.kinds.drag import Drag
-from bodycheck.reference_impl.single_precision import SINGLE_PRECISION
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.case import CaseResult, measured_by
 from bodycheck.reports.measurement.convergence import Criteria, Point, convergence_of

@@ -31,9 +31,8 @@ from bodycheck.adapters.mujoco.mj_model import (
 )
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
-from bodycheck.reference_impl.loads_at import continuous_wrench_of
 from bodycheck.reference_impl.scene import Scene
-from bodycheck.reference_impl.wrench import Wrench
+from bodycheck.reference_impl.wrench import Wrench, continuous_wrench_of
 
 if TYPE_CHECKING:
     from bodycheck.adapters.batches import Batch, BatchAnswer

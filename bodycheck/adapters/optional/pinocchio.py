@@ -85,7 +85,6 @@ class PinocchioSimulation:
         solid = pinocchio.Inertia(scene.body.mass, self._centre, rotation.T @ scene.body.inertia @ rotation)
         self._model.appendBodyToJoint(joint, solid, place)
         self._model.gravity = pinocchio.Motion(scene.gravity, np.zeros(3))
-        self._loads = StageLoads(scene)
         self._data = self._model.createData()
         self.reset()
 

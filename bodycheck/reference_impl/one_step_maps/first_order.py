@@ -21,12 +21,12 @@ from bodycheck.reference_impl.one_step_maps.one_step_map import (
     OneStepMap,
     Solid,
     back,
-    cross,
     rotated,
     stepped,
     times,
 )
 from bodycheck.reference_impl.rotations import (
+    cross,
     hat,
     matrix_to_quaternion,
     normalised,
@@ -36,6 +36,12 @@ from bodycheck.reference_impl.rotations import (
 
 Pose: TypeAlias = Literal["new", "old", "mean"]
 Carried: TypeAlias = Literal["body", "world", "momentum"]
+"""What a method carries from step to step: omega in body or in world axes, or the angular momentum."""
+CARRIED: dict[Carried, str] = {
+    "body": "",
+    "world": ", omega in world axes",
+    "momentum": ", angular momentum in world axes",
+}
 Rule: TypeAlias = Callable[[Solid, Array, Array, Array], Array]
 """rule(solid, omega, torque, dt (..., 1)) -> the next omega; all (n, 3) in the body axes before the step."""
 

@@ -9,21 +9,26 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.one_step_maps.first_order import Carried, gyroscopic
+from bodycheck.reference_impl.one_step_maps.first_order import CARRIED, Carried, gyroscopic
 from bodycheck.reference_impl.one_step_maps.one_step_map import (
     Loads,
     Motion,
     OneStepMap,
     Solid,
     back,
-    cross,
     rotated,
     stepped,
     times,
     weighted_sum,
 )
 from bodycheck.reference_impl.one_step_maps.tableaus import CROUCH_GROSSMAN_3, EXPLICIT, NamedTableau
-from bodycheck.reference_impl.rotations import exp_quaternion, hat, quaternion_product, quaternion_to_matrix
+from bodycheck.reference_impl.rotations import (
+    cross,
+    exp_quaternion,
+    hat,
+    quaternion_product,
+    quaternion_to_matrix,
+)
 
 _DIFFERENCE = 1e-7  # rad, of a derivative for Newton's iterations
 
@@ -152,17 +157,12 @@ _CORRECTIONS: dict[Correction, tuple[str, str, str]] = {
     ),
 }
 _ORDERS: dict[Correction, int] = {"none": 2, "first": 3, "second": 5, "exact": 8, "products": 2}
-_CARRIED: dict[Carried, str] = {
-    "body": "",
-    "world": ", omega in world axes",
-    "momentum": ", angular momentum in world axes",
-}
 
 
 def lie_group_maps() -> Iterator[OneStepMap]:
     """Yield every map of this module."""
     for tableau in EXPLICIT:
-        for carried, axes in _CARRIED.items():
+        for carried, axes in CARRIED.items():
             for correction, (words, formula, source) in _CORRECTIONS.items():
                 if tableau.name == "midpoint" and correction == "products":
                     continue  # with one factor per product, the same as without correction
@@ -174,7 +174,7 @@ def lie_group_maps() -> Iterator[OneStepMap]:
                     _LieRungeKutta(tableau, carried, correction),
                     stages=True,
                 )
-    for carried, axes in _CARRIED.items():
+    for carried, axes in CARRIED.items():
         yield OneStepMap(
             f"CG3{axes}",
             "Crouch-Grossman products of order 3",

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.loads.load import Instants
-from bodycheck.reference_impl.loads_at import wrench_at
 from bodycheck.reference_impl.rotations import (
+    cross,
     exp_quaternion,
     project_to_so3,
     quaternion_product,
@@ -24,7 +24,7 @@ from bodycheck.reference_impl.rotations import (
 )
 from bodycheck.reference_impl.scene import RigidBody, Scene
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reference_impl.wrench import Wrench, wrench_between
+from bodycheck.reference_impl.wrench import wrench_at, wrench_between
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,12 +103,9 @@ N m.
 """
 
 
-def scene_loads(scene: Scene, wrench: Wrench | None = None) -> Loads:
-    """Return the loads of a scene: the weight, a constant wrench, and its continuous loads.
-
-    wrench: the sum of the piecewise constant loads during the steps [default: of those that act throughout].
-    """
-    constant = wrench_between(scene, 0.0, scene.duration_s) if wrench is None else wrench
+def scene_loads(scene: Scene) -> Loads:
+    """Return the loads of a scene: the weight, the constant loads, and the continuous ones."""
+    constant = wrench_between(scene, 0.0, scene.duration_s)
     weight, continuous = scene.body.mass * scene.gravity, scene.continuous_loads
 
     def loads(
@@ -173,14 +170,6 @@ def times(matrix: Array, vector: Array) -> Array:
 def back(matrix: Array, vector: Array) -> Array:
     """M^T v (..., 3)."""
     return np.asarray((vector[..., None, :] @ matrix)[..., 0, :])
-
-
-def cross(a: Array, b: Array) -> Array:
-    """a x b (..., 3)."""
-    return np.asarray(a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT])
-
-
-_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 
 
 Attitude: TypeAlias = Literal["group", "quaternion", "unit quaternion", "matrix", "projected matrix"]

@@ -13,7 +13,7 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators.dormand_prince import TABLEAU as _DOP853
-from bodycheck.reference_impl.one_step_maps.first_order import Carried, gyroscopic, momentum_of
+from bodycheck.reference_impl.one_step_maps.first_order import CARRIED, Carried, gyroscopic, momentum_of
 from bodycheck.reference_impl.one_step_maps.one_step_map import (
     Attitude,
     Loads,
@@ -209,11 +209,6 @@ class _Implicit:
         return np.stack(columns, axis=-1)
 
 
-_CARRIED: dict[Carried, str] = {
-    "body": "",
-    "world": ", omega in world axes",
-    "momentum": ", angular momentum in world axes",
-}
 _QUATERNION = {False: ", additive quaternion", True: ", additive quaternion renormalised"}
 _MATRIX = {False: ", additive matrix", True: ", additive matrix projected"}
 
@@ -221,13 +216,13 @@ _MATRIX = {False: ", additive matrix", True: ", additive matrix projected"}
 def runge_kutta_maps() -> Iterator[OneStepMap]:
     """Yield every tableau on every formulation."""
     for tableau in (*EXPLICIT, DOP853):
-        for carried, axes in _CARRIED.items():
+        for carried, axes in CARRIED.items():
             for matrix, suffixes in ((False, _QUATERNION), (True, _MATRIX)):
                 for projected, suffix in suffixes.items():
                     step = _Explicit(tableau, _Formulation(carried, matrix), projected)
                     yield _map(tableau, axes + suffix, step)
     for tableau in IMPLICIT:
-        for carried, axes in _CARRIED.items():
+        for carried, axes in CARRIED.items():
             for projected, suffix in _QUATERNION.items():
                 if projected and tableau.name.startswith("Gauss"):
                     continue  # |q| is conserved without it

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.arrays import Array, largest_norm
 from bodycheck.reference_impl.closed_forms.exact_motion import ExactMotion, closed_form_of
 from bodycheck.reference_impl.closed_forms.fixed_axis import FixedAxisRotation
 from bodycheck.reference_impl.closed_forms.fixed_axis_sensitivity import departures
@@ -106,7 +106,7 @@ def _linear_gaps(scene: Scene, motion: Trajectory, matrices: Array) -> Array:
 
     The nudges are those of `_nudges`. Distances are limited to half a turn and twice the largest |omega|.
     """
-    spin = _largest(motion.omega_body)
+    spin = largest_norm(motion.omega_body)
     found = np.zeros((6, len(motion.t_s)))
     for nudge in np.diag([NUDGE * spin] * 3 + [NUDGE] * 3):
         deviation = matrices @ nudge
@@ -226,13 +226,9 @@ def _growths(scene: Scene, motion: Trajectory, growths: Array) -> Array:
     No motion is less sensitive than a steady spin to an error of eps in omega, or than a position far from
     the origin and a steady flight to an error of eps in position and velocity.
     """
-    least = (1.0 + _largest(motion.omega_body) * motion.t_s) * scales(scene, motion)
-    least[4] += 3.0 * _largest(motion.position_m) + _largest(motion.velocity_m_s) * motion.t_s
+    least = (1.0 + largest_norm(motion.omega_body) * motion.t_s) * scales(scene, motion)
+    least[4] += 3.0 * largest_norm(motion.position_m) + largest_norm(motion.velocity_m_s) * motion.t_s
     return np.maximum.accumulate(np.maximum(growths, least), axis=1)
-
-
-def _largest(vectors: Array) -> float:
-    return float(np.max(np.linalg.norm(vectors, axis=-1), initial=0.0))
 
 
 def _nudges(scene: Scene, motion: Trajectory) -> Iterator[State]:
@@ -240,7 +236,7 @@ def _nudges(scene: Scene, motion: Trajectory) -> Iterator[State]:
 
     Where a load may couple rotation and translation, also neighbours with position and velocity changed.
     """
-    start, omega = _rounded(scene.initial), NUDGE * _largest(motion.omega_body)
+    start, omega = _rounded(scene.initial), NUDGE * largest_norm(motion.omega_body)
     for axis in np.eye(3):
         rotated = quaternion_product(start.quaternion, exp_quaternion(NUDGE * axis))
         yield replace(start, quaternion=normalised(rotated))
@@ -248,7 +244,7 @@ def _nudges(scene: Scene, motion: Trajectory) -> Iterator[State]:
     tied = any(load.couples_translation for load in scene.continuous_loads)
     if tied and scene.pivot is None:
         radius = gyration_radius(scene.body.mass, scene.body.inertia)
-        speed = NUDGE * _largest(motion.velocity_m_s)
+        speed = NUDGE * largest_norm(motion.velocity_m_s)
         for axis in np.eye(3):
             yield replace(start, position=start.position + NUDGE * radius * axis)
             yield replace(start, velocity=start.velocity + speed * axis)

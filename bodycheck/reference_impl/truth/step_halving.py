@@ -11,13 +11,12 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators.callback_motion import solve_with_callback
-from bodycheck.reference_impl.loads_at import sum_of_wrenches
 from bodycheck.reference_impl.pivot import rotational_inertia
 from bodycheck.reference_impl.scene import ConstantLoad, RigidBody, Scene, State, WrenchFunction
 from bodycheck.reference_impl.taylor.forcing import pivot_position
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth.motion_distance import distances, scales
-from bodycheck.reference_impl.wrench import constant_loads_between
+from bodycheck.reference_impl.wrench import constant_loads_between, sum_of_wrenches
 
 _MIN_STEPS, _MAX_STEPS = 64, 2**13  # steps
 _CONVERGED = 1e-14  # rad, or relative: finer steps would only accumulate round-off

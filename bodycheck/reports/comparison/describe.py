@@ -13,10 +13,11 @@ from bodycheck.adapters.versions.pins import is_version, pin_of
 from bodycheck.reports.comparison.change import FAILING, Change, Kind, Status
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.comparison.environment_diff import BUILD_OF
-from bodycheck.reports.comparison.headlines import ORIENTATION, by_method, headlines, moved_text, value_text
+from bodycheck.reports.comparison.headlines import by_method, headlines, moved_text, value_text
 from bodycheck.reports.comparison.overlays import overlays_of
 from bodycheck.reports.document import MEDIA, Column, Command, Document, Sentence, Span, Table, page
 from bodycheck.reports.measurement.case import scenario_spec
+from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.render.styles import engine_colour, heading
 from bodycheck.reports.run_files.run_reader import Tables
 from bodycheck.reports.run_files.run_tables import study_key

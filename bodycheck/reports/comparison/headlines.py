@@ -11,8 +11,8 @@ from bodycheck.adapters.versions.pins import pin_of
 from bodycheck.reports.comparison.change import FAILING, Change, Status
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.gates.thresholds import Thresholds
+from bodycheck.reports.measurement.measures import ORIENTATION
 
-ORIENTATION = "orientation_error_rad"
 _MAX_METHODS = 6
 _FARTHER_DECADES = 1.0  # a measure that changed by this much more than the orientation is named as well
 _DIGITS_BELOW = 1e-3  # a smaller relative change is reported as a digit, a larger one in percent

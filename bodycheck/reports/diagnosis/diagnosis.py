@@ -9,7 +9,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.arrays import Array, largest_norm
 from bodycheck.reference_impl.scene import GravityGradient, Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import steps_per_sample
@@ -155,7 +155,7 @@ class _Search:
         own = fine = None
         if dt_s is not None and steps_per_sample(scene.sample_interval_s, dt_s) <= _MAX_STEPS:
             own = Transitions.of(scene, trajectory, Grid.of(scene, dt_s), scales, known)
-        speed = float(np.max(np.linalg.norm(trajectory.omega_body, axis=-1)))
+        speed = largest_norm(trajectory.omega_body)
         finest = _COARSEST_TURN / speed if speed > 0.0 else math.inf
         if math.isfinite(speed):
             stride = max(4.0, np.ceil(np.max(np.diff(trajectory.t_s)) / finest))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import PointForce, Scene
-from bodycheck.reference_impl.wrench import plan_steps
+from bodycheck.reference_impl.wrench import plan_steps, shares_of_loads
 
 ClampAxes: TypeAlias = Literal["body", "world", "norm"]
 Indices: TypeAlias = NDArray[np.intp]
@@ -257,7 +257,7 @@ class Grid:
         rows, done = np.empty(plan.steps, dtype=np.intp), 0
         for length, _ in plan.segments:
             rows[done : done + length] = len(spans)
-            spans.append(_shares(scene, done * step, (done + length) * step))
+            spans.append(shares_of_loads(scene, done * step, (done + length) * step))
             done += length
         dts = np.full(scene.samples - 1, step)
         return cls(plan.stride, dts, Loads.of(spans), rows.reshape(scene.samples - 1, plan.stride))
@@ -268,14 +268,14 @@ class Grid:
         gaps = np.diff(t_s)
         dts = gaps / stride
         if not scene.switches_before(float(t_s[-1])):
-            acting = _shares(scene, float(t_s[0]), float(t_s[-1]))
+            acting = shares_of_loads(scene, float(t_s[0]), float(t_s[-1]))
             return cls(stride, dts, Loads.of([acting]), np.zeros((len(gaps), stride), dtype=np.intp))
         spans: list[Any] = []
         known: dict[tuple[Any, ...], int] = {}
         rows = np.empty((len(gaps), stride), dtype=np.intp)
         for k, start in enumerate(t_s[:-1]):
             for i in range(stride):
-                span = _shares(scene, start + i * dts[k], start + (i + 1) * dts[k])
+                span = shares_of_loads(scene, start + i * dts[k], start + (i + 1) * dts[k])
                 key = tuple((id(load), share) for load, share in span)
                 if key not in known:
                     known[key] = len(spans)
@@ -294,14 +294,3 @@ class Grid:
             initial_rotation=scene.initial.rotation,
             pivot=scene.pivot,
         )
-
-
-def _shares(scene: Scene, start_s: float, end_s: float) -> list[tuple[Any, float]]:
-    """Return the constant loads that act within an interval, each with its share of it."""
-    found = []
-    for load in scene.piecewise_constant_loads:
-        overlap = min(end_s, load.until_s) - max(start_s, load.from_s)
-        share = min(max(overlap / (end_s - start_s), 0.0), 1.0)
-        if share > 1e-9:
-            found.append((load, 1.0 if share > 1.0 - 1e-9 else share))
-    return found

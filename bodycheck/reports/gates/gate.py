@@ -15,7 +15,7 @@ from pydantic import Field, StrictStr, ValidationError, field_validator
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import number, step
-from bodycheck._util.untrusted import parse_toml
+from bodycheck._util.untrusted import parse_toml, read_text
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.measurement.measures import MEASURES, QUANTITIES
 from bodycheck.reports.measurement.verdicts import STATES
@@ -213,7 +213,7 @@ def read_gates(path: Path) -> tuple[Gate, ...]:
 
     Raises InputError with one line per error, each with its place in the file.
     """
-    return parse_gates(text_of(path), str(path))
+    return parse_gates(read_text(path), str(path))
 
 
 def parse_gates(text: str, where: str) -> tuple[Gate, ...]:
@@ -231,20 +231,10 @@ def read_thresholds(path: Path, default: float) -> Thresholds:
 
     default: the threshold of all other measures. Raises InputError as read_gates does.
     """
-    _, changes, faults = parsed(text_of(path), str(path))
+    _, changes, faults = parsed(read_text(path), str(path))
     if faults:
         raise InputError("\n".join(faults))
     return Thresholds(default, {change.measure: change.threshold for change in changes})
-
-
-def text_of(path: Path) -> str:
-    """Read the text of a tolerance file; raise InputError if it cannot be read."""
-    try:
-        return path.read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not UTF-8 text: {error.reason} at byte {error.start}") from None
 
 
 def parsed(text: str, where: str) -> tuple[tuple[Gate, ...], tuple[ChangeThreshold, ...], list[str]]:

@@ -21,6 +21,7 @@ from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import Baseline, baseline_of
 from bodycheck.reports.history.queries import recorded_cases
 from bodycheck.reports.history.step_detection import Key, Series, Step, detect_steps, series_of
+from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.run_files.run_reader import Tables
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ def judge_run(history: History, newest: Tables, thresholds: Thresholds = DEFAULT
             {**row, "engine": own.get(row["engine"], row["engine"])}
             for row in next_accepted(levels, aligned, discarded, changes)
         )
-    errors = series_of(runs, cases, "orientation_error_rad", _farthest)
+    errors = series_of(runs, cases, ORIENTATION, _farthest)
     return Judgement(newest, baseline, comparison, accepted, speeds, errors)
 
 

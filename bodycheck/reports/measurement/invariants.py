@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.arrays import Array, largest_norm
 from bodycheck.reference_impl.dynamics import angular_momentum, principal_axes, rotational_energy
 from bodycheck.reference_impl.pivot import rotational_inertia
 from bodycheck.reference_impl.scene import GravityGradient, Scene
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.measurement.scales import largest_norm
 
 _EQUAL = 1e-12  # relative tolerance: equal moments, and arms along or across an axis
 _ORBIT_NORMAL = np.array([0.0, 1.0, 0.0])

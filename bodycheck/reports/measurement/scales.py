@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.arrays import largest_norm
 from bodycheck.reference_impl.dynamics import angular_momentum, gyration_radius
 from bodycheck.reference_impl.pivot import kinetic_energies, rotational_inertia
 from bodycheck.reference_impl.scene import Scene
@@ -47,8 +45,3 @@ def scene_scales(scene: Scene, truth: Trajectory) -> Scales:
         ),
         linear_momentum_scale_kg_m_s=body.mass * speed,
     )
-
-
-def largest_norm(vectors: Array) -> float:
-    """max |v| of vectors (n, 3)."""
-    return float(np.max(np.linalg.norm(vectors, axis=-1)))

@@ -10,10 +10,9 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.loads.load import Instants, Load, checked_continuous
-from bodycheck.reference_impl.loads_at import wrench_at
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reference_impl.wrench import constant_loads_between
+from bodycheck.reference_impl.wrench import constant_loads_between, wrench_at
 
 _DEGREES = (7, 5)  # of the splines through the power; their difference estimates the error
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from bodycheck.adapters.contract import Engine, Method, Setting, read_back_mismatch
+from bodycheck.adapters.contract import Engine, Method, read_back_mismatch
 from bodycheck.adapters.execution import Answer, Case
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum, linear_momentum
@@ -40,15 +40,9 @@ class Bench:
     record: RunCase
     replay: RunCase
 
-    @cached_property
-    def tolerance(self) -> float | None:
-        """The finest default tolerance of a method that is controlled by one."""
-        return min(self.method.tolerances, default=None) if self.method.control == "tolerance" else None
-
     def case(self, scene: Scene, dt_s: float) -> Case:
         """Return the case of a scene at a step."""
-        steps = dt_s if self.method.control == "dt" else None
-        return Case(scene, self.method.name, Setting(steps, self.tolerance))
+        return Case(scene, self.method.name, self.method.setting(dt_s))
 
     def motions(self, scene: Scene, steps_s: Sequence[float]) -> Motions:
         """Return the motions at these steps, with the identified mistake of the readings undone."""
@@ -62,10 +56,10 @@ class Bench:
     def _made(self, scene: Scene, steps_s: Sequence[float]) -> Motions:
         for shorter in (1.0, _SHORTER):  # an explicit method may be unstable at steps that suit others
             probe = Probe("", scene, tuple(shorter * dt_s for dt_s in steps_s))
-            found = motions_of(probe, self.engine, self.method, self.tolerance, self.record)
+            found = motions_of(probe, self.engine, self.method, self.record)
             if not found.reason.startswith("unstable"):
                 break
-        return Motions(found.motions, found.resolution(self.tolerance), found.reason)
+        return Motions(found.motions, found.resolution, found.reason)
 
     @cached_property
     def _free(self) -> tuple[Motions, tuple[Finding, ...], Mistake | None]:

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from bodycheck.adapters.contract import Engine, Method, Setting
+from bodycheck.adapters.contract import Engine, Method
 from bodycheck.adapters.execution import Case
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.cache.answers import EngineClient
@@ -68,9 +68,8 @@ def check_replays(
 def _first_run(engine: Engine, method: Method, ask: RunCase) -> _First | str:
     """Run a method on the first state that it supports; return why where it supports none."""
     reason = ""
-    tolerance = min(method.tolerances, default=None) if method.control == "tolerance" else None
     for name, (scene, dt_s) in _STATES.items():
-        case = Case(scene, method.name, Setting(dt_s if method.control == "dt" else None, tolerance))
+        case = Case(scene, method.name, method.setting(dt_s))
         answer = ask(engine, case)
         if answer.trajectory is not None:
             return _First(name, case, answer.trajectory)

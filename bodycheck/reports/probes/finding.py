@@ -13,7 +13,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.arrays import Array, largest_norm
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 
@@ -33,12 +33,7 @@ class Limit:
     @property
     def size(self) -> float:
         """The largest norm over the cells."""
-        return largest(self.value)
-
-
-def largest(values: Array) -> float:
-    """max |v| over the rows of (n, components)."""
-    return float(np.max(np.linalg.norm(values, axis=-1)))
+        return largest_norm(self.value)
 
 
 def limit(steps_s: Sequence[float], mismatches: Sequence[Array], round_off: float) -> Limit:
@@ -50,7 +45,7 @@ def limit(steps_s: Sequence[float], mismatches: Sequence[Array], round_off: floa
     weights = _weights(steps_s)
     value = np.einsum("h,hij->ij", weights, np.array(mismatches))
     without_coarsest = np.einsum("h,hij->ij", _weights(steps_s[1:]), np.array(mismatches[1:]))
-    uncertainty = max(largest(value - without_coarsest), float(np.sum(np.abs(weights))) * round_off)
+    uncertainty = max(largest_norm(value - without_coarsest), float(np.sum(np.abs(weights))) * round_off)
     return Limit(value, max(_SAFETY * uncertainty, _MIN_TOLERANCE))
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bodycheck._util.platform_identity import numeric_parts
-from bodycheck.adapters.contract import Engine, Method, Precision, Setting, read_back_mismatch
+from bodycheck.adapters.contract import Engine, Method, Precision, read_back_mismatch
 from bodycheck.adapters.execution import Case
 from bodycheck.adapters.programs import with_method
 from bodycheck.adapters.registry import own_code
@@ -225,10 +225,9 @@ def _steps(
     engine: Engine, method: Method, ask: RunCase, scenes: Iterator[tuple[Scene, float]]
 ) -> Steps | str:
     """Run scenes with the same loads and return all their steps, or why one did not run."""
-    tolerance = min(method.tolerances, default=None) if method.control == "tolerance" else None
     parts: list[Steps] = []
     for scene, dt_s in scenes:
-        setting = Setting(dt_s if method.control == "dt" else None, tolerance)
+        setting = method.setting(dt_s)
         answer = ask(engine, Case(scene, method.name, setting))
         if answer.trajectory is None or answer.read_back is None:
             return f"{answer.outcome}: {answer.message}"

@@ -14,11 +14,11 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from bodycheck.adapters.contract import Engine, Method, Setting
+from bodycheck.adapters.contract import Engine, Method
 from bodycheck.adapters.execution import Case
 from bodycheck.adapters.programs import with_method
 from bodycheck.adapters.stable_step import invalid_state
-from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.arrays import Array, largest_norm
 from bodycheck.reference_impl.rotations import (
     conjugate,
     exp_quaternion,
@@ -363,7 +363,6 @@ class _Bench:
     ask: RunCase
     replay: RunCase
     eps: float
-    tolerance: float | None
     bases: dict[str, Path] = field(default_factory=dict)
     moved: dict[tuple[Variants, str], list[tuple[Variant, Path]]] = field(default_factory=dict)
 
@@ -376,8 +375,7 @@ class _Bench:
         return self.moved[variants, name]
 
     def case(self, scene: Scene, dt_s: float) -> Case:
-        dt = dt_s if self.method.control == "dt" else None
-        return Case(scene, self.method.name, Setting(dt, self.tolerance))
+        return Case(scene, self.method.name, self.method.setting(dt_s))
 
     def run(self, scene: Scene, dt_s: float, run_case: RunCase | None = None) -> Path:
         answer = (run_case or self.ask)(self.engine, self.case(scene, dt_s))
@@ -397,9 +395,8 @@ def check_laws(
     the known map of the method is.
     """
     single = method.precision != "float64"
-    tolerance = min(method.tolerances, default=None) if method.control == "tolerance" else None
-    eps = max(_SINGLE_EPS if single else _EPS, tolerance or 0.0)
-    bench = _Bench(engine, method, ask, replay or ask, eps, tolerance)
+    eps = max(_SINGLE_EPS if single else _EPS, method.finest_tolerance or 0.0)
+    bench = _Bench(engine, method, ask, replay or ask, eps)
     laws = [law for law in LAWS if law.name != REPLAY and (law.name != REPEAT or replay is not None)]
     try:
         bench.bases.update({name: bench.run(*state) for name, state in STATES.items()})
@@ -458,22 +455,22 @@ def _compared(bench: _Bench, law: Law, name: str, base: Path, other: Path, raw: 
     """Return the largest difference over its tolerance. raw: the motion before it is mapped back."""
     scene, dt_s = STATES[name]
     gyration = float(np.sqrt(np.trace(scene.body.inertia) / (2.0 * scene.body.mass)))
-    speed = max(_largest(base.velocity), _largest(base.omega) * gyration)
-    length = max(_largest(base.position - base.position[0]), gyration)
+    speed = max(largest_norm(base.velocity), largest_norm(base.omega) * gyration)
+    length = max(largest_norm(base.position - base.position[0]), gyration)
     noise = _SAFETY * bench.eps * _STEPS * _sensitivity(name)
     reading = base if raw is None else raw
     # a link's origin moves with omega x offset, and a far origin rounds positions
     offset = float(np.linalg.norm(_OFFSET)) if law.variants is _linked else 0.0
     differences = {
         "attitude": (geodesic_angle(base.quaternion, other.quaternion), 1.0),
-        "omega": (_norms(base.omega - other.omega) / _largest(base.omega), 1.0),
+        "omega": (_norms(base.omega - other.omega) / largest_norm(base.omega), 1.0),
         "position": (
             _norms(base.position - other.position) / length,
-            1.0 + (_largest(reading.position) + _largest(base.position) + offset) / length,
+            1.0 + (largest_norm(reading.position) + largest_norm(base.position) + offset) / length,
         ),
         "velocity": (
             _norms(base.velocity - other.velocity) / speed,
-            1.0 + (_largest(other.velocity) + offset * _largest(base.omega)) / speed,
+            1.0 + (largest_norm(other.velocity) + offset * largest_norm(base.omega)) / speed,
         ),
     }
     found = []
@@ -495,10 +492,6 @@ def _compared(bench: _Bench, law: Law, name: str, base: Path, other: Path, raw: 
 
 def _norms(vectors: Array) -> Array:
     return np.asarray(np.linalg.norm(vectors, axis=-1))
-
-
-def _largest(vectors: Array) -> float:
-    return float(np.max(_norms(vectors)))
 
 
 def law_rows(engine: Engine, method: Method, checked: Sequence[Checked]) -> list[dict[str, Any]]:

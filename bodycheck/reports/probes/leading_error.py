@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.one_step_maps.first_order import gyroscopic
-from bodycheck.reference_impl.one_step_maps.one_step_map import Motion, Solid, cross, times
-from bodycheck.reference_impl.rotations import conjugate, log_quaternion, quaternion_product
+from bodycheck.reference_impl.one_step_maps.one_step_map import Motion, Solid, times
+from bodycheck.reference_impl.rotations import conjugate, cross, log_quaternion, quaternion_product
 
 _LARGEST_ORDER = 3  # of the orders whose terms are fitted
 _NEGLIGIBLE = 0.01  # of the largest coefficient's term: a smaller one is not named

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from bodycheck.adapters.contract import Engine, Method, Precision, Setting, read_back_mismatch
+from bodycheck.adapters.contract import Engine, Method, Precision, read_back_mismatch
 from bodycheck.adapters.execution import Case
 from bodycheck.adapters.stable_step import invalid_state
 from bodycheck.reference_impl.arrays import Array
@@ -116,41 +116,37 @@ class _Probed:
         """Whether the engine did not answer in time."""
         return self.reason.startswith("timeout")
 
-    def resolution(self, tolerance: float | None) -> float:
-        """Return the relative round-off of the finest motion: one per step, all with the same sign.
+    @property
+    def resolution(self) -> float:
+        """The relative round-off of the finest motion: one per step, all with the same sign.
 
-        tolerance: of the method, which a step may use in full.
+        A method that is controlled by a tolerance may use it in full in each step.
         """
         if not self.motions:
             return 0.0
         path = self.motions[-1].trajectory
         eps = _SINGLE_EPS if is_single(path) or self.method.precision != "float64" else _EPS
-        return (len(path.t_s) - 1) * max(eps, tolerance or 0.0)
+        return (len(path.t_s) - 1) * max(eps, self.method.finest_tolerance or 0.0)
 
 
 def probe_rows(engine: Engine, method: Method, ask: RunCase) -> list[dict[str, Any]]:
     """Return the rows of probes.csv of one method without run_id; failures are rows too."""
     first, second = built_in_probes()
-    tolerance = min(method.tolerances, default=None) if method.control == "tolerance" else None
     rows: list[dict[str, Any]] = []
-    loaded = motions_of(first, engine, method, tolerance, ask)
+    loaded = motions_of(first, engine, method, ask)
     # do not wait a second time for an engine that timed out
-    free = (
-        replace(loaded, probe=second)
-        if loaded.timed_out
-        else motions_of(second, engine, method, tolerance, ask)
-    )
+    free = replace(loaded, probe=second) if loaded.timed_out else motions_of(second, engine, method, ask)
     for probed, findings in (
-        (loaded, _loaded_findings(loaded, loaded.resolution(tolerance))),
-        (free, _free_findings(free, loaded, free.resolution(tolerance))),
+        (loaded, _loaded_findings(loaded, loaded.resolution)),
+        (free, _free_findings(free, loaded, free.resolution)),
     ):
-        finest = probed.probe.steps_s[-1] if method.control == "dt" else None
+        finest = method.setting(probed.probe.steps_s[-1])
         shared = {
             "engine": engine.name,
             "engine_version": engine.version,
             "method": method.name,
-            "dt_s": finest,
-            "reproduce": reproducing_command(probed.probe.name, engine, method, Setting(finest, tolerance)),
+            "dt_s": finest.dt_s,
+            "reproduce": reproducing_command(probed.probe.name, engine, method, finest),
         }
         rows += [{**shared, **_cells(finding)} for finding in findings]
     return rows
@@ -160,19 +156,17 @@ def _cells(finding: Finding) -> dict[str, Any]:
     return {**vars(finding), "verdict": finding.verdict}
 
 
-def motions_of(
-    probe: Probe, engine: Engine, method: Method, tolerance: float | None, ask: RunCase
-) -> _Probed:
+def motions_of(probe: Probe, engine: Engine, method: Method, ask: RunCase) -> _Probed:
     """Run one probe at each of its steps, sampled after every step, until one fails."""
     motions = []
     mismatch = None
     for dt_s in probe.steps_s:
         scene = replace(probe.scene, samples=round(probe.scene.duration_s / dt_s) + 1)
-        step_s = dt_s if method.control == "dt" else None
-        answer = ask(engine, Case(scene, method.name, Setting(dt_s=step_s, tolerance=tolerance)))
+        setting = method.setting(dt_s)
+        answer = ask(engine, Case(scene, method.name, setting))
         if answer.trajectory is None or answer.read_back is None:
             return _Probed(probe, method, reason=f"{answer.outcome}: {answer.message}")
-        mismatch = mismatch or read_back_mismatch(scene, step_s, answer.read_back, method.precision)
+        mismatch = mismatch or read_back_mismatch(scene, setting.dt_s, answer.read_back, method.precision)
         if reason := invalid_state(answer.trajectory):
             return _Probed(probe, method, reason=f"unstable: {reason}", mismatch=mismatch)
         motions.append(Sampled(scene, answer.trajectory))

@@ -20,7 +20,7 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import names, nearest, suggestion
-from bodycheck._util.untrusted import parse_toml
+from bodycheck._util.untrusted import parse_toml, read_text
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.run_files.trajectory_files import COLUMNS
 
@@ -337,13 +337,7 @@ def _pairs(spec: MapSpec) -> Iterator[tuple[str, Any]]:
         return
     path = Path(spec)
     if path.suffix == ".toml":
-        try:
-            text = path.read_bytes().decode("utf-8")
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-        except UnicodeDecodeError:
-            raise InputError(f"{path}: is not TOML: is not UTF-8") from None
-        yield from parse_toml(text, str(path)).items()
+        yield from parse_toml(read_text(path), str(path)).items()
         return
     if _PAIR.sub("", str(spec)).strip(", "):
         raise InputError(f"--map {spec}: a quotation mark is not closed")

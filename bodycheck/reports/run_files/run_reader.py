@@ -29,7 +29,7 @@ from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion, measured_by, scenario_spec
-from bodycheck.reports.measurement.measures import MEASURES, Motion
+from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, Motion
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.probes.laws import LAW_VERDICTS
@@ -277,8 +277,8 @@ def _motion(path: Path, problem: Problem, case: CaseResult) -> MeasuredMotion:
         raise InputError(f"{path}: t_s differs from the sample times of {problem.scenario.name}")
     columns, motion = measured_by(problem, trajectory, Motion.of(problem.scenario.scene, trajectory))
     angle, stored_error = (
-        columns["orientation_error_rad"],
-        case.columns.get("orientation_error_rad", math.nan),
+        columns[ORIENTATION],
+        case.columns.get(ORIENTATION, math.nan),
     )
     slack = 2.0 * problem.largest(problem.truth.bound_rad)
     if not math.isclose(angle, stored_error, rel_tol=_SAME, abs_tol=slack):

@@ -21,10 +21,9 @@ from bodycheck.adapters.workers.case_messages import case_message, search_messag
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reference_impl.scene import CallbackLoad, RigidBody, Scene, State
 from bodycheck.reports.cache import answers as module
-from bodycheck.reports.cache.answers import Answers, EngineClient
+from bodycheck.reports.cache.answers import Answers, EngineClient, Reuse
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.journal import Journal
-from bodycheck.reports.cache.reuse import Reuse
 from tests.helpers.expected_messages import ExpectedMessage
 
 START = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.3, 1.0, 0.2]))

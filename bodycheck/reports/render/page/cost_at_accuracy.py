@@ -11,12 +11,13 @@ import numpy as np
 from bodycheck._util.formatting import number
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measure_bounds import floor_of
+from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.render.styles import REFERENCE
 from bodycheck.reports.run_files.run_tables import MethodKey
 from bodycheck.reports.summary.error_curve import RefinementSequence, cases_within, sequences_of
 
-ERRORS = ("orientation_error_rad", "energy_drift", "angular_momentum_drift", "omega_error")
+ERRORS = (ORIENTATION, "energy_drift", "angular_momentum_drift", "omega_error")
 """The errors for which costs are compared."""
 
 TARGETS = tuple(float(f"1e-{k}") for k in range(1, 14))
@@ -144,7 +145,7 @@ def cost_sentences(front: Mapping[str, Sequence[Front]]) -> list[str]:
     return [
         f"Cheapest method for an orientation error of {number(target)} rad: {_priced(found.of_all)}; "
         f"cheapest engine: {_priced(found.of_engines) if found.of_engines else 'none in most scenarios'}."
-        for found in front["orientation_error_rad"]
+        for found in front[ORIENTATION]
         for target in (1e-3, 1e-6)
         if found.target == target
     ]

@@ -101,7 +101,7 @@ def played_cases(cases: Sequence[CaseResult], at_s: float | None) -> list[CaseRe
 
 
 def _error(case: CaseResult) -> float:
-    return float(case.columns["orientation_error_rad"])
+    return float(case.columns[ORIENTATION])
 
 
 def frame_numbers(samples: int) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
