@@ -49,7 +49,10 @@ class Shard:
 
 
 def division_faults(shards: Mapping[Path, Shard]) -> Iterator[str]:
-    """Yield what keeps folders from being all shards of one division: absent, given twice, or of another."""
+    """Yield why the folders are not all shards of one division.
+
+    The reasons: a shard is missing, given twice, or of another division.
+    """
     folders: dict[Shard, list[Path]] = {}
     for folder, shard in shards.items():
         folders.setdefault(shard, []).append(folder)

@@ -48,7 +48,7 @@ class Method:
     snippet: the statements with which a user's own program selects this method, such as
     "world.setTimeStep({dt_s})"; {dt_s} stands for the step in s.
     precision: of the state and the arithmetic. rounding_bias: the mean rounding error of omega per step, in
-    unit round-offs, where it has the same direction at every step, as where omega is turned into body axes
+    unit round-offs, where it has the same direction at every step, as where omega is rotated into body axes
     and back; 0 where rounding errors only scatter. only_on_request: the method runs only if requested by
     name, as every variant does.
     """

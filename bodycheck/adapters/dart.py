@@ -61,7 +61,7 @@ class DartSimulation:
         self._initial, self._pivot = scene.initial, scene.pivot
         link = link_frame(scene)
         self._axes, self._centre = EngineAxes(link.rotation), link.point(_ORIGIN)
-        # joint forces act at the joint's origin; elsewhere their moment would turn with the body
+        # joint forces act at the joint's origin; elsewhere their moment would rotate with the body
         self._by_joint = scene.pivot is None and not np.any(self._centre)
         self._skeleton = dartpy.dynamics.Skeleton("body")
         self._joint, self._body = self._jointed(scene, link)

@@ -69,7 +69,7 @@ def _wrench_at(scene: Scene) -> Callable[[float, Array, Array, Array, Array], Ar
     if scene.has_callback_load:
         wrench = continuous_wrench_of(scene)
         return lambda *motion: np.concatenate(wrench(*motion))
-    # late: numba is half the start of a worker, and most scenes have no such load
+    # imported here: most scenes have no such load; numba is imported when the kernel is first called
     from bodycheck.reference_impl.continuous_loads import continuous_wrench_at, packed_continuous_loads
 
     rows = packed_continuous_loads(scene)

@@ -38,7 +38,7 @@ class FixedStep:
 
     def __init__(self, scene: Scene, integrator: Integrator, dt_s: float) -> None:
         self._scene, self._integrator, self._dt_s = scene, integrator, dt_s
-        # A pivoted body is stepped as one that turns about the pivot, which no force moves.
+        # A pivoted body is stepped as one that rotates about the pivot, which no force moves.
         self._stepped = about_pivot(scene)
         self._body = packed_body(self._stepped.body).astype(integrator.real)
         if scene.pivot is not None:
@@ -126,7 +126,7 @@ def _callback_about_pivot(scene: Scene) -> WrenchFunction:
     wrench = continuous_wrench_of(scene)
     if scene.pivot is None:
         return wrench
-    from bodycheck.reference_impl.truth.step_halving import PivotPlace  # late: imports numba
+    from bodycheck.reference_impl.truth.step_halving import PivotPlace  # imported here: needs numba
 
     return PivotPlace.of(scene).about_pivot(wrench)
 
@@ -205,7 +205,7 @@ class Series:
     steps: int | None = None
 
     def __init__(self, scene: Scene, tolerance: float) -> None:
-        from bodycheck.reference_impl.taylor.prepared_motion import TaylorMotion  # late: imports numba
+        from bodycheck.reference_impl.taylor.prepared_motion import TaylorMotion  # imported here: needs numba
 
         self._scene, self._motion = scene, TaylorMotion.of(scene, tolerance)
 

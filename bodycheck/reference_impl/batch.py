@@ -325,7 +325,7 @@ def advance_checked(
 
 
 def _threads() -> int:
-    import numba  # late: it takes a second
+    import numba  # imported here: it takes a second
 
     return int(numba.get_num_threads())
 

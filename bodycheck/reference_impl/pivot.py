@@ -51,7 +51,7 @@ def kinetic_energies(scene: Scene, motion: Trajectory) -> tuple[Array, Array]:
 def about_pivot(scene: Scene) -> Scene:
     """J = I + m (|c|^2 E - c c^T), c from the pivot to the centre of mass; loads and weight taken about it.
 
-    Returns a scene without pivot and link whose body turns as the pivoted body does, provided that its
+    Returns a scene without pivot and link whose body rotates as the pivoted body does, provided that its
     centre of mass, placed at the pivot, is held fixed against all forces. A scene without a pivot is
     returned unchanged. Raises ValueError for a gravity gradient, which is defined about the centre of mass.
     Source: Goldstein (1980), Classical mechanics, 5-3 and 5-7.

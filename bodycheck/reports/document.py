@@ -171,7 +171,7 @@ _STYLES = {"good": "green", "floor": "green", "open": "yellow", "bad": "red", "f
 
 def console() -> Console:
     """Return a console on standard output; it does not wrap lines in a pipe."""
-    from rich.console import Console  # late: a document as JSON needs none
+    from rich.console import Console  # imported here: a document as JSON needs none
 
     made = Console(highlight=False)
     if not made.is_terminal:

@@ -20,7 +20,7 @@ def environment() -> Environment:
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-        auto_reload=False,  # else each of a thousand includes asks the disk whether it has changed
+        auto_reload=False,  # otherwise each of a thousand includes checks the disk for changes
     )
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
     environment.filters |= {

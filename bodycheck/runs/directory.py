@@ -234,7 +234,7 @@ def write_run(run: Run, out: str | Path, *, temp_dir: Path | None = None) -> Pat
     Everything is written under a temporary name in the folder `temp_dir` [default: the parent of `out`],
     and renamed at the end. Raises InputError where `out` is in use or cannot be written.
     """
-    from bodycheck.reports.render.html import render_report  # late: Jinja is needed only now
+    from bodycheck.reports.render.html import render_report  # imported here: Jinja is needed only now
 
     check_output(Path(out))
     return write_files(run, render_report(run) if run.cases else _WITHOUT_CASES, Path(out), temp_dir=temp_dir)

@@ -20,7 +20,7 @@ _QUANTILES = (0.5, 0.95, 0.99)
 
 
 def ensemble_document(result: EnsembleResult, folder: Path) -> Document:
-    """Return the distribution of the orientation error of each method, and where the rest is."""
+    """Return the distribution of each method's orientation error, the replays, findings and the folder."""
     heads = ("method", "median", "95 %", "99 %", "worst", "unstable", "not measured")
     columns = (Column(heads[0]), *(Column(head, "number") for head in heads[1:]))
     rows = []

@@ -57,7 +57,7 @@ class Dataset:
         self._connection: DuckDBPyConnection | None = None
 
     def __enter__(self) -> Dataset:
-        import duckdb  # late: only stored datasets need it
+        import duckdb  # imported here: only stored datasets need it
 
         self._connection = duckdb.connect()
         return self

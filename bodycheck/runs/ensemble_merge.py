@@ -195,7 +195,7 @@ def _add(result: EnsembleResult, part: _Part) -> None:
 
 def _sketches(folder: Path) -> Iterator[tuple[tuple[Any, ...], QuantileSketch]]:
     """Yield (engine, method, dt_s, tolerance, measure) and the sketch of it."""
-    import duckdb  # late: only stored datasets need it
+    import duckdb  # imported here: only stored datasets need it
 
     try:
         with duckdb.connect() as database:

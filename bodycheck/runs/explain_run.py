@@ -1,4 +1,4 @@
-"""Explain the wrong motions of a stored run, and a trajectory from any program."""
+"""Explain the wrong motions of a stored run, or the cases that a pattern selects."""
 
 from __future__ import annotations
 

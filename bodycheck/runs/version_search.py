@@ -203,7 +203,7 @@ def audit_versions(
     announce: called with each release before it imports the file. Raises InputError if the input is
     wrong or no release can be run.
     """
-    from bodycheck.scenarios.model_files.model_reader import read_model  # late: it imports lxml
+    from bodycheck.scenarios.model_files.model_reader import read_model  # imported here: it imports lxml
 
     reads = importer(engine)
     model = read_model(file)

@@ -42,7 +42,7 @@ def checked_mesh(vertices: ArrayLike, triangles: ArrayLike, overlap: Overlap = "
 
     Shapes: vertices (n, 3) in m, triangles (m, 3) of vertex numbers. Repairs, each reported in a note:
     triangles with two equal corners and triangles back to back are removed, corners that only round-off
-    separates are joined, and flipped triangles and inside-out meshes are turned.
+    separates are joined, and flipped triangles and inside-out meshes are reoriented.
 
     Raises ValueError, naming the fault and its place, for coordinates that are not finite, invalid vertex
     numbers, an open mesh, edges around which matter and void do not alternate, a one-sided surface, a surface

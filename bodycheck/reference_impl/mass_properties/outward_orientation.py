@@ -103,7 +103,7 @@ def outward_orientation(vertices: Array, surfaces: Surfaces, overlap: Overlap = 
     """Return which triangles must be flipped for the surfaces to bound a solid; vertices (n, 3) in m.
 
     A surface within an even number of others bounds matter and faces outward. A surface within an odd number
-    is a cavity and faces inward. A wholly inside-out mesh may be turned, and so may any surface that lies
+    is a cavity and faces inward. A wholly inside-out mesh may be reoriented, and so may any surface that lies
     within no other and crosses none. Raises ValueError where a surface encloses nothing, where two cross, and
     where one within another does not face as a cavity: it may be a cavity drawn inside-out, or matter drawn
     twice. If the overlap is "count-twice", surfaces may cross, and surfaces that face outward may lie within

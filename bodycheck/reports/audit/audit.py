@@ -137,8 +137,9 @@ class Column:
 class Spin:
     """Orientation errors in rad of one link's free spin against the truth of the body in the file.
 
-    control: the engine with the numbers of the file; held: with the numbers that it held; excerpt: after its
-    importer read a file with this link only. None where it could not be spun; the message says why.
+    control_rad: the engine with the numbers of the file; held_rad: with the numbers that it held;
+    excerpt_rad: after its importer read a file with this link only. None where it could not be spun; the
+    message says why.
     """
 
     control_rad: float | None

@@ -33,7 +33,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Overlay:
-    """The errors of one method in both runs; ticks: (position, text) along each axis."""
+    """The errors of one method in both runs; x_ticks, y_ticks: (position, text) along each axis."""
 
     scenario: str
     engine: str

@@ -87,7 +87,7 @@ def rotation_vector(q: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Loads:
-    """The constant loads of each stretch (p, ...) between switches; the last row is the absence of loads.
+    """The constant loads of each segment (p, ...) between switches; the last row is the absence of loads.
 
     force_body, force_world: (p, 3) in N. torque_body, torque_world: (p, 3) in N m. lever: (p, 3), the moments
     of body forces in body axes. moment: (p, 3, 3), sum of a F^T of world forces at points a in body axes.
@@ -102,7 +102,7 @@ class Loads:
 
     @classmethod
     def of(cls, spans: Sequence[Sequence[tuple[Any, float]]]) -> Loads:
-        """Sum the loads of each stretch, each multiplied by its share of the time."""
+        """Sum the loads of each segment, each multiplied by its share of the time."""
         p = len(spans) + 1
         a, b, c, d, e = np.zeros((5, p, 3))
         loads = cls(a, b, c, d, e, np.zeros((p, 3, 3)))
@@ -240,7 +240,7 @@ class Model:
 class Grid:
     """The steps between samples: their number in one sample interval, their length, and the segments.
 
-    dt_s: (s_all,) the step in each sample interval. timeline: (samples - 1, stride) stretch of each step.
+    dt_s: (s_all,) the step in each sample interval. timeline: (samples - 1, stride) segment of each step.
     """
 
     stride: int

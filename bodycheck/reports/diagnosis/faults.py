@@ -674,7 +674,7 @@ def _first_step_free(model: Model, values: Array, at: FaultContext) -> None:
 
 
 def _released_late(model: Model, values: Array, at: FaultContext) -> None:
-    """Let each stretch but the first begin a step late, where the one before it has loads."""
+    """Let each segment but the first begin a step late, where the one before it has loads."""
     del values, at
     line = model.timeline
     parts = (
@@ -693,7 +693,7 @@ def _released_late(model: Model, values: Array, at: FaultContext) -> None:
 
 
 def _never_cleared(model: Model, values: Array, at: FaultContext) -> None:
-    """Let each stretch have the loads of all stretches before it, too."""
+    """Give each segment also the loads of all earlier segments."""
     del values, at
     loads = model.loads
     parts = {
@@ -703,7 +703,7 @@ def _never_cleared(model: Model, values: Array, at: FaultContext) -> None:
 
 
 def _prolonged(model: Model, values: Array, at: FaultContext) -> None:
-    """Let a stretch without loads keep those of the stretch before it."""
+    """Give a segment without loads the loads of the segment before it."""
     del values, at
     parts = {name: part.copy() for name, part in vars(model.loads).items()}
     for row in range(1, len(parts["torque_body"]) - 1):

@@ -1,4 +1,4 @@
-"""From which size on a change matters: one relative threshold, and others for single measures."""
+"""The size above which a change is worse or improved: one relative threshold, others for single measures."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ THRESHOLD = 0.02
 """Relative to the smaller of the two values; a smaller change is `moved`."""
 
 ORDER_THRESHOLD = 0.1
-"""Of orders, which are compared by their difference."""
+"""The threshold of orders, which are compared by their difference."""
 
 _ABSOLUTE = "_abs"
 

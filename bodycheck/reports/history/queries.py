@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TABLES = ("results", "methods", "stability", "changes")
-"""The tables of each nightly run, as Parquet and CSV; with `runs`, the views of a query."""
+"""The tables of each nightly run, as Parquet and CSV; with `nights`, the views of a query."""
 
 _CASE = (
     "scenario",

@@ -145,7 +145,7 @@ def convergence_of(points: Sequence[Point], criteria: Criteria) -> Convergence:
     return _convergence_of(tuple(points), criteria)
 
 
-@lru_cache(maxsize=64)  # the refinement asks for what the row asks for again
+@lru_cache(maxsize=64)  # the refinement computes it first, then the row needs it again
 def _convergence_of(points: tuple[Point, ...], criteria: Criteria) -> Convergence:
     if criteria.floor > LARGEST_LIMIT:
         return Convergence("chaotic", 0, criteria.floor)

@@ -46,7 +46,7 @@ class Order:
         return 0.5 * (self.high - self.low)
 
 
-@lru_cache(maxsize=1024)  # the refinement asks for what the verdict asks for again
+@lru_cache(maxsize=1024)  # the refinement computes it first, and needs it again, as error curves do
 def settled_order(steps: tuple[float, ...], errors: tuple[float, ...], floor: float) -> Order | None:
     """Return the order settled by the longest run of consecutive steps; None where no run settles it.
 

@@ -255,7 +255,7 @@ def _arithmetic(problem: Problem, quantity: str, method: Method) -> RoundOff:
     return RoundOff.of(problem, quantity, method.precision, method.rounding_bias)
 
 
-@lru_cache(maxsize=64)  # the refinement asks for what the rows ask for again
+@lru_cache(maxsize=64)  # the refinement computes them first, then the rows need them again
 def _points(
     cases: tuple[CaseResult, ...], problem: Problem, method: Method, quantity: str
 ) -> tuple[Point, ...]:

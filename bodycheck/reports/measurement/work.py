@@ -18,7 +18,7 @@ _DEGREES = (7, 5)  # of the splines through the power; their difference estimate
 
 
 def working_loads(scene: Scene, start_s: float, end_s: float) -> list[Load]:
-    """Return the loads that act within [begin_s, end_s) and have no potential energy."""
+    """Return the loads that act throughout [start_s, end_s) and have no potential energy."""
     continuous = [
         load
         for load in scene.continuous_loads
@@ -91,7 +91,7 @@ def running_integral(samples: bytes, degree: int) -> Callable[[Array], Array]:
 
 def power(scene: Scene, loads: Sequence[Load], motion: Trajectory) -> Array:
     """P = F . v + tau . omega of these loads at each sample, (n,) in W."""
-    moment = Instants(
+    instants = Instants(
         t=motion.t_s,
         position=motion.position_m,
         rotation=motion.rotation_matrices,
@@ -100,6 +100,6 @@ def power(scene: Scene, loads: Sequence[Load], motion: Trajectory) -> Array:
     )
     total = np.zeros(len(motion.t_s))
     for load in loads:
-        force, torque = wrench_at(load, scene, moment)
-        total += np.sum(force * moment.velocity + torque * moment.omega, axis=-1)
+        force, torque = wrench_at(load, scene, instants)
+        total += np.sum(force * instants.velocity + torque * instants.omega, axis=-1)
     return total

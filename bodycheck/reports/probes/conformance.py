@@ -123,7 +123,7 @@ _REPEAT = 16.0  # multiples of the round-off of the motion
 
 
 def _slow_scene(*loads: Load) -> Scene:
-    """Return a body that turns by about 0.8 rad, with loads and without gravity."""
+    """Return a body that rotates by about 0.8 rad, with loads and without gravity."""
     free = built_in_probes()[1].scene
     start = replace(free.initial, omega_body=np.array([1.2, -2.0, 0.9]))
     return Scene(free.body, start, loads, np.zeros(3), _DURATION_S, 2)

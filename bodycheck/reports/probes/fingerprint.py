@@ -163,9 +163,10 @@ class Match:
 class Fingerprint:
     """The known map of a method, or the local order and the leading error term of an unknown one.
 
-    name: of the map, of several that cannot be told apart ("A or B"), NO_KNOWN_MAP or NOT_MEASURED. agreement
-    and runner_up_distance: the largest angle in rad, or difference of omega over |omega|, over all steps.
-    loads: the treatment of each load that differs from the map, and each that was not measured, in words.
+    name: of the map, of several that cannot be distinguished ("A or B"), NO_KNOWN_MAP or NOT_MEASURED.
+    agreement and runner_up_distance: the largest angle in rad, or difference of omega over |omega|, over all
+    steps. loads: the treatment of each load that differs from the map, and each that was not measured, in
+    words.
     """
 
     name: str

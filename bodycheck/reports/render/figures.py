@@ -135,7 +135,7 @@ def figure_bytes(page: Figure, suffix: str) -> bytes:
 @contextmanager
 def rendering(style: Path | None = None) -> Iterator[None]:
     """Use our settings of matplotlib, and over them those of a style file."""
-    import matplotlib as mpl  # late: only figures need it
+    import matplotlib as mpl  # imported here: only figures need it
 
     with mpl.rc_context(_RC):
         if style is not None:
@@ -209,7 +209,7 @@ def _legend(page: Figure, axes: Axes, columns: int) -> None:
             groups[-1].append(line)
         else:
             groups.append([line])
-    handles: Any = [tuple(group) for group in groups]  # drawn one upon the other
+    handles: Any = [tuple(group) for group in groups]  # drawn on top of each other
     labels = (str(group[0].get_label()) for group in groups)
     wrapped = ["\n  ".join(textwrap.wrap(text, _LABEL_LETTERS, break_on_hyphens=False)) for text in labels]
     heights = sum(1 + label.count("\n") for label in wrapped) / columns

@@ -126,7 +126,8 @@ def _write_film(film: Path, page: Figure, problem: Problem, cases: Sequence[Case
         for k in frames:
             show(k)
             writer.grab_frame()
-        for _ in range(round(_HOLD_S * per_second)):  # a film that is repeated would else seem to jump back
+        # hold the last frame: a film that repeats would otherwise seem to jump back
+        for _ in range(round(_HOLD_S * per_second)):
             writer.grab_frame()
 
 

@@ -1,6 +1,6 @@
 """How methods and columns are shown everywhere: colour per engine, marker and dash per method, headings.
 
-Lines that cannot be told apart are drawn as one, with the names of all.
+Lines that cannot be distinguished are drawn as one, with the names of all.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ Key = TypeVar("Key")
 def merged(lines: Mapping[Key, tuple[Array, Array]], floor: float = 0.0) -> list[list[Key]]:
     """Return the keys of equal lines together, in the order of `lines`.
 
-    lines: abscissas and values >= 0, each (n,). floor: values up to it cannot be told apart.
+    lines: abscissas and values >= 0, each (n,). floor: values up to it cannot be distinguished.
     """
     groups: list[list[Key]] = []
     for key, line in lines.items():

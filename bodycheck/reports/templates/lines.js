@@ -1,4 +1,4 @@
-// Lines that cannot be told apart are drawn as one; labels stand at their ends.
+// Lines that cannot be distinguished are drawn as one; labels stand at their ends.
 const ALIKE = 2e-3; // lines are equal if they differ by less, relative to their values
 const LABEL_PX = 13; // height of a name at the end of a line
 

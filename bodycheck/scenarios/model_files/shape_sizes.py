@@ -137,7 +137,7 @@ def _span(shape: Shape, model: ModelFile, R: Array, margin_m: float) -> tuple[Ar
             half_size = half
         case "capsule" if shape.by_ends:  # Bullet makes it of two spheres, with a margin
             half_size = along * (half[2] - half[0]) + half[0] + margin_m
-        case "capsule":  # Bullet turns the box around the capsule
+        case "capsule":  # Bullet rotates the capsule's box and takes the box around the result
             half_size = np.abs(relative) @ half
         case "mesh":
             half_size = np.abs(relative) @ (half + margin_m)
