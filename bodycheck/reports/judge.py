@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,8 +25,10 @@ from bodycheck.reports.document import Column, Document, Sentence, Table
 from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion, stable_motion
 from bodycheck.reports.measurement.convergence import Convergence, Criteria, Point, convergence_of
 from bodycheck.reports.measurement.invariants import invariants_of, worst_drift
+from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS
 from bodycheck.reports.measurement.measures import (
     MEASURES,
+    ORIENTATION,
     QUANTITIES,
     SCALES,
     Compared,
@@ -45,7 +48,7 @@ FROM_START = "_from_start"
 """Suffix of an energy drift relative to the first sample of the file, instead of relative to the truth."""
 
 _SAME = 1e-9  # relative difference of two times that count as equal
-_PREFERRED = ("orientation_error_rad", "omega_error", "position_error", "velocity_error")
+_PREFERRED = (ORIENTATION, "omega_error", "position_error", "velocity_error")
 
 
 @dataclass(frozen=True)
@@ -79,8 +82,10 @@ def judge_files(
     """Judge several files of one scenario and rank them by the first error that all of them have.
 
     steps_s: the step of each file, from which orders are fitted. Raises InputError like `judge_file`, and
-    where the files end at different times.
+    where two steps are the same or the files end at different times.
     """
+    if steps_s is not None and (twice := [one for one, times in Counter(steps_s).items() if times > 1]):
+        raise InputError(f"--dt: the step {twice[0]!r} is given twice")
     recordings = {str(path): recorded_arrays(path, column_map) for path in paths}
     problem = Problem.of(scenario, scenario_spec, cache)
     rows = [
@@ -93,9 +98,24 @@ def judge_files(
     _check_spans({row["file"]: float(recordings[row["file"]]["t_s"][-1]) for row in ended})
     common = [name for name in (*_PREFERRED, *MEASURES) if ended and all(name in row for row in ended)]
     quantity = next(iter(common), "")
-    ranked = sorted(rows, key=lambda row: (row["outcome"] != "ok", row.get(quantity, 0.0)))
+    ranked = sorted(rows, key=lambda row: (row["outcome"] != "ok", _resolved(row, quantity)))
     orders = {} if steps_s is None else _orders(rows, common, problem)
     return Ranking(tuple(ranked), quantity, orders)
+
+
+def _resolved(row: Mapping[str, Any], quantity: str) -> float:
+    """Return the error of a file, but at least what the truth resolves: smaller ones are not ranked."""
+    floor = FLOOR_BOUNDS * row["truth_bound_rad"] if quantity == ORIENTATION else 0.0
+    return max(float(row.get(quantity, 0.0)), floor)
+
+
+def _ranks(ranking: Ranking) -> list[str]:
+    """Return the rank of each file; equal ones share it, and a file that did not end well has none."""
+    resolved = [_resolved(row, ranking.quantity) for row in ranking.rows]
+    return [
+        str(resolved.index(error) + 1) if row["outcome"] == "ok" else ""
+        for row, error in zip(ranking.rows, resolved, strict=True)
+    ]
 
 
 def _check_spans(ends_s: Mapping[str, float]) -> None:
@@ -286,13 +306,13 @@ def judgement_document(ranking: Ranking) -> Document:
     )
     rows = tuple(
         (
-            str(rank) if row["outcome"] == "ok" else "",
+            rank,
             row["file"],
             *(step(row[name]) for name in steps),
             *(scientific(row[name]) if name in row else "" for name in measures),
             row["outcome"] + f": {row['message']}" * bool(row["message"]),
         )
-        for rank, row in enumerate(ranking.rows, 1)
+        for rank, row in zip(_ranks(ranking), ranking.rows, strict=True)
     )
     by = f"ranked by {ranking.quantity}" if ranking.quantity else "not ranked: no measure in common"
     head = Sentence(f"{ranking.rows[0]['scenario']}: {len(rows)} files, {by}")

@@ -9,6 +9,8 @@ import pandas as pd
 import pytest
 
 import bodycheck
+from bodycheck.reports.document import Table
+from bodycheck.reports.judge import judgement_document
 from bodycheck.reports.run_files.trajectory_files import trajectory_table
 from bodycheck.runs.runner import rank
 from tests.helpers.expected_messages import ExpectedMessage
@@ -144,6 +146,29 @@ def test_files_that_end_at_different_times_are_not_ranked(
     assert [row["compared_until_s"] for row in rank([whole, whole], "boxes").rows] == [10.0, 10.0]
     with expected_message.raises(bodycheck.InputError):
         rank([whole, short], "boxes")
+
+
+def test_files_within_the_bound_of_the_truth_share_a_rank(tmp_path: Path) -> None:
+    """Errors that the truth cannot distinguish are not ranked; a file with a larger error is behind them."""
+    files = []
+    for name, angle in (("right", 0.0), ("as-right", 1e-16), ("wrong", 1e-9)):
+        table = truth_table()
+        table["qx"] += angle
+        files.append(write(table, tmp_path / f"{name}.csv"))
+    (_, table, _) = judgement_document(rank(files[::-1], "boxes")).parts
+    assert isinstance(table, Table)
+    assert [(row[0], Path(str(row[1])).stem) for row in table.rows] == [
+        ("1", "as-right"),
+        ("1", "right"),
+        ("3", "wrong"),
+    ]
+
+
+def test_a_step_given_twice_is_refused(tmp_path: Path, expected_message: ExpectedMessage) -> None:
+    """Two files cannot have the same step, because an order could not be fitted."""
+    files = [write(truth_table(), tmp_path / f"{number}.csv") for number in range(2)]
+    with expected_message.raises(bodycheck.InputError):
+        rank(files, "boxes", [1e-3, 1e-3])
 
 
 @pytest.mark.parametrize("what", WRONG)

@@ -114,6 +114,8 @@ def test_wrong_limit_is_reported_before_the_error_is_flat() -> None:
     assert found.distance == pytest.approx(rms, rel=1e-9)
     assert found.order == pytest.approx(1.0, abs=1e-6)
     assert found.is_off == (rms > 30.0 * found.uncertainty)
+    last = math.sqrt(float(np.mean(np.sum((0.01 * main) ** 2, axis=-1))))
+    assert found.uncertainty == pytest.approx(0.1 * last, rel=1e-6)
 
 
 @pytest.mark.parametrize(("steps", "order"), [((4e-3, 2e-3, 1e-3), 2.0), ((1e-2, 5e-3, 2e-3), 4.0)])

@@ -76,6 +76,17 @@ def _without(column: str) -> Callable[[Path], None]:
     return damage
 
 
+def _measured(column: str, cell: str) -> Callable[[Path], None]:
+    """Write a cell into the first row with outcome ok of results.csv."""
+
+    def damage(folder: Path) -> None:
+        table = pd.read_csv(folder / "results.csv", dtype=str, keep_default_na=False)
+        table.loc[table.index[table["outcome"] == "ok"][0], column] = cell
+        table.to_csv(folder / "results.csv", index=False)
+
+    return damage
+
+
 def _motions_swapped(folder: Path) -> None:
     motions = folder / "trajectories/free"
     (motions / "reference_m1_0.02.npz").write_bytes((motions / "reference_m1_0.01.npz").read_bytes())
@@ -104,6 +115,23 @@ DAMAGES: dict[str, tuple[Callable[[Path], None], str]] = {
         "body: should be a table (it is 1.0)",
     ),
     "a row lost": (_text("results.csv", lambda text: text[: text[:-1].rindex("\n") + 1]), "is damaged"),
+    "a negative error": (
+        _measured("omega_error", "-0.01"),
+        "omega_error is -0.01, not a finite number from 0 on",
+    ),
+    "an error that is not a number": (
+        _measured("orientation_error_rad", "nan"),
+        "orientation_error_rad is nan",
+    ),
+    "an infinite error": (_measured("energy_drift_abs", "inf"), "energy_drift_abs is inf"),
+    "no error of a case that ended well": (
+        _measured("orientation_error_rad", ""),
+        "a case with outcome ok has no orientation_error_rad",
+    ),
+    "a method without verdicts": (
+        _text("methods.csv", lambda text: re.sub("(?m)^.*,m1,.*\\n", "", text)),
+        "methods.csv: has no row of free, reference:m1; ",
+    ),
     "half a row": (_text("results.csv", lambda text: text[:-200]), "cells, not"),
     "a word for a number": (
         _text("results.csv", lambda text: text.replace(",m1,dt,float64,0.02,", ",m1,dt,float64,coarse,")),

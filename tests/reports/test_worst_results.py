@@ -69,5 +69,19 @@ def test_one_method_is_one_line_however_often_it_fails(tables: Tables) -> None:
     failed = next(case for case in tables.cases if case.columns["outcome"] == "failed")
     more = tuple(replace(failed, columns={**failed.columns, "message": f"fault {k}"}) for k in range(19))
     lines = markdown(run_document(replace(tables, cases=(*tables.cases, *more)))).splitlines()
-    assert sum("failed in 1 case" in line for line in lines) == 1
+    assert sum("failed in 20 cases" in line for line in lines) == 1
     assert len(lines) < 60
+
+
+def test_cases_with_different_messages_are_counted_together(tables: Tables) -> None:
+    """Two unstable steps of a method on a scenario are two cases, although their messages differ."""
+    first = next(case for case in tables.cases if case.ok)
+    unstable = [
+        replace(
+            first, columns={**first.columns, "outcome": "unstable", "dt_s": dt_s, "message": f"at {dt_s} s"}
+        )
+        for dt_s in (0.5, 0.25)
+    ]
+    changed = replace(tables, cases=(*unstable, *tables.cases))
+    (found,) = [one for one in worst_results(changed, {}) if one.kind == "unstable"]
+    assert (found.text, found.size) == ("unstable in 2 cases: at 0.5 s", 2)

@@ -41,7 +41,9 @@ def _head(audit: Audit) -> list[Sentence]:
     findings = Counter[str](finding.severity for finding in audit.findings)
     linted = names([count(findings[level], level) for level in reversed(_LEVELS) if findings[level]])
     links = {link.name for link, _, _ in differing}
-    summary = f"{count(len(audit.links), 'link')}; {count(len(links), 'link')} imported with differences"
+    summary = count(len(audit.links), "link")
+    if audit.columns:
+        summary += f"; {count(len(links), 'link')} imported with differences"
     bad = bool(differing) or findings["error"] > 0
     found = [
         Sentence(

@@ -148,7 +148,7 @@ def _facts(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
         others = f"; other quantities that are wrong: {more}" if more else ""
         yield "wrong", one.wrong[0].text + others
     if found is None:
-        not_examined = "not examined: no attitude or omega, a callback load, or too many steps per sample"
+        not_examined = "not examined: a single sample, no attitude or omega, a callback load, or too many steps per sample"
         yield "diagnosis", Span(not_examined, "open")
         return
     tint = {"explained": "bad", "healthy": "good"}.get(found.verdict, "open")

@@ -257,12 +257,25 @@ class GateResult:
 
     @property
     def worst(self) -> Check | None:
-        """The measured row farthest outside, or least far inside, its bound; None if there is none."""
+        """The measured row farthest outside, or least far inside, its bound; None if there is none.
 
-        def badness(check: Check) -> tuple[bool, float]:
-            return not check.passed, -math.inf if check.beyond is None else check.beyond
+        Of rows at the same distance, as at an infinite number of decades from 0, it is the one whose value
+        is farthest from the bound.
+        """
+
+        def badness(check: Check) -> tuple[bool, float, float]:
+            beyond = -math.inf if check.beyond is None else check.beyond
+            return not check.passed, beyond, self._excess(check.row.obtained)
 
         return max((c for c in self.checks if c.row.obtained is not None), key=badness, default=None)
+
+    def _excess(self, value: float | str | None) -> float:
+        """Return how far a number is above the upper or below the lower bound; 0 for words."""
+        if value is None or isinstance(value, str):
+            return 0.0
+        above = -math.inf if self.gate.max_value is None else value - self.gate.max_value
+        below = -math.inf if self.gate.min_value is None else self.gate.min_value - value
+        return max(above, below)
 
 
 def check_gates(gates: Sequence[Gate], run: RunTables) -> tuple[GateResult, ...]:

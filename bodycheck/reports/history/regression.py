@@ -51,9 +51,13 @@ class Judgement:
         """Whether anything became worse or is no longer measured; undecided without a baseline run."""
         if not any(case.ok for case in self.newest.cases):
             return "nothing measured"
-        if self.comparison is None or not self.comparison.paired:
-            return "insufficient history"
-        return "regression" if self.comparison.failing else "no regression"
+        if self.comparison is not None and self.comparison.failing:
+            return "regression"
+        return (
+            "no regression"
+            if self.comparison is not None and self.comparison.paired
+            else "insufficient history"
+        )
 
 
 def judge_run(history: History, newest: Tables, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> Judgement:

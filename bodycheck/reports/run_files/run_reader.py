@@ -33,7 +33,7 @@ from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, Motion
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.probes.laws import LAW_VERDICTS
-from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run, study_key
 from bodycheck.reports.run_files.tables import (
     DIAGNOSIS_COLUMNS,
     FINGERPRINT_COLUMNS,
@@ -110,6 +110,7 @@ def read_tables(folder: Path) -> Tables:
     _check_choices(folder / "results.csv", results, "outcome", STATES)
     _check_commands(folder / "results.csv", results)
     _check_settings(folder / "results.csv", results)
+    _check_measures(folder / "results.csv", results)
     _check_commands(path, probes)
     _check_commands(diagnoses_path, diagnoses)
     _check_choices(folder / "methods.csv", methods, "verdict", STATES)
@@ -127,6 +128,10 @@ def read_tables(folder: Path) -> Tables:
         )
     if unknown := {row["scenario"] for row in rows} - manifest["scenarios"].keys():
         raise InputError(f"{folder}: manifest.json has no scenario {', '.join(sorted(unknown))}")
+    judged = {study_key(row) for row in methods}
+    if unjudged := [row for row in results if row["outcome"] == "ok" and study_key(row) not in judged]:
+        name = "{scenario}, {engine}:{method}".format_map(unjudged[0])
+        raise InputError(f"{folder / 'methods.csv'}: has no row of {name}; {folder} is damaged")
     engines = manifest["engines"]
     known = {(name, method) for name, entry in engines.items() for method in entry.get("methods", ())}
     if unknown := {(row["engine"], row["method"]) for row in rows} - known:
@@ -184,6 +189,17 @@ def _check_settings(path: Path, rows: Iterable[dict[str, Any]]) -> None:
         for column in ("dt_s", "tolerance"):
             if column in row and not 0.0 < row[column] < math.inf:
                 raise InputError(f"{path}: {column} is {row[column]!r}, not a positive number")
+
+
+def _check_measures(path: Path, rows: Iterable[dict[str, Any]]) -> None:
+    """Raise InputError where a measure, which is a maximum of sizes, is negative or not finite."""
+    names = [name for measure in MEASURES.values() for name in measure.columns]
+    for row in rows:
+        for name in names:
+            if name in row and not 0.0 <= row[name] < math.inf:
+                raise InputError(f"{path}: {name} is {row[name]!r}, not a finite number from 0 on")
+        if row["outcome"] == "ok" and ORIENTATION not in row:
+            raise InputError(f"{path}: a case with outcome ok has no {ORIENTATION}")
 
 
 def _check_commands(path: Path, rows: Iterable[dict[str, Any]]) -> None:
@@ -276,10 +292,7 @@ def _motion(path: Path, problem: Problem, case: CaseResult) -> MeasuredMotion:
     if not np.array_equal(trajectory.t_s, problem.truth.trajectory.t_s):
         raise InputError(f"{path}: t_s differs from the sample times of {problem.scenario.name}")
     columns, motion = measured_by(problem, trajectory, Motion.of(problem.scenario.scene, trajectory))
-    angle, stored_error = (
-        columns[ORIENTATION],
-        case.columns.get(ORIENTATION, math.nan),
-    )
+    angle, stored_error = columns[ORIENTATION], case.columns[ORIENTATION]
     slack = 2.0 * problem.largest(problem.truth.bound_rad)
     if not math.isclose(angle, stored_error, rel_tol=_SAME, abs_tol=slack):
         raise InputError(f"{path}: its error is {angle:.4g} rad, but results.csv has {stored_error:.4g} rad")

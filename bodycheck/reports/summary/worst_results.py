@@ -11,7 +11,7 @@ from typing import Any
 
 from bodycheck._util.formatting import count, number, step
 from bodycheck.reports.run_files.run_tables import MethodKey, RunTables, key_of
-from bodycheck.reports.summary.cells import Cell, faults_of
+from bodycheck.reports.summary.cells import Cell, Fault, faults_of
 from bodycheck.reports.summary.error_curve import sequences_of
 
 _WORST_FIRST = (
@@ -112,14 +112,14 @@ def _broken(run: RunTables) -> Iterator[Result]:
         (case.columns["scenario"], key_of(case.columns), case.columns["outcome"], case.setting.fineness): case
         for case in run.cases
     }
+    by_outcome: dict[tuple[str, MethodKey, str], list[Fault]] = {}
     for fault in faults_of(run.cases):
-        first = commands[fault.scenario, fault.key, fault.outcome, fault.steps[0]]
-        cases = count(len(fault.steps), "case")
-        text = f"{fault.outcome} in {cases}: {fault.message}"
-        reproduce = first.columns["reproduce"]
-        yield Result(
-            fault.outcome, ":".join(fault.key), "", text, reproduce, (fault.scenario,), len(fault.steps)
-        )
+        by_outcome.setdefault((fault.scenario, fault.key, fault.outcome), []).append(fault)
+    for (scenario, key, outcome), faults in by_outcome.items():
+        first, total = faults[0], sum(len(fault.steps) for fault in faults)
+        text = f"{outcome} in {count(total, 'case')}: {first.message}"
+        reproduce = commands[scenario, key, outcome, first.steps[0]].columns["reproduce"]
+        yield Result(outcome, ":".join(key), "", text, reproduce, (scenario,), total)
 
 
 def _judged(run: RunTables, cells: _Cells) -> Iterator[Result]:

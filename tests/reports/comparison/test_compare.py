@@ -334,6 +334,7 @@ def test_every_change_is_in_one_group_and_on_the_page(much: Comparison) -> None:
         cases = {change.fineness for change in group.changes}
         assert len(group.changes) == 1 or f"in {count(len(cases), 'case')}" in group.text
     page = comparison_page(much)
+    assert "by more than 2.0 % of the smaller value" in page
     assert page.count("<li>") == len(sentences(much)) + sum(
         len(group.changes) for group in made if len(group.changes) > 1
     )

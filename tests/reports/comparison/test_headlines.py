@@ -20,7 +20,7 @@ from bodycheck.reports.comparison.describe import (
     sentences,
 )
 from bodycheck.reports.comparison.environment_diff import is_refinement
-from bodycheck.reports.comparison.headlines import by_method, headlines
+from bodycheck.reports.comparison.headlines import by_method, error_text, headlines
 from bodycheck.reports.document import escaped_markdown, markdown, print_document
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.run_files.run_reader import Tables
@@ -163,11 +163,11 @@ def test_what_dominates_leads_and_a_real_worsening_is_named() -> None:
     after = run({ERROR: 1e-8, "energy_drift": 1.1e-3, "dt_s": 1e-3})
     assert headlines(compare(before, after)) == [
         "mujoco 3.17.0: rk4 improved, error at 1 ms 0.0001 -> 1e-8 rad (factor 1e4), "
-        "but worse, energy_drift at 1 ms 0.001 -> 0.0011 (factor 1.1)."
+        "but worse, energy_drift at 1 ms 0.001 -> 0.0011 (10 %)."
     ]
     assert headlines(compare(after, before)) == [
         "mujoco 3.17.0: rk4 worse, error at 1 ms 1e-8 -> 0.0001 rad (factor 1e4), "
-        "but improved, energy_drift at 1 ms 0.0011 -> 0.001 (factor 1.1)."
+        "but improved, energy_drift at 1 ms 0.0011 -> 0.001 (10 %)."
     ]
     assert compare(before, after).failing
 
@@ -404,6 +404,13 @@ def test_terminal_markdown_and_page_say_the_same(capsys: pytest.CaptureFixture[s
         assert heading in lines
         assert f"{heading}</h2>" in page
         assert f"**{heading}**" in as_markdown
+
+
+@pytest.mark.parametrize(("after", "text"), [(2e-6, "(factor 2)"), (1.021e-6, "(2.1 %)")])
+def test_a_small_change_is_given_in_percent(after: float, text: str) -> None:
+    """A change by a few percent is not a factor of 1."""
+    (change,) = compare(run({ERROR: 1e-6}), run({ERROR: after})).changes
+    assert error_text(change).endswith(text)
 
 
 @pytest.mark.parametrize("size", [1.0, 1e3])

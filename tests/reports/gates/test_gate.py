@@ -257,6 +257,13 @@ def test_worst_case_is_the_nearest_to_failing() -> None:
     worst = one(gate(upper=1e-3), *errors).worst
     assert worst is not None
     assert worst.row.obtained == 1e-5
+    for bound in ({"upper": 0.0}, {"upper": -1.0}):  # every distance is infinite in decades
+        worst = one(gate(**bound), *errors).worst
+        assert worst is not None
+        assert worst.row.obtained == 1e-5
+    worst = one(gate(lower=0.0, floor=0.0), *errors).worst
+    assert worst is not None
+    assert worst.row.obtained == 1e-9
     word = one(gate(measure="outcome", equals="ok"), {}, {"outcome": "failed"}).worst
     assert word is not None
     assert word.row.obtained == "failed"
