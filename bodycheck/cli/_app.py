@@ -122,19 +122,22 @@ def _status_of(app: typer.Typer, name: str) -> int:
     try:
         return int(app(prog_name=name, standalone_mode=False) or 0)
     except usage_error as error:
-        buffer = io.StringIO()
-        error.show(file=buffer)
-        _print_error(_with_suggestion(buffer.getvalue().rstrip("\n")))
+        context = getattr(error, "ctx", None)
+        command = context.command_path if context else name
+        _print_error(f"{_with_suggestion(error.format_message())} (help: {command} --help)")
         return int(error.exit_code)
     except Abort as error:  # typer raises it from an EOFError
         raise (error.__cause__ or error) from None
 
 
 def _with_suggestion(message: str) -> str:
-    """Append the choice that resembles what was typed to a message about an unknown choice."""
+    """Append the choice that resembles what was typed, and remove the words of the validator."""
     found = re.search(r"'([^']*)' is not one of (.*)\.$", message)
     suggestion = nearest(found[1], re.findall(r"'([^']*)'", found[2])) if found else None
-    return message.replace("Value error, ", "") + (f" Did you mean '{suggestion}'?" if suggestion else "")
+    plain = re.sub(
+        "Input should be (a valid [a-z]+), unable.*", r"must be \1", message.replace("Value error, ", "")
+    )
+    return plain + (f" Did you mean '{suggestion}'?" if suggestion else "")
 
 
 def _flushed() -> int:
