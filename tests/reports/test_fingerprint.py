@@ -296,6 +296,21 @@ def test_replay_is_not_measured_where_a_run_fails() -> None:
     assert check_replays(ENGINE, [METHOD], fails, [])[METHOD.name].message == "failed: gone"
 
 
+def test_replay_runs_twice_as_long_with_the_samples_of_the_other_laws() -> None:
+    """A longer motion shows more; its step must still divide the sampling interval."""
+    cases: list[Case] = []
+    same = stepping(MAPS["M1"].step)
+
+    def recording(engine: Engine, case: Case) -> Answer:
+        cases.append(case)
+        return same(engine, case)
+
+    check_replays(ENGINE, [METHOD], recording, [("again", same)])
+    (case,) = cases
+    lengths = {(scene.sample_interval_s, 2.0 * scene.duration_s): dt_s for scene, dt_s in STATES.values()}
+    assert lengths[case.scene.sample_interval_s, case.scene.duration_s] == case.setting.dt_s
+
+
 def test_replay_starts_from_a_state_that_the_method_supports() -> None:
     """The next state is tried if one is unsupported; a run that fails ends the attempts."""
     same, requested = stepping(MAPS["M1"].step), 0

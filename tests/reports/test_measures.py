@@ -826,6 +826,16 @@ def test_last_value_of_a_measure_has_the_bound_of_the_measure() -> None:
         assert one.bound == measures.MEASURES[one.last_of].bound is not None
 
 
+UNITS = {"m": "m", "m_s": "m/s", "rad_s": "rad/s", "j": "J", "kg_m2_s": "kg m^2/s", "kg_m_s": "kg m/s"}
+
+
+@pytest.mark.parametrize("measure", SCALES)
+def test_a_measure_over_a_scale_has_a_column_in_the_unit_of_the_scale(measure: str) -> None:
+    """The undivided value tells what the ratio alone does not."""
+    suffix = SCALES[measure].partition("_scale_")[2]
+    assert measures.MEASURES[measure].unit == UNITS[suffix]
+
+
 def test_measures_need_quantities_that_a_state_has() -> None:
     """A measure that needed another would never be computed."""
     start = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.ones(3))
