@@ -64,24 +64,26 @@ _TWO_VERSIONS = "../test_versions.py::test_two_versions_are_compared_under_one_n
 TESTS: dict[str, tuple[str, ...]] = {
     **{f"reports/measurement/{name}.py": ("test_measures.py",) for name in _MEASURES},
     "reports/measurement/work.py": ("test_measures.py", _SPLINES),
-    "reports/measurement/convergence.py": ("test_convergence.py",),
+    "reports/measurement/convergence.py": ("test_convergence.py", "test_limits.py"),
     "reports/measurement/limits.py": ("test_limits.py",),
     "reports/measurement/order.py": ("test_order.py",),
     "reports/measurement/verdicts.py": ("test_verdicts.py", "test_summary.py"),
     "reports/measurement/growth.py": ("test_growth.py",),
     "reports/measurement/study.py": ("test_verdicts.py",),
-    "reports/summary/worst_results.py": ("test_verdicts.py", "test_summary.py"),
+    "reports/summary/worst_results.py": ("test_verdicts.py", "test_summary.py", "test_worst_results.py"),
     "reports/run_files/run_tables.py": ("test_verdicts.py", "comparison/test_change.py"),
     "reports/summary/cells.py": ("test_verdicts.py",),
     "adapters/stable_step.py": ("../adapters/test_stable_step.py",),
     **{f"reports/gates/{name}.py": _GATES for name in ("gate", "gate_output", "proposal", "verdict")},
     **{
-        f"reports/comparison/{name}.py": ("comparison/test_change.py",)
-        for name in ("compare", "environment_diff")
+        f"reports/comparison/{name}.py": ("comparison/test_change.py", "comparison/test_headlines.py")
+        for name in ("change", "compare", "environment_diff", "headlines")
     },
-    "reports/comparison/change.py": ("comparison/test_change.py", "comparison/test_headlines.py"),
-    "reports/comparison/headlines.py": ("comparison/test_headlines.py", "comparison/test_change.py"),
-    "reports/comparison/describe.py": ("comparison/test_change.py", "comparison/test_headlines.py"),
+    "reports/comparison/describe.py": (
+        "comparison/test_change.py",
+        "comparison/test_headlines.py",
+        "comparison/test_compare.py",
+    ),
     "reports/history/accepted_levels.py": ("history/test_regression.py",),
     "reports/comparison/release_results.py": (
         "comparison/test_bisection.py",
