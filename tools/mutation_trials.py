@@ -206,11 +206,6 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "digit * decade <= limit -> digit * decade < limit",
     ): "of the round numbers only those below the limit are used",
     (
-        "reports/measurement/scales.py",
-        "return float(np.max(np.linalg.norm(vectors, axis=-1)))",
-        "-1 -> 1",
-    ): "all vectors that come here are (n, 3)",
-    (
         "reports/comparison/describe.py",
         'word = "slow" if change.decades > 0.0 else "fast"',
         "change.decades > 0.0 -> change.decades >= 0.0",

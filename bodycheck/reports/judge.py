@@ -13,7 +13,8 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import number, scientific, step
-from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.arrays import Array, largest_norm
+from bodycheck.reference_impl.rotations import geodesic_angle, matrix_to_quaternion, project_to_so3, rotate
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import plan_steps
@@ -48,6 +49,7 @@ FROM_START = "_from_start"
 """Suffix of an energy drift relative to the first sample of the file, instead of relative to the truth."""
 
 _SAME = 1e-9  # relative difference of two times that count as equal
+_REDUNDANT = 1e-3  # difference in rad, or relative, of what a file states twice: more than rounding of digits
 _PREFERRED = (ORIENTATION, "omega_error", "position_error", "velocity_error")
 
 
@@ -189,6 +191,7 @@ def _judged(
     motion = stable_motion(scene, trajectory, true)
     if isinstance(motion, str):
         return {**columns, "outcome": "unstable", "message": motion}
+    _check_redundant(path, trajectory)
     if not trusted.all():
         until = f"t = {truth.trusted_until_s:.6g} s"
         columns["message"] = f"compared until {until}, where the truth ends: {truth.end_reason}"
@@ -209,6 +212,23 @@ def _judged(
     worst = worst_drift(compared.invariant_drifts)
     own = _drifts_from_start(measurable, departures, compared.until, scales)
     return columns | reduced(measurable, scales) | own | (worst.columns if worst else {})
+
+
+def _check_redundant(path: Path, trajectory: Trajectory) -> None:
+    """Raise InputError where a file states a quantity twice, differently: only one of them is measured."""
+    differences = {}
+    if trajectory.quaternion is not None and trajectory.rotation is not None:
+        of_matrix = matrix_to_quaternion(project_to_so3(trajectory.rotation))
+        differences["quaternion and rotation"] = geodesic_angle(trajectory.quaternion, of_matrix)
+    if trajectory.omega_body_rad_s is not None and trajectory.omega_world_rad_s is not None:
+        rotated = rotate(trajectory.attitude, trajectory.omega_body_rad_s)
+        scale = max(largest_norm(rotated), largest_norm(trajectory.omega_world_rad_s)) or 1.0
+        off = np.linalg.norm(rotated - trajectory.omega_world_rad_s, axis=-1)
+        differences["omega in body and in world axes"] = off / scale
+    for what, difference in differences.items():
+        if (first := int(np.argmax(difference > _REDUNDANT))) or difference[0] > _REDUNDANT:
+            at = f"t = {number(float(trajectory.t_s[first]))} s"
+            raise InputError(f"{path}: {what} contradict each other at {at}; leave one of them out")
 
 
 def _drifts_from_start(

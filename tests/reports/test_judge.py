@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 import bodycheck
+from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reports.document import Table
 from bodycheck.reports.judge import judgement_document
 from bodycheck.reports.run_files.trajectory_files import trajectory_table
@@ -162,6 +163,29 @@ def test_files_within_the_bound_of_the_truth_share_a_rank(tmp_path: Path) -> Non
         ("1", "right"),
         ("3", "wrong"),
     ]
+
+
+MATRIX = [f"r{row}{column}" for row in range(3) for column in range(3)]
+
+
+@pytest.mark.parametrize("fault", ["a transposed matrix", "omega in the same axes", "none"])
+def test_a_file_that_contradicts_itself_is_refused(
+    fault: str, tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
+    """A quantity that is given twice is measured once, and the other one may be wrong."""
+    table = truth_table()
+    matrices = quaternion_to_matrix(table[GROUPS["attitude"]].to_numpy())
+    if fault == "a transposed matrix":
+        matrices = matrices.transpose(0, 2, 1)
+    table[MATRIX] = matrices.reshape(len(table), 9)
+    if fault == "omega in the same axes":
+        table[[name.replace("body", "world") for name in GROUPS["omega_body"]]] = table[GROUPS["omega_body"]]
+    path = write(table.round(6), tmp_path / "other.csv")
+    if fault == "none":
+        assert bodycheck.judge(path, "boxes")["outcome"] == "ok"
+    else:
+        with expected_message.raises(bodycheck.InputError):
+            bodycheck.judge(path, "boxes")
 
 
 def test_a_step_given_twice_is_refused(tmp_path: Path, expected_message: ExpectedMessage) -> None:

@@ -140,6 +140,9 @@ def _parts(one: ExplainedCase) -> Iterator[Part]:
         yield Command(str(reproduce), "reproduce", only=("console", "markdown"))
 
 
+_NOT_EXAMINED = "a single sample, no attitude or omega, a callback load, or too many steps per sample"
+
+
 def _facts(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
     """Yield what is wrong, the diagnosis, and what would confirm it."""
     found = one.diagnosis
@@ -148,8 +151,7 @@ def _facts(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
         others = f"; other quantities that are wrong: {more}" if more else ""
         yield "wrong", one.wrong[0].text + others
     if found is None:
-        not_examined = "not examined: a single sample, no attitude or omega, a callback load, or too many steps per sample"
-        yield "diagnosis", Span(not_examined, "open")
+        yield "diagnosis", Span(f"not examined: {_NOT_EXAMINED}", "open")
         return
     tint = {"explained": "bad", "healthy": "good"}.get(found.verdict, "open")
     yield "diagnosis", Span(found.sentence, tint)
