@@ -238,6 +238,18 @@ def test_editable_engine_is_a_development_build(
     assert build_identity._kind(Reference()) == kind
 
 
+def test_package_of_a_distribution_with_a_hyphen_is_hashed_as_a_whole(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The package of the distribution `some-engine` is `some_engine`."""
+    package = ModuleType("some_engine")
+    package.__path__ = [str(tmp_path)]
+    monkeypatch.setitem(sys.modules, "some_engine", package)
+    monkeypatch.setattr(build_identity, "distribution_of", lambda _: "some-engine")
+    adapter: Any = SimpleNamespace(name="mine")
+    assert ("engine", str(tmp_path)) in list(build_identity._roots(adapter))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("package", "counts"),
