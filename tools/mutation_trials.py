@@ -77,13 +77,8 @@ TESTS: dict[str, tuple[str, ...]] = {
     **{f"reports/gates/{name}.py": _GATES for name in ("gate", "gate_output", "proposal", "verdict")},
     **{
         f"reports/comparison/{name}.py": ("comparison/test_change.py", "comparison/test_headlines.py")
-        for name in ("change", "compare", "environment_diff", "headlines")
+        for name in ("change", "compare", "describe", "environment_diff", "headlines")
     },
-    "reports/comparison/describe.py": (
-        "comparison/test_change.py",
-        "comparison/test_headlines.py",
-        "comparison/test_compare.py",
-    ),
     "reports/history/accepted_levels.py": ("history/test_regression.py",),
     "reports/comparison/release_results.py": (
         "comparison/test_bisection.py",
