@@ -25,14 +25,27 @@ MAX_ENERGY = 100.0
 
 
 def invalid_state(trajectory: Trajectory) -> str | None:
-    """Return why a trajectory is invalid: not finite, det R <= 0, or a zero quaternion; None if valid."""
+    """Return why a trajectory is invalid: not finite, det R <= 0, or a zero quaternion; None if valid.
+
+    The determinant and the norm of the quaternion must be finite too.
+    """
     if lost := _first_not_finite(trajectory):
         sample, name = lost
         return f"{name} is not finite from t = {trajectory.t_s[sample]:.6g} s on"
-    if trajectory.rotation is not None and np.any(np.linalg.det(trajectory.rotation) <= 0.0):
-        return "det R <= 0"
-    if trajectory.quaternion is not None and np.any(np.linalg.norm(trajectory.quaternion, axis=-1) == 0.0):
-        return "the quaternion is zero"
+    if trajectory.rotation is not None:
+        with np.errstate(over="ignore", invalid="ignore"):
+            determinants = np.linalg.det(trajectory.rotation)
+        if np.any(determinants <= 0.0):
+            return "det R <= 0"
+        if not np.all(np.isfinite(determinants)):
+            return "det R is not finite"
+    if trajectory.quaternion is not None:
+        with np.errstate(over="ignore"):
+            norms = np.linalg.norm(trajectory.quaternion, axis=-1)
+        if np.any(norms == 0.0):
+            return "the quaternion is zero"
+        if not np.all(np.isfinite(norms)):
+            return "the norm of the quaternion is not finite"
     return None
 
 

@@ -226,8 +226,9 @@ def _check_redundant(path: Path, trajectory: Trajectory) -> None:
         off = np.linalg.norm(rotated - trajectory.omega_world_rad_s, axis=-1)
         differences["omega in body and in world axes"] = off / scale
     for what, difference in differences.items():
-        if (first := int(np.argmax(difference > _REDUNDANT))) or difference[0] > _REDUNDANT:
-            at = f"t = {number(float(trajectory.t_s[first]))} s"
+        contradictory = trajectory.t_s[difference > _REDUNDANT]
+        if len(contradictory):
+            at = f"t = {number(float(contradictory[0]))} s"
             raise InputError(f"{path}: {what} contradict each other at {at}; leave one of them out")
 
 

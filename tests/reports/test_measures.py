@@ -745,6 +745,8 @@ def unstable_versions() -> dict[str, Trajectory]:
         "omega_body_rad_s is not finite from t = 2 s on": replace(sound, omega_body_rad_s=broken_omega),
         "det R <= 0": replace(sound, rotation=mirrored),
         "the quaternion is zero": replace(sound, quaternion=zero),
+        "det R is not finite": replace(sound, rotation=1e120 * sound.rotation),
+        "the norm of the quaternion is not finite": replace(sound, quaternion=1e200 * sound.quaternion),
         "kinetic energy above 100 times": replace(sound, omega_body_rad_s=200.0 * sound.omega_body),
     }
 
@@ -759,7 +761,7 @@ def why_unstable(name: str, trajectory: Trajectory) -> str | None:
 
 @pytest.mark.parametrize("reason", unstable_versions())
 def test_unstable_motion_has_a_reason(reason: str) -> None:
-    """NaN, a reflected matrix, a zero quaternion and a hundredfold energy are each named."""
+    """NaN, a reflected or huge matrix, a zero or huge quaternion and a hundredfold energy are each named."""
     found = why_unstable("free", unstable_versions()[reason])
     assert found is not None
     assert found.startswith(reason)

@@ -51,13 +51,11 @@ class Judgement:
         """Whether anything became worse or is no longer measured; undecided without a baseline run."""
         if not any(case.ok for case in self.newest.cases):
             return "nothing measured"
-        if self.comparison is not None and self.comparison.failing:
+        if self.comparison is None:
+            return "insufficient history"
+        if self.comparison.failing:
             return "regression"
-        return (
-            "no regression"
-            if self.comparison is not None and self.comparison.paired
-            else "insufficient history"
-        )
+        return "no regression" if self.comparison.paired else "insufficient history"
 
 
 def judge_run(history: History, newest: Tables, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> Judgement:
