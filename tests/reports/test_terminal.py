@@ -150,7 +150,7 @@ def test_every_faulty_method_has_one_line(run: Run, monkeypatch: pytest.MonkeyPa
         for outcome in ("timeout", "invalid")
     ]
     shown = summary(replace(run, cases=(*run.cases, *more)), monkeypatch, io.StringIO()).splitlines()
-    (line,) = [line for line in shown if re.match("failing:m1 +invalid in 1 case: ", line)]
+    (line,) = [line for line in shown if re.match("failing:m1 +invalid in 12 cases: ", line)]
     assert line.endswith("; 2 more findings")
 
 
