@@ -122,8 +122,9 @@ def _ranks(ranking: Ranking) -> list[str]:
 
 def _check_spans(ends_s: Mapping[str, float]) -> None:
     """Raise InputError where files end at different times: the errors of a shorter motion are smaller."""
-    for file, end_s in ends_s.items():
-        first, first_s = next(iter(ends_s.items()))
+    ends = list(ends_s.items())
+    for file, end_s in ends[1:]:
+        first, first_s = ends[0]
         if not math.isclose(first_s, end_s, rel_tol=_SAME):
             raise InputError(
                 f"{file}: ends at t = {end_s!r} s, but {first} at t = {first_s!r} s; "

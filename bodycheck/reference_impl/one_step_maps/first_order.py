@@ -42,6 +42,7 @@ CARRIED: dict[Carried, str] = {
     "world": ", omega in world axes",
     "momentum": ", angular momentum in world axes",
 }
+"""The end of a map's name that states what it carries."""
 Rule: TypeAlias = Callable[[Solid, Array, Array, Array], Array]
 """rule(solid, omega, torque, dt (..., 1)) -> the next omega; all (n, 3) in the body axes before the step."""
 

@@ -13,7 +13,7 @@ from bodycheck.adapters.versions.pins import is_version, pin_of
 from bodycheck.reports.comparison.change import FAILING, Change, Kind, Status
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.comparison.environment_diff import BUILD_OF
-from bodycheck.reports.comparison.headlines import by_method, headlines, moved_text, value_text
+from bodycheck.reports.comparison.headlines import by_method, headlines, moved_text, size_text, value_text
 from bodycheck.reports.comparison.overlays import overlays_of
 from bodycheck.reports.document import MEDIA, Column, Command, Document, Sentence, Span, Table, page
 from bodycheck.reports.measurement.case import scenario_spec
@@ -124,12 +124,10 @@ def change_text(change: Change) -> str:
 
 def _size(change: Change) -> str:
     """Return the size of a change: " (factor 10 up)", " (1.2 % down)"; "" without a size."""
-    if change.decades is None or change.relative is None:
+    size = size_text(change, 3)
+    if change.decades is None or not size:
         return ""
-    direction = "up" if change.decades > 0.0 else "down"
-    if change.relative >= 1.0:
-        return f" (factor {number(10.0**change.size, 3)} {direction})"
-    return f" ({number(100.0 * change.relative, 2)} % {direction})"
+    return f" ({size} {'up' if change.decades > 0.0 else 'down'})"
 
 
 def _at(change: Change) -> str:

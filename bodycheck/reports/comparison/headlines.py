@@ -170,16 +170,20 @@ def error_text(change: Change) -> str:
     """Return "error at 1 ms 4.3e-7 -> 2.3e-13 rad (factor 1.9e6)", or "(2.1 %)", for a change of accuracy."""
     name, unit = ("error", " rad") if change.quantity == ORIENTATION else (change.quantity, "")
     at = "" if change.fineness is None else f" at {_step(change)}"
-    return f"{name}{at} {_pair(change)}{unit}{_size(change)}"
+    size = size_text(change, 2)
+    return f"{name}{at} {_pair(change)}{unit}" + f" ({size})" * bool(size)
 
 
-def _size(change: Change) -> str:
-    """Return the size of a change of a number: a factor, or a percentage if it is below 100 %."""
+def size_text(change: Change, digits: int) -> str:
+    """Return "factor 1.9e6", or "2.1 %" if a change is below 100 %; "" without a size.
+
+    digits: of the factor.
+    """
     if change.decades is None or change.relative is None:
         return ""
     if change.relative >= 1.0:
-        return f" (factor {number(10.0**change.size, 2)})"
-    return f" ({number(100.0 * change.relative, 2)} %)"
+        return f"factor {number(10.0**change.size, digits)}"
+    return f"{number(100.0 * change.relative, 2)} %"
 
 
 def _other(change: Change, *, several: bool) -> str:

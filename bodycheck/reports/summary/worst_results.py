@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from bodycheck._util.formatting import count, number, step
+from bodycheck.reports.measurement.verdicts import FAULTS
 from bodycheck.reports.run_files.run_tables import MethodKey, RunTables, key_of
-from bodycheck.reports.summary.cells import Cell, Fault, faults_of
+from bodycheck.reports.summary.cells import Cell
 from bodycheck.reports.summary.error_curve import sequences_of
 
 _WORST_FIRST = (
@@ -108,18 +109,13 @@ def _merged(same: list[Result]) -> Result:
 
 
 def _broken(run: RunTables) -> Iterator[Result]:
-    commands = {
-        (case.columns["scenario"], key_of(case.columns), case.columns["outcome"], case.setting.fineness): case
-        for case in run.cases
-    }
-    by_outcome: dict[tuple[str, MethodKey, str], list[Fault]] = {}
-    for fault in faults_of(run.cases):
-        by_outcome.setdefault((fault.scenario, fault.key, fault.outcome), []).append(fault)
-    for (scenario, key, outcome), faults in by_outcome.items():
-        first, total = faults[0], sum(len(fault.steps) for fault in faults)
-        text = f"{outcome} in {count(total, 'case')}: {first.message}"
-        reproduce = commands[scenario, key, outcome, first.steps[0]].columns["reproduce"]
-        yield Result(outcome, ":".join(key), "", text, reproduce, (scenario,), total)
+    cases: dict[tuple[str, MethodKey, str], list[Mapping[str, Any]]] = {}
+    for columns in (case.columns for case in run.cases):
+        if (outcome := columns["outcome"]) in FAULTS:
+            cases.setdefault((columns["scenario"], key_of(columns), outcome), []).append(columns)
+    for (scenario, key, outcome), own in cases.items():
+        text = f"{outcome} in {count(len(own), 'case')}: {own[0]['message']}"
+        yield Result(outcome, ":".join(key), "", text, own[0]["reproduce"], (scenario,), len(own))
 
 
 def _judged(run: RunTables, cells: _Cells) -> Iterator[Result]:
