@@ -103,6 +103,14 @@ def inertia_of_points(masses: Array, points: Array) -> Array:
     return -np.einsum("n,nij,njk->ik", masses, crosses, crosses)
 
 
+def parallel_axis_tensor(place: Array) -> Array:
+    """|d|^2 1 - d d^T: what a unit mass at d adds to a tensor (Huygens and Steiner).
+
+    Shapes: (3,) in m -> (3, 3) in m^2.
+    """
+    return np.dot(place, place) * np.eye(3) - np.outer(place, place)
+
+
 def principal_axes(inertia: Array) -> tuple[Array, Array]:
     """I = A diag(J) A^T, det A = +1: ascending principal moments J and the axes, the columns of A.
 

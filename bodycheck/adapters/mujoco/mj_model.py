@@ -16,7 +16,7 @@ import numpy as np
 from bodycheck.adapters.contract import DEFAULTS, VARIANT, Method
 from bodycheck.adapters.frames import LinkFrame, link_frame, pivot_place
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.dynamics import diagonalised
+from bodycheck.reference_impl.dynamics import diagonalised, parallel_axis_tensor
 from bodycheck.reference_impl.rotations import matrix_to_quaternion
 from bodycheck.reference_impl.scene import PointForce, Scene
 
@@ -205,7 +205,7 @@ def mass_properties(model: mujoco.MjModel) -> MassProperties:
     for k, (rotation, place) in enumerate(zip(rotations, places, strict=True), start=BODY):
         axes, arm = rotation @ matrix_of(model.body_iquat[k]), place - centre
         inertia += axes @ np.diag(model.body_inertia[k]) @ axes.T
-        inertia += model.body_mass[k] * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        inertia += model.body_mass[k] * parallel_axis_tensor(arm)
     return MassProperties(total, centre, inertia)
 
 

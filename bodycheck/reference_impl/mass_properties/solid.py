@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bodycheck._util.formatting import count
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.dynamics import principal_axes
+from bodycheck.reference_impl.dynamics import parallel_axis_tensor, principal_axes
 
 Triangles: TypeAlias = NDArray[np.int64]
 """Vertex numbers (m, 3), each triangle counter-clockwise seen from outside."""
@@ -94,8 +94,7 @@ class MassProperties:
 
     def inertia_about(self, point: Array) -> Array:
         """I + m (|d|^2 1 - d d^T), d = c - p (Huygens-Steiner): the tensor (3, 3) about point p (3,), m."""
-        d = self.centre - point
-        return self.inertia + self.mass * (np.dot(d, d) * np.eye(3) - np.outer(d, d))
+        return self.inertia + self.mass * parallel_axis_tensor(self.centre - point)
 
     def principal(self) -> tuple[Array, Array]:
         """I = A diag(J) A^T, det A = 1: ascending moments J (3,) and the axes, the columns of A (3, 3)."""

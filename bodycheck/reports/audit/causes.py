@@ -13,6 +13,7 @@ import numpy as np
 from bodycheck._util.formatting import number, scientific
 from bodycheck.adapters.importers import ImportedLink
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.dynamics import parallel_axis_tensor
 from bodycheck.reports.audit.audit import SINGLE, Body, Difference
 from bodycheck.scenarios.model_files.exact import (
     ExactInertia,
@@ -240,7 +241,7 @@ def _faults(link: ModelLink, expected: Body) -> Iterator[tuple[str, Array]]:
     yield "rotated by the inverse of the inertial frame", R.T @ J @ R
     yield "rotation of the inertial frame applied twice", R @ R @ J @ R.T @ R.T
     yield "off-diagonals dropped and rotation of the inertial frame ignored", diagonal
-    steiner = m * (c @ c * np.eye(3) - np.outer(c, c))
+    steiner = m * parallel_axis_tensor(c)
     yield "taken about the link's origin, not the centre of mass", expected.inertia_kg_m2 - steiner
     yield "held about the link's origin, not the centre of mass", expected.inertia_kg_m2 + steiner
     moments, V = np.linalg.eigh(J)

@@ -13,6 +13,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from bodycheck._util.formatting import number, vector
+from bodycheck.reference_impl.dynamics import parallel_axis_tensor
 from bodycheck.reports.audit.audit import Body, Finding
 from bodycheck.scenarios.model_files.exact import doubles
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, triangle_excess
@@ -177,7 +178,7 @@ def _about(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
     if body is None or not body.possible:
         return
     c = body.centre_m
-    steiner = body.mass_kg * (c @ c * np.eye(3) - np.outer(c, c))
+    steiner = body.mass_kg * parallel_axis_tensor(c)
     about_centre = body.inertia_kg_m2 - steiner
     moved = Body(body.mass_kg, c, about_centre)
     if not moved.possible or np.max(steiner) < 0.5 * float(body.principal[0][2]):

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.dynamics import parallel_axis_tensor
 from bodycheck.reference_impl.scene import PointForce, Scene
 from bodycheck.reference_impl.wrench import plan_steps, shares_of_loads
 
@@ -201,8 +202,7 @@ class Model:
         """I about the centre of mass, or about the pivot."""
         if self.pivot is None:
             return self.inertia
-        c = self.pivot
-        return self.inertia + self.mass * (np.dot(c, c) * np.eye(3) - np.outer(c, c))
+        return self.inertia + self.mass * parallel_axis_tensor(self.pivot)
 
     def packed_loads(self) -> tuple[Array, Array, Array, Array, Array]:
         """Return the accelerations of forces in body and world axes, the torques, and the moments, (p, ...).

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.dynamics import parallel_axis_tensor
 from bodycheck.reference_impl.loads.load import ContinuousLoad, Instants, Key
 
 if TYPE_CHECKING:
@@ -36,6 +37,4 @@ class Drag(ContinuousLoad):
 
     def about_pivot(self, scene: Scene, pivot: Array) -> Drag:
         """Return the drag of the centre of mass, v = omega x c, as angular drag: c x (omega x c) linear."""
-        c = pivot
-        across = np.asarray(float(c @ c) * np.eye(3) - np.outer(c, c))
-        return Drag(0.0, self.angular + self.linear * across)
+        return Drag(0.0, self.angular + self.linear * parallel_axis_tensor(pivot))
