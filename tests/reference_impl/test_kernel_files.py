@@ -7,13 +7,19 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.kernels import cache_files, jit
 
 
 def _doubled(x: float) -> float:
     return 2.0 * x
+
+
+def _at(a: Array, i: int) -> float:
+    return float(a[i])
 
 
 @pytest.fixture
@@ -90,3 +96,16 @@ def test_full_disk_prints_one_line(
         "cannot be written: No space left on device; compiled code is cached for this command only\n"
     )
     assert str(folder) in message
+
+
+@pytest.mark.parametrize("decorator", [jit.borrowing_inline, jit.unspecialised_kernel])
+def test_kernel_is_compiled_once_for_all_integers(decorator: Callable[..., Any], folder: Path) -> None:
+    """Not for each constant in a call, which numba types as a literal."""
+    del folder
+    at = decorator(_at)
+
+    def difference(a: Array) -> float:
+        return float(at(a, 2) - at(a, 0))
+
+    assert jit.kernel(difference)(np.array([1.0, 2.0, 4.0])) == 3.0
+    assert len(at.dispatcher.signatures) == 1

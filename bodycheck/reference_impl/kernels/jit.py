@@ -34,15 +34,16 @@ def interpreted() -> Iterator[None]:
 class Kernel:
     """A function that is compiled when it is first called, or interpreted within `interpreted()`."""
 
-    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any], *, for_literals: bool) -> None:
         update_wrapper(self, function)
         self.py_func = function
-        self._options = options
+        self._options, self._for_literals = options, for_literals
 
     @cached_property
     def dispatcher(self) -> Any:
         """The compiled function; importing numba takes a second, so it is imported here."""
-        return _compiled(self.py_func, self._options)
+        compiled = _compiled(self.py_func, self._options)
+        return compiled if self._for_literals else _without_literals(compiled)
 
     @property
     def targetoptions(self) -> dict[str, Any]:
@@ -79,8 +80,18 @@ def _compiled(function: Callable[..., Any], options: dict[str, Any]) -> Any:
         numba.config.CACHE_DIR = before
 
 
-def _compile(function: Callable[..., Any], **options: Any) -> Any:
-    return Kernel(function, options)
+def _without_literals(dispatcher: Any) -> Any:
+    """Let numba compile a function once for all integers, not again for each constant in a call."""
+    from numba.core.types.misc import unliteral
+
+    template = getattr(dispatcher, "get_call_template", None)
+    if template is not None:  # None if NUMBA_DISABLE_JIT is set
+        dispatcher.get_call_template = lambda args, kws: template([unliteral(arg) for arg in args], kws)
+    return dispatcher
+
+
+def _compile(function: Callable[..., Any], *, for_literals: bool = True, **options: Any) -> Any:
+    return Kernel(function, options, for_literals=for_literals)
 
 
 def as_exact(kernel: Kernel) -> Any:
@@ -95,6 +106,11 @@ def as_exact(kernel: Kernel) -> Any:
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function for speed: products and sums may be fused, but not reordered."""
     return _compile(function, fastmath={"contract"})
+
+
+def unspecialised_kernel(function: Callable[..., Any]) -> Any:
+    """Compile as `kernel` does, but only once: numba would do so for each constant integer in a call."""
+    return _compile(function, for_literals=False, fastmath={"contract"})
 
 
 def long_kernel(function: Callable[..., Any]) -> Any:
@@ -113,7 +129,7 @@ def borrowing_kernel(function: Callable[..., Any]) -> Any:
 
 def borrowing_inline(function: Callable[..., Any]) -> Any:
     """Compile as `borrowing_kernel` does, force-inlined into the callers; numba types it only once."""
-    return _compile(function, fastmath={"contract"}, _nrt=False, forceinline=True)
+    return _compile(function, for_literals=False, fastmath={"contract"}, _nrt=False, forceinline=True)
 
 
 def inlined_kernel(function: Callable[..., Any]) -> Any:

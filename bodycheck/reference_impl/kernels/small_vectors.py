@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.kernels.jit import as_exact, exact_kernel, kernel
+from bodycheck.reference_impl.kernels.jit import as_exact, borrowing_inline, exact_kernel, kernel
 
 Vec: TypeAlias = tuple[float, float, float]
 Quat: TypeAlias = tuple[float, float, float, float]
@@ -181,19 +181,19 @@ def principal_frame(inertia: Mat) -> tuple[Vec, Mat]:
     )
 
 
-@kernel
+@borrowing_inline
 def vector_at(a: Array, i: int) -> Vec:
     """Three numbers starting at a[i], of an array (n,)."""
     return a[i], a[i + 1], a[i + 2]
 
 
-@kernel
+@borrowing_inline
 def matrix_at(a: Array, i: int) -> Mat:
     """Nine numbers starting at a[i], of an array (n,): a matrix in row-major order."""
     return a[i], a[i + 1], a[i + 2], a[i + 3], a[i + 4], a[i + 5], a[i + 6], a[i + 7], a[i + 8]
 
 
-@kernel
+@borrowing_inline
 def store(a: Array, i: int, v: Vec) -> None:
     """Write three numbers into an array (n,), starting at a[i]."""
     a[i], a[i + 1], a[i + 2] = v

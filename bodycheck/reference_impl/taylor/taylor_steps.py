@@ -29,7 +29,7 @@ from bodycheck.reference_impl.kernels.generic_precision import (
     put,
     term,
 )
-from bodycheck.reference_impl.kernels.jit import inlined_kernel, kernel, long_kernel
+from bodycheck.reference_impl.kernels.jit import inlined_kernel, kernel, long_kernel, unspecialised_kernel
 from bodycheck.reference_impl.taylor.forcing import ACCELERATION_WORLD, ORBIT_RATE, RADIUS
 from bodycheck.reference_impl.taylor.recorded_terms import may_vanish, recorded_share, start_time
 from bodycheck.reference_impl.taylor.spring_terms import (
@@ -71,7 +71,7 @@ _GRID_BITS = 6  # a step ends on a multiple of about 2^-6 of its length
 _SMALLER = 1e14  # times the tolerance: for terms below this, rounding to doubles is far below the tolerance
 
 
-@kernel
+@unspecialised_kernel
 def _expand(
     series: Numbers,
     rotational: Numbers,
@@ -145,7 +145,7 @@ def _start(
         start_time(series, rows[3], t)
 
 
-@kernel
+@unspecialised_kernel
 def _largest(high: Array, first: int, last: int, k: int) -> float:
     """max |c_k| over the rows first .. last - 1; infinite if one is NaN."""
     largest = 0.0
@@ -230,7 +230,7 @@ def _written(
     return due
 
 
-@kernel
+@unspecialised_kernel
 def _stepped(
     state: tuple[Array, Array],
     series: Numbers,
