@@ -16,10 +16,12 @@ def hat(v: Array) -> Array:
 
     Shapes: (..., 3) -> (..., 3, 3).
     """
-    x, y, z = np.moveaxis(np.asarray(v, dtype=np.float64), -1, 0)
-    zero = np.zeros_like(x)
-    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    v = np.asarray(v, dtype=np.float64)
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    matrix = np.zeros((*v.shape, 3))
+    matrix[..., 2, 1], matrix[..., 0, 2], matrix[..., 1, 0] = x, y, z
+    matrix[..., 1, 2], matrix[..., 2, 0], matrix[..., 0, 1] = -x, -y, -z
+    return matrix
 
 
 def vee(m: Array) -> Array:
@@ -101,17 +103,14 @@ def quaternion_product(p: Array, q: Array) -> Array:
 
     Shapes: (..., 4), (..., 4) -> (..., 4).
     """
-    pw, px, py, pz = (p[..., i] for i in range(4))
-    qw, qx, qy, qz = (q[..., i] for i in range(4))
-    return np.stack(
-        [
-            pw * qw - px * qx - py * qy - pz * qz,
-            pw * qx + px * qw + py * qz - pz * qy,
-            pw * qy - px * qz + py * qw + pz * qx,
-            pw * qz + px * qy - py * qx + pz * qw,
-        ],
-        axis=-1,
-    )
+    pw, px, py, pz = p[..., 0], p[..., 1], p[..., 2], p[..., 3]
+    qw, qx, qy, qz = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    product = np.empty(np.broadcast_shapes(p.shape, q.shape))
+    product[..., 0] = pw * qw - px * qx - py * qy - pz * qz
+    product[..., 1] = pw * qx + px * qw + py * qz - pz * qy
+    product[..., 2] = pw * qy - px * qz + py * qw + pz * qx
+    product[..., 3] = pw * qz + px * qy - py * qx + pz * qw
+    return product
 
 
 def right_factor(q: Array) -> Array:
@@ -137,7 +136,7 @@ def quaternion_to_matrix(q: Array) -> Array:
     Shapes: (..., 4) -> (..., 3, 3).
     """
     unit = normalised(np.asarray(q, dtype=np.float64))
-    w, x, y, z = np.moveaxis(unit, -1, 0)
+    w, x, y, z = unit[..., 0], unit[..., 1], unit[..., 2], unit[..., 3]
     matrix = np.empty((*unit.shape[:-1], 3, 3))
     matrix[..., 0, 0] = 1.0 - 2.0 * (y * y + z * z)
     matrix[..., 0, 1] = 2.0 * (x * y - w * z)
