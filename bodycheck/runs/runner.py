@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,7 +40,7 @@ from bodycheck.runs.manifest import Identity, manifest_of
 from bodycheck.runs.motions import run_motions
 from bodycheck.runs.run_options import NULL_PROGRESS, TIMEOUT_S, Progress, RunOptions, reuse_of
 from bodycheck.runs.selection import Selection, select
-from bodycheck.runs.speed import measure_speeds
+from bodycheck.runs.speed import Clock, last_core, measure_speeds
 from bodycheck.scenarios.library import PROBES, load_scenario
 from bodycheck.scenarios.model import Scenario
 
@@ -99,29 +100,32 @@ def run_selection(
     # without a compilation, what was checked and loaded counts as part of the truths
     compiled = time.perf_counter() if _compile(selection, cache, progress) else start
     answers = Answers(journal, cache, options.timeout_s, reuse=options.reuse, run_id=identity.run_id)
-    progress.phase("solving the truths")
-    problems = [
-        _solved(scenario, scenario_spec, cache, progress) for scenario_spec, scenario in selection.scenarios
-    ]
-    progress.motions_started()
-    solved = time.perf_counter()
-    found = run_motions(selection, problems, answers, options, progress)
-    recorded = time.perf_counter()
-    cases = tuple(case for studied in found.studies for case in studied.cases)
-    diagnoses = _diagnoses(selection, problems, found.studies, progress)
-    noise = None
-    if options.speed:
-        progress.speeds_started()
-        cases, noise = measure_speeds(
-            problems,
-            cases,
-            {engine.name: engine for engine, _ in selection.methods},
-            answers,
-            timeout_s=options.timeout_s,
-            passes=options.speed_passes,
-            executor=options.timing_executor,
-            case_done=progress.speed_measured,
-        )
+    with closing(_clock(selection, options)) as clock:
+        progress.phase("solving the truths")
+        problems = [
+            _solved(scenario, scenario_spec, cache, progress)
+            for scenario_spec, scenario in selection.scenarios
+        ]
+        progress.motions_started()
+        solved = time.perf_counter()
+        found = run_motions(selection, problems, answers, options, progress)
+        recorded = time.perf_counter()
+        cases = tuple(case for studied in found.studies for case in studied.cases)
+        diagnoses = _diagnoses(selection, problems, found.studies, progress)
+        noise = None
+        if options.speed:
+            progress.speeds_started()
+            cases, noise = measure_speeds(
+                problems,
+                cases,
+                {engine.name: engine for engine, _ in selection.methods},
+                answers,
+                clock,
+                timeout_s=options.timeout_s,
+                passes=options.speed_passes,
+                executor=options.timing_executor,
+                case_done=progress.speed_measured,
+            )
     ended = time.perf_counter()
     run_id = identity.run_id
     seconds = {
@@ -152,6 +156,18 @@ def run_selection(
         fingerprints=table(found.fingerprints, FINGERPRINT_COLUMNS),
         laws=table(found.laws, LAW_COLUMNS),
     )
+
+
+def _clock(selection: Selection, options: RunOptions) -> Clock:
+    """Return the clock of the speeds, which gets ready while truths are solved and motions recorded."""
+    if options.timing_executor is not None:
+        return Clock(None)
+    clock = Clock(last_core())
+    # a user's function is first called when its truth is solved, which reports its errors
+    scenarios = [scenario for _, scenario in selection.scenarios if not scenario.scene.has_callback_load]
+    if options.speed and scenarios:
+        clock.warm_up(scenarios[0])
+    return clock
 
 
 def _diagnoses(

@@ -6,13 +6,14 @@ import os
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import closing
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
+from bodycheck._util.errors import UnavailableError, WorkerLostError
 from bodycheck.adapters.contract import Engine, Setting
 from bodycheck.adapters.execution import Case
 from bodycheck.adapters.workers import case_messages, protocol, received_messages
@@ -22,11 +23,13 @@ from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reports.cache.answers import Answers
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem
+from bodycheck.scenarios.model import Scenario
 
 _LAPS = 5
 _LAPS_OF_ONE_OF_MANY = 2
 _REPEATED_LAPS, _REPEATED = 3, 0.02  # after how many laps, and within what, a second lap confirms the fastest
 _REFERENCE = ("reference", "rk4")
+_WARM_UP_S = 120.0  # time limit of starting the reference and compiling its method
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,7 @@ def measure_speeds(
     cases: Sequence[CaseResult],
     engines: Mapping[str, Engine],
     answers: Answers,
+    clock: Clock,
     *,
     timeout_s: float,
     passes: int,
@@ -73,15 +77,13 @@ def measure_speeds(
         if result.ok
     }
     found: dict[int, Message] = {}
-    core = _last_core() if executor is None else None
     done = 0
-    with closing(_Clock(core)) as clock:
-        for _ in range(passes):
-            for index, laps in _one_pass(timed, found, answers, clock, executor):
-                found[index] = laps
-                done += 1
-                if done % passes == 0:
-                    case_done()
+    for _ in range(passes):
+        for index, laps in _one_pass(timed, found, answers, clock, executor):
+            found[index] = laps
+            done += 1
+            if done % passes == 0:
+                case_done()
     for _ in range(len(cases) - len(timed)):
         case_done()
     measured = tuple(
@@ -89,7 +91,7 @@ def measure_speeds(
     )
     references = [laps["reference_s"] for laps in found.values() if "lost" not in laps]
     spreads = [_spread(seconds) for seconds in references if min(seconds, default=0.0) > 0.0]
-    return measured, MachineNoise(core, float(np.median(spreads)) if spreads else None)
+    return measured, MachineNoise(clock.core, float(np.median(spreads)) if spreads else None)
 
 
 @dataclass(frozen=True)
@@ -119,16 +121,20 @@ class _Timed:
     def of(cls, problem: Problem, engine: Engine, result: CaseResult, laps: int, timeout_s: float) -> _Timed:
         scene = problem.scenario.scene
         case = Case(scene, result.columns["method"], result.setting)
-        reference = Case(scene, _REFERENCE[1], Setting(dt_s=min(problem.scenario.steps)))
-        cases = case_messages.case_message(case), case_messages.case_message(reference)
+        cases = case_messages.case_message(case), _reference_case(problem.scenario)
         return cls(engine, case, TimingRequest(engine.name, engine.version, *cases, laps, timeout_s))
+
+
+def _reference_case(scenario: Scenario) -> Message:
+    case = Case(scenario.scene, _REFERENCE[1], Setting(dt_s=min(scenario.steps)))
+    return case_messages.case_message(case)
 
 
 def _one_pass(
     timed: Mapping[int, _Timed],
     found: Mapping[int, Message],
     answers: Answers,
-    clock: _Clock,
+    clock: Clock,
     executor: Executor | None,
 ) -> Iterator[tuple[int, Message]]:
     """Yield the laps of each case in all passes so far; the first pass takes those of this run's journal.
@@ -163,7 +169,7 @@ _LAP: Message = {"do": "lap"}
 
 
 _timing = threading.Lock()
-_clocks: list[_Clock] = []
+_clocks: list[Clock] = []
 
 
 def time_case(request: TimingRequest) -> Message:
@@ -176,16 +182,27 @@ def time_case(request: TimingRequest) -> Message:
         compile_for(request.case)
     with _timing:
         if not _clocks:
-            _clocks.append(_Clock(_last_core()))
+            _clocks.append(Clock(last_core()))
         found = _clocks[0].announced(request)
         return {"lost": protocol.one_line(found)} if isinstance(found, str) else _clocks[0].laps(request)
 
 
-class _Clock:
-    """Engines on one core, timed lap by lap, alternating with the reference measurement."""
+class Clock:
+    """Engines on one core, timed lap by lap, alternating with the reference measurement.
+
+    core: None for any core.
+    """
 
     def __init__(self, core: int | None) -> None:
+        self.core = core
         self._engine_pool, self._reference = EnginePool(core), _Reference(core)
+
+    def warm_up(self, scenario: Scenario) -> None:
+        """Start the reference, and compile its method, while the run does something else.
+
+        The first laps wait until that is done, so that nothing is compiled next to a case being timed.
+        """
+        self._reference.warm_up(_reference_case(scenario))
 
     def announced(self, request: TimingRequest) -> Engine | str:
         """Return the engine of a case, or why this machine does not have it."""
@@ -196,7 +213,7 @@ class _Clock:
 
         A failure is retried once: a worker killed from outside is not at fault.
         """
-        self._reference.prepare(request)
+        self._reference.prepare(request.reference, request.timeout_s)
         laps, failed = self._tried(request)
         return self._tried(request)[0] if failed else laps
 
@@ -237,14 +254,34 @@ class _Reference:
         self._engine_pool, self._timeout_s = EnginePool(core), 0.0
         self._prepared: Message | None = None
         self._last: list[float] = []
+        self._warming_up: threading.Thread | None = None
 
-    def prepare(self, request: TimingRequest) -> None:
-        """Prepare the reference for the scenario of this case, unless that is done already."""
-        self._timeout_s = request.timeout_s
-        if self._prepared != request.reference:
-            message: Message = {"do": "prepare", "case": request.reference}
-            answer = self._engine_pool.ask(_REFERENCE[0], message, request.timeout_s)
-            self._prepared = request.reference if answer.get("outcome") == "ok" else None
+    def warm_up(self, case: Message) -> None:
+        """Prepare the reference for this case in the background."""
+
+        def prepare() -> None:
+            with suppress(WorkerLostError):  # the run has ended meanwhile
+                self._prepare(case, _WARM_UP_S)
+
+        # started here, because a worker ends with the thread that started it
+        with suppress(WorkerLostError, UnavailableError):  # reported when the first lap is requested
+            self._engine_pool.start(_REFERENCE[0])
+        self._warming_up = threading.Thread(target=prepare, daemon=True)
+        self._warming_up.start()
+
+    def prepare(self, case: Message, timeout_s: float) -> None:
+        """Prepare the reference for this case, unless that is done already."""
+        if self._warming_up is not None:
+            self._warming_up.join()
+            self._warming_up = None
+        self._prepare(case, timeout_s)
+
+    def _prepare(self, case: Message, timeout_s: float) -> None:
+        self._timeout_s = timeout_s
+        if self._prepared != case:
+            message: Message = {"do": "prepare", "case": case}
+            answer = self._engine_pool.ask(_REFERENCE[0], message, timeout_s)
+            self._prepared = case if answer.get("outcome") == "ok" else None
             self._last = []
 
     def last_lap(self) -> list[float]:
@@ -265,6 +302,9 @@ class _Reference:
 
     def close(self) -> None:
         """End the worker."""
+        self._engine_pool.stop()
+        if self._warming_up is not None:
+            self._warming_up.join()
         self._engine_pool.close()
 
 
@@ -295,6 +335,6 @@ def _spread(seconds: Sequence[float]) -> float:
     return float((high - low) / median)
 
 
-def _last_core() -> int | None:
+def last_core() -> int | None:
     """Return the core to measure on: the last one allowed, since the system prefers the first ones."""
     return max(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else None

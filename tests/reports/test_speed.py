@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import threading
+import time
 from collections import Counter
 from collections.abc import Callable
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -26,7 +29,11 @@ TWO_SCENARIOS = ("intermediate-axis", "symmetric-top")
 
 
 def timed(
-    monkeypatch: pytest.MonkeyPatch, lap: Lap, passes: int, scenarios: tuple[str, str] = ONE_SCENARIO
+    monkeypatch: pytest.MonkeyPatch,
+    lap: Lap,
+    passes: int,
+    scenarios: tuple[str, str] = ONE_SCENARIO,
+    prepare: Callable[[str], None] = lambda engine: None,  # noqa: ARG005
 ) -> tuple[list[dict[str, object]], list[int]]:
     """Return the columns of two cases with these laps, and after how many laps each was reported."""
     laps: Counter[str] = Counter()
@@ -40,10 +47,17 @@ def timed(
         def ask(self, engine: str, request: Message, timeout_s: float) -> Message:
             del timeout_s
             if request["do"] == "prepare":
+                prepare(engine)
                 return {"outcome": "ok"}
             before = laps[ENGINE]
             laps[engine] += 1
             return lap(engine, before)
+
+        def start(self, engine: str) -> None:
+            """Nothing to do."""
+
+        def stop(self) -> None:
+            """Nothing to do."""
 
         def close(self) -> None:
             """Nothing to do."""
@@ -56,11 +70,14 @@ def timed(
         for name, dt_s in zip(scenarios, STEPS_S, strict=True)
     ]
     reported: list[int] = []
+    clock = speed.Clock(None)
+    clock.warm_up(problems[0].scenario)
     found, noise = speed.measure_speeds(
         problems,
         cases,
         {ENGINE: Engine(ENGINE, "1", {})},
         Answers(None, None, 1.0),
+        clock,
         timeout_s=1.0,
         passes=passes,
         case_done=lambda: reported.append(laps[ENGINE]),
@@ -135,6 +152,32 @@ def test_last_reference_lap_also_counts_for_the_next_case_on_its_scenario(
     own_laps_of_the_second = reported[1] - reported[0]
     shared = 1 if scenarios == ONE_SCENARIO else 0
     assert len(references) == 3 + own_laps_of_the_second - shared
+
+
+def test_first_lap_waits_until_the_reference_has_warmed_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The reference is prepared once, in the background, before anything is timed."""
+    log: list[str] = []
+
+    def prepare(engine: str) -> None:
+        if engine == REFERENCE:
+            time.sleep(0.1)
+        log.append(f"prepare {engine}")
+
+    def lap(engine: str, number: int) -> Message:  # noqa: ARG001
+        log.append(f"lap {engine}")
+        return {"outcome": "ok", "cpu_s": LAP_S[engine]}
+
+    timed(monkeypatch, lap, passes=1, prepare=prepare)
+    assert log[0] == f"prepare {REFERENCE}"
+    assert log.count(log[0]) == 1
+
+
+def test_clock_can_be_closed_while_it_warms_up() -> None:
+    """A run that ends early leaves no thread behind."""
+    before = threading.active_count()
+    with closing(speed.Clock(None)) as clock:
+        clock.warm_up(load_scenario("intermediate-axis"))
+    assert threading.active_count() == before
 
 
 def test_median_and_quartiles_are_of_all_laps(monkeypatch: pytest.MonkeyPatch) -> None:
