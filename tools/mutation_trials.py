@@ -73,12 +73,15 @@ TESTS: dict[str, tuple[str, ...]] = {
     "reports/summary/worst_results.py": ("test_verdicts.py", "test_summary.py", "test_worst_results.py"),
     "reports/run_files/run_tables.py": ("test_verdicts.py", "comparison/test_change.py"),
     "reports/summary/cells.py": ("test_verdicts.py",),
-    "adapters/stable_step.py": ("../adapters/test_stable_step.py",),
+    "adapters/stable_step.py": ("../adapters/test_stable_step.py", "test_measures.py"),
     **{f"reports/gates/{name}.py": _GATES for name in ("gate", "gate_output", "proposal", "verdict")},
     **{
         f"reports/comparison/{name}.py": ("comparison/test_change.py", "comparison/test_headlines.py")
-        for name in ("change", "compare", "describe", "environment_diff", "headlines")
+        for name in ("change", "compare", "environment_diff", "headlines")
     },
+    "reports/comparison/describe.py": tuple(
+        f"comparison/test_{name}.py" for name in ("change", "headlines", "measure_track", "overlays")
+    ),
     "reports/history/accepted_levels.py": ("history/test_regression.py",),
     "reports/comparison/release_results.py": (
         "comparison/test_bisection.py",
@@ -145,6 +148,7 @@ TESTS: dict[str, tuple[str, ...]] = {
         "../test_versions.py",
         "../test_versions.py::test_every_release_is_run_on_request",
         _TWO_VERSIONS,
+        "test_audit.py::test_release_in_which_an_audit_changed_is_named",
     ),
     "reports/history/regression.py": ("history/test_regression.py", "history/test_step_detection.py"),
 }
@@ -175,6 +179,22 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         'return "moved" if before == after else "improved" if after > before else "worse"',
         "after > before -> after >= before",
     ): "there the two are not equal",
+    (
+        "reports/measurement/invariants.py",
+        "low, high = (abs(moments[i + 1] - moments[i]) <= _EQUAL * moments[2] for i in (0, 1))",
+        "abs(moments[i + 1] - moments[i]) <= _EQUAL * moments[2]"
+        " -> abs(moments[i + 1] - moments[i]) < _EQUAL * moments[2]",
+    ): "a difference of two moments is never this very multiple of the third",
+    (
+        "reports/history/regression.py",
+        'status: Status = "worse" if size > 0.0 else "improved"',
+        "size > 0.0 -> size >= 0.0",
+    ): "a detected step has a size",
+    (
+        "reports/comparison/release_results.py",
+        "_FEWEST_DIGITS, _ALL_DIGITS = 3, 17",
+        "17 -> 18",
+    ): "17 digits distinguish all doubles",
     (
         "reports/measurement/growth.py",
         'return "exponential" if misfit_in_time * _EXPONENTIAL_GAIN < misfit else None',

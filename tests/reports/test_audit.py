@@ -513,6 +513,7 @@ def test_release_in_which_an_audit_changed_is_named(tmp_path: Path, monkeypatch:
     found = version_search.audit_versions(
         "mujoco", "3.11.0", None, path, every=False, timeout_s=60.0, announce=requested.append
     )
+    assert found.measure == "audit"
     assert len(requested) < len(versions)
     for track in found.tracks:
         assert list(track.changes) == [("3.13.0", "3.14.0")]

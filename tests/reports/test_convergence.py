@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from bodycheck.reports.measurement.convergence import (
+    LARGEST_LIMIT,
     Convergence,
     Criteria,
     Point,
@@ -20,6 +22,7 @@ from bodycheck.reports.measurement.convergence import (
     tolerance_convergence,
     usable,
 )
+from bodycheck.reports.measurement.verdicts import STATES
 
 STEPS = (2e-2, 1e-2, 5e-3, 2e-3, 1e-3)
 CRITERIA = Criteria(floor=3e-14)
@@ -108,7 +111,11 @@ def test_round_off_is_reached_where_the_error_is_that_predicted(
 def test_a_wrong_limit_outweighs_an_order_at_coarser_steps() -> None:
     """After five steps of order 2 and three flat ones, the order does not hide the plateau."""
     points = [*power_law(2.0, 1e-1), *(Point(dt, 1.0e-3) for dt in (5e-4, 2e-4, 1e-4))]
-    assert convergence_of(points, CRITERIA).verdict == "does-not-converge"
+    found = convergence_of(points, CRITERIA)
+    assert found.verdict == "does-not-converge"
+    assert found.limit_distance == pytest.approx(1e-3)
+    assert found.limit_uncertainty is not None
+    assert found.limit_uncertainty < 1e-9
 
 
 def test_the_limit_needs_three_steps() -> None:
@@ -351,6 +358,22 @@ def test_a_method_without_steps_is_exact_within_ten_floors(
 ) -> None:
     """A single error decides the verdict."""
     assert stepless_verdict(points((0.0, error)), Criteria(floor)).verdict == verdict
+
+
+def test_a_verdict_is_decided_where_finer_steps_would_not_change_it() -> None:
+    """More cases are run for the others."""
+    decided = {"converges", "does-not-converge", "at-floor", "at-precision-floor", "chaotic"}
+    assert {name for name in STATES if Convergence(name, 0, 0.0).is_decided} == decided
+
+
+@pytest.mark.parametrize("judge", [convergence_of, tolerance_convergence, stepless_verdict])
+def test_round_off_up_to_the_largest_limit_allows_a_verdict(
+    judge: Callable[[list[Point], Criteria], Convergence],
+) -> None:
+    """The motion is chaotic only beyond it."""
+    some = points((0.1, 0.02), (0.2, 0.04))
+    assert judge(some, Criteria(LARGEST_LIMIT)).verdict != "chaotic"
+    assert judge(some, Criteria(math.nextafter(LARGEST_LIMIT, 1.0))).verdict == "chaotic"
 
 
 # ------------------------------------------------------------------------------------------- the next step

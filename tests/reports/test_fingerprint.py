@@ -17,7 +17,7 @@ from bodycheck.reference_impl.one_step_maps.one_step_map import Motion, Solid, S
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.scene import RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.probes.examination import check_replays
+from bodycheck.reports.probes.examination import OTHER_BITS, SAME_BITS, check_replays, identified
 from bodycheck.reports.probes.fingerprint import (
     FARTHER,
     NO_KNOWN_MAP,
@@ -26,7 +26,7 @@ from bodycheck.reports.probes.fingerprint import (
     fingerprint_of,
     steps_along,
 )
-from bodycheck.reports.probes.laws import REVERSE, STATES, Checked, check_laws
+from bodycheck.reports.probes.laws import REPLAY, REVERSE, STATES, Checked, check_laws
 
 
 def no_loads(*motion: Array) -> tuple[Array, Array]:
@@ -270,22 +270,31 @@ def test_replay_holds_where_every_run_has_the_same_bits() -> None:
     assert (found.verdict, found.worst.size, found.message) == ("holds", 0.0, "")
 
 
-def test_replay_reports_one_bit_and_the_run_that_has_it() -> None:
+@pytest.mark.parametrize(
+    ("array", "quantity"),
+    [
+        ("position_m", "position"),
+        ("velocity_m_s", "velocity"),
+        ("quaternion", "attitude"),
+        ("omega_body_rad_s", "omega"),
+    ],
+)
+def test_replay_reports_one_bit_and_the_run_that_has_it(array: str, quantity: str) -> None:
     """One unit in the last place is a property; the message names the quantity and the run."""
     same = stepping(MAPS["M1"].step)
 
     def one_bit_off(engine: Engine, case: Case) -> Answer:
         answer = same(engine, case)
         assert answer.trajectory is not None
-        velocity = answer.trajectory.velocity_m_s.copy()
-        velocity[7, 1] = np.nextafter(velocity[7, 1], np.inf)
-        return replace(answer, trajectory=replace(answer.trajectory, velocity_m_s=velocity))
+        changed = getattr(answer.trajectory, array).copy()
+        changed[7, 1] = np.nextafter(changed[7, 1], np.inf)
+        return replace(answer, trajectory=replace(answer.trajectory, **{array: changed}))
 
     found = replayed(same, one_bit_off)
     assert found.worst is not None
     assert found.verdict == "property"
     assert 0.0 < found.worst.size < 1e-15
-    assert "velocity" in found.message
+    assert found.message.startswith(f"{quantity} differs by")
     assert "way 2" in found.message
 
 
@@ -331,3 +340,16 @@ def test_a_reversible_map_must_reverse() -> None:
     for name, verdict in (("M1", "broken"), ("Moser-Veselov", "holds")):
         checked = check_laws(ENGINE, METHOD, stepping(MAPS[name].step), reversible=True)
         assert {one.law.name: one.verdict for one in checked}[REVERSE] == verdict
+
+
+def test_each_row_has_the_map_and_the_replay_of_its_method() -> None:
+    """A method that was not examined has neither; the verdict of another law counts for nothing."""
+    rows = [{"engine": "toy", "method": method, "quantity": "q"} for method in ("a", "b", "c")]
+    maps = [{"engine": "toy", "method": "a", "fingerprint": "M1"}]
+    laws = [
+        {"engine": "toy", "method": "a", "law": REPLAY, "verdict": "holds"},
+        {"engine": "toy", "method": "b", "law": REPLAY, "verdict": "property"},
+        {"engine": "toy", "method": "a", "law": REVERSE, "verdict": "property"},
+    ]
+    found = [(row["fingerprint"], row["replay"]) for row in identified(rows, maps, laws)]
+    assert found == [("M1", SAME_BITS), (None, OTHER_BITS), (None, None)]

@@ -227,6 +227,13 @@ def test_classification_needs_one_and_a_half_decades_above_the_floor(decades: fl
     assert (growth_of(T, T, 10.0**-decades) != Growth()) == reported
 
 
+def test_the_first_sample_above_the_floor_begins_the_decades() -> None:
+    """From 1 to 31.7 are one and a half decades, from the next sample on fewer."""
+    t = np.concatenate([[0.0, 1.0], np.linspace(2.0, 31.7, 120)])
+    assert growth_of(t, t, 0.5) != Growth()
+    assert growth_of(t, t, 1.5) == Growth()
+
+
 @pytest.mark.parametrize(("samples", "reported"), [(100, True), (99, False)])
 def test_classification_needs_a_hundred_samples(samples: int, reported: bool) -> None:
     """Those of the last two decades count, the first one included."""

@@ -45,10 +45,11 @@ from bodycheck.reports.measurement.invariants import (
     symmetry_axis,
     worst_drift,
 )
-from bodycheck.reports.measurement.measure_bounds import bound_of
+from bodycheck.reports.measurement.measure_bounds import TRUTH_BOUNDS, bound_of
 from bodycheck.reports.measurement.measures import SCALES, Compared, Motion, departures_of, reduced, series_of
 from bodycheck.reports.measurement.scales import Scales, scene_scales
 from bodycheck.reports.measurement.work import power, work_done, working_loads
+from bodycheck.reports.run_files.tables import RESULT_COLUMNS
 
 PLACE = np.array([1.0, -2.0, 0.5])
 BRICK = RigidBody(2.0, np.diag([1.0, 2.0, 3.0]))
@@ -497,6 +498,7 @@ def test_unresolved_work_is_none(made: Scene) -> None:
     """A continuous load, a pivot, a switch between samples, too few samples between two switches."""
     assert work_done(made, THROWN) is None
     assert work_done(scene(replace(FORCE, until_s=0.7), samples=31), THROWN) is not None
+    assert work_done(scene(replace(FORCE, until_s=0.7 + 5e-10), samples=31), THROWN) is None
 
 
 def test_loads_with_a_potential_do_no_work() -> None:
@@ -844,3 +846,9 @@ def test_measures_need_quantities_that_a_state_has() -> None:
     scene = Scene(RigidBody(1.0, np.diag([1.0, 2.0, 2.5])), start, (), np.zeros(3), duration_s=1.0, samples=3)
     needed = set().union(*(one.needs(scene) for one in measures.MEASURES.values()))
     assert needed == {"position", "attitude", "velocity", "omega"}
+
+
+@pytest.mark.parametrize("measure", TRUTH_BOUNDS)
+def test_bound_of_each_measure_is_a_column_of_the_results(measure: str) -> None:
+    """A truth has a bound of this name."""
+    assert TRUTH_BOUNDS[measure] in RESULT_COLUMNS

@@ -142,7 +142,7 @@ def test_coarse_steps_that_are_not_asymptotic_are_left_out() -> None:
     errors = [1e-2 * (dt if dt >= steps[3] else dt**3 / steps[3] ** 2) for dt in steps]
     found = settled_order(tuple(steps), tuple(errors), 1e-30)
     assert found is not None
-    assert (round(found.order), found.points) == (3, 4)
+    assert (round(found.order), found.first, found.points) == (3, 3, 4)
 
 
 @pytest.mark.parametrize("errors", [[1e-3, 2e-3, 1e-4, 3e-3], [1e-3] * 4, [1e-1, 1e-3]])

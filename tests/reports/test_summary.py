@@ -57,6 +57,8 @@ def test_every_verdict_and_outcome_has_its_word() -> None:
     verdicts = "converges pre-asymptotic does-not-converge at-floor chaotic unstable too-few-points"
     outcomes = "unstable failed timeout unsupported invalid"
     assert {*verdicts.split(), *outcomes.split()} <= STATES.keys()
+    for name, state in STATES.items():
+        assert state.word in (name, name.replace("-", " "), f"no steps, {name}")
 
 
 def test_methods_are_compared_at_the_finest_step_that_most_have() -> None:

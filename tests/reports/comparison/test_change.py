@@ -518,6 +518,15 @@ def test_description_of_a_scenario_is_not_compared(idle: str) -> None:
     assert redefined(manifests[0], manifests[1]) == ("brick",)
 
 
+def test_surface_of_a_mesh_is_only_drawn() -> None:
+    """Its mass properties are compared."""
+    meshes = [{"surface": "a", "mass": 1.0}, {"surface": "b", "mass": 1.0}, {"mass": 2.0}]
+    drawn, other, heavier = ({"scenarios": {"brick": {"body": {"mesh": mesh}}}} for mesh in meshes)
+    assert redefined(drawn, other) == ()
+    assert redefined(drawn, heavier) == ("brick",)
+    assert redefined(drawn, {"scenarios": {"brick": {"body": {"mesh": {"mass": 1.0}}}}}) == ()
+
+
 # -------------------------------------------------------------------------------------------------- words
 
 

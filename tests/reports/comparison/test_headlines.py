@@ -20,7 +20,7 @@ from bodycheck.reports.comparison.describe import (
     sentences,
 )
 from bodycheck.reports.comparison.environment_diff import is_refinement
-from bodycheck.reports.comparison.headlines import by_method, error_text, headlines
+from bodycheck.reports.comparison.headlines import by_method, error_text, headlines, size_text
 from bodycheck.reports.document import escaped_markdown, markdown, print_document
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.run_files.run_reader import Tables
@@ -182,6 +182,15 @@ def test_a_measure_that_is_far_worse_than_the_orientation_is_named(factor: float
     assert ("energy_drift at 10 ms 1e-6 -> 0.002 (factor 2e3)" in headline) == named
 
 
+def test_a_measure_that_is_a_decade_worse_than_the_orientation_is_not_named() -> None:
+    """It must be worse by more."""
+    found = compare(run({ERROR: 1e-4, "energy_drift": 1e-6}), run({ERROR: 2e-4, "energy_drift": 1e-4}))
+    sizes = {ERROR: 0.25, "energy_drift": 1.25}
+    changes = tuple(replace(change, decades=sizes[change.quantity]) for change in found.changes)
+    (headline,) = headlines(replace(found, changes=changes))
+    assert "energy_drift" not in headline
+
+
 def test_a_method_stands_in_one_clause_however_many_of_its_digits_moved() -> None:
     """Changes of last digits in both directions count once, and make no method worse or improved."""
     before = run({ERROR: 1e-2}, {"dt_s": 0.02, ERROR: 1e-2}, {"method": "euler", ERROR: 1e-2})
@@ -289,10 +298,15 @@ def test_round_off_that_drifts_accuses_nobody() -> None:
 def test_a_stable_step_in_chaos_accuses_nobody() -> None:
     """If the truth ends before the scenario, the step at which a motion breaks down is a matter of chance."""
     row = {"scenario": "brick", "engine": "mujoco", "method": "rk4", "outcome": "ok", "dt_unstable_s": 0.3}
-    for until, status in ((0.5, "moved"), (1.0, "worse")):
-        case = {"compared_until_s": until, "duration_s": 1.0}
-        before = run(case, stability=[{**row, "dt_stable_s": 0.2}])
-        after = run(case, stability=[{**row, "dt_stable_s": 0.1, "dt_unstable_s": 0.11}])
+    complete, chaotic = ({"compared_until_s": until, "duration_s": 1.0} for until in (1.0, 0.5))
+    for old, new, status in (
+        (chaotic, chaotic, "moved"),
+        (chaotic, complete, "moved"),
+        (complete, chaotic, "moved"),
+        (complete, complete, "worse"),
+    ):
+        before = run(old, stability=[{**row, "dt_stable_s": 0.2}])
+        after = run(new, stability=[{**row, "dt_stable_s": 0.1, "dt_unstable_s": 0.11}])
         (change,) = compare(before, after).changes
         assert (change.kind, change.status) == ("stability", status)
 
@@ -411,6 +425,11 @@ def test_a_small_change_is_given_in_percent(after: float, text: str) -> None:
     """A change by a few percent is not a factor of 1."""
     (change,) = compare(run({ERROR: 1e-6}), run({ERROR: after})).changes
     assert error_text(change).endswith(text)
+
+
+def test_a_change_without_a_size_has_no_text_of_it() -> None:
+    """A new measure has neither a factor nor a share."""
+    assert size_text(Change("accuracy", "brick", "mujoco", "rk4", ERROR, None, 1.0, "new"), 2) == ""
 
 
 @pytest.mark.parametrize("size", [1.0, 1e3])

@@ -18,6 +18,7 @@ from bodycheck.reports.comparison.compare import compare, renamed
 from bodycheck.reports.comparison.describe import (
     HEADINGS,
     change_tables,
+    comparison_data,
     comparison_document,
     comparison_page,
     sentences,
@@ -202,6 +203,16 @@ def test_the_terminal_names_both_runs_and_then_what_changed(capsys: pytest.Captu
     ]
 
 
+def test_data_have_both_runs_the_sentences_and_every_change() -> None:
+    """What a page shows in words, a script reads as data."""
+    found = compare(run({}, run_id="first"), run({ERROR: 1e-6}, run_id="second"))
+    data = comparison_data(found)
+    runs = [(data[name]["run_id"], data[name]["bodycheck"]) for name in ("before", "after")]
+    assert runs == [("first", "1"), ("second", "1")]
+    assert (data["sentences"], data["changes"]) == (sentences(found), found.changes)
+    assert (data["cases_compared"], data["cases_compared_by_speed"]) == (1, 0)
+
+
 @pytest.mark.parametrize(("amount", "more"), [(20, []), (22, ["and 2 more lines: there"])])
 def test_of_a_long_list_twenty_lines_are_shown(
     amount: int, more: list[str], capsys: pytest.CaptureFixture[str]
@@ -240,15 +251,18 @@ def test_on_a_terminal_what_fails_is_red(status: Status, monkeypatch: pytest.Mon
 
 def test_the_page_has_all_of_it_under_the_tints_of_a_report() -> None:
     """The page has the identities, the sentences, and each heading once, failing changes first."""
-    before = run({ERROR: 1e-3}, {"dt_s": 0.02, ERROR: 1e-3}, {"dt_s": 0.03})
-    after = replace(run({ERROR: 1e-2}, {"dt_s": 0.02, ERROR: 1e-4}, {"dt_s": 0.04}), run_id="other")
+    before = run({ERROR: 1e-3}, {"dt_s": 0.02, ERROR: 1e-3}, {"dt_s": 0.03}, {"dt_s": 0.05, ERROR: 1e-3})
+    after = run({ERROR: 1e-2}, {"dt_s": 0.02, ERROR: 1e-4}, {"dt_s": 0.04}, {"dt_s": 0.05, ERROR: 1.01e-3})
+    after = replace(after, run_id="other")
     found = compare(before, after)
     page = comparison_page(found)
     for words in ("made-up, today, bodycheck 1", "other, today, bodycheck 1", *sentences(found)):
         assert str(escape(words)) in page
-    heads = ("Worse</h2>", "No longer measured</h2>", "Improved</h2>", "New</h2>")
+    heads = ("Worse</h2>", "No longer measured</h2>", "Improved</h2>", "Moved</h2>", "New</h2>")
     places = [page.index(head) for head in heads]
     assert places == sorted(places)
     assert math.isclose(page.count("orientation_error_rad 0.001 -&gt; 0.01"), 1)
     assert "new case at dt 0.04 s (ok)" in page
+    for column in ("kind", "factor"):
+        assert f">{column}</th>" in page
     assert "--good" in page  # the report's own style

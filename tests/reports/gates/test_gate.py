@@ -117,12 +117,18 @@ def test_law_is_bounded_by_method_and_not_measured_without_a_row() -> None:
         },
         {"engine": "mujoco", "method": "rk4", "law": "rotation", "size": 1.0},
         {"engine": "mujoco", "method": "euler", "law": "replay", "size": 1e-9},
+        {"engine": "mujoco", "method": "discrete", "law": "replay", "message": "no such body"},
     ]
-    cases = [{"method": method} for method in ("rk4", "euler", "implicit")]
+    cases = [{"method": method} for method in ("rk4", "euler", "implicit", "discrete")]
     tables = replace(make_tables(cases), laws=as_table(laws, LAW_COLUMNS))
-    for method, status in (("rk4", "passed"), ("euler", "failed"), ("implicit", "nothing")):
+    for method, status, why in (
+        ("rk4", "passed", ""),
+        ("euler", "failed", ""),
+        ("implicit", "nothing", "no law.replay: not checked"),
+        ("discrete", "nothing", "no law.replay: no such body"),
+    ):
         (result,) = check_gates([gate(measure="law.replay", method=method, upper=0.0)], tables)
-        assert result.status == status, method
+        assert (result.status, result.checks[0].row.why) == (status, why), method
 
 
 PATTERNS = {
@@ -190,6 +196,23 @@ def test_order_is_compared_with_its_bounds(bound: dict[str, Any], cells: dict[st
     """Only a measured order of the requested quantity can pass."""
     requested = gate(measure="order.orientation_error_rad", **bound)
     assert one(requested, {}, methods=[cells]).status == status
+
+
+@pytest.mark.parametrize(
+    ("verdict", "reason"),
+    [
+        ("at-floor", "at-floor"),
+        (
+            "does-not-converge",
+            "orientation_error_rad does not converge to the truth: 0.02 rad at dt 0.01 s",
+        ),
+    ],
+)
+def test_missing_order_has_the_verdict_as_its_reason(verdict: str, reason: str) -> None:
+    """The size of the error stands where it counts against the method."""
+    row = {"order": None, "verdict": verdict, "finest_error": 0.02, "finest_dt_s": 0.01}
+    result = one(gate(measure="order.orientation_error_rad", lower=1.0), {}, methods=[row])
+    assert [check.row.why for check in result.checks] == [f"no order: {reason}"]
 
 
 def test_method_without_a_row_does_not_pass() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from bodycheck._util.errors import InputError
-from bodycheck.reports.gates.gate import measure_of, parse_gates, read_gates, read_thresholds
+from bodycheck.reports.gates.gate import UNCOMPARED, measure_of, parse_gates, read_gates, read_thresholds
 from bodycheck.reports.gates.thresholds import THRESHOLD, Thresholds
 from bodycheck.reports.measurement.study import QUANTITIES
 from bodycheck.reports.run_files.tables import METHOD_COLUMNS, RESULT_COLUMNS
@@ -114,6 +114,7 @@ def test_unreadable_file_is_refused(tmp_path: Path, expected_message: ExpectedMe
 
 def test_every_measure_of_the_tables_can_be_gated() -> None:
     """Each column that a gate may name is in results.csv; order and verdict are of every quantity."""
+    assert set(UNCOMPARED) <= set(RESULT_COLUMNS)
     for name in RESULT_COLUMNS:
         try:
             assert measure_of(name).column == name
