@@ -321,7 +321,7 @@ def _distinct(rows: Sequence[Sequence[Cell]], names: Iterable[int], widths: Sequ
 def shortened(text: str, width: int) -> str:
     """Return text of at most `width` characters, the middle of longer text replaced by dots.
 
-    More is left of the end, which tells the methods of an engine apart.
+    More is left of the end, by which the methods of an engine differ.
     """
     if len(text) <= width:
         return text

@@ -1,8 +1,8 @@
 """PyBullet: one body without a shape, as btMultiBody or, in maximal coordinates, as btRigidBody.
 
-The engine's own frame is the body's principal frame at its centre of mass. A constant rotation turns every
-state into body axes; it is the identity for a diagonal inertia tensor. Bullet clears forces after each call
-of stepSimulation, and rotates torques from body axes into world axes once per call.
+The engine's own frame is the body's principal frame at its centre of mass. A constant rotation converts
+every state to body axes; it is the identity for a diagonal inertia tensor. Bullet clears forces after each
+call of stepSimulation, and rotates torques from body axes into world axes once per call.
 """
 
 from __future__ import annotations

@@ -179,7 +179,7 @@ class FixedAxisRotation:
     def at(self, t_s: Array) -> tuple[Array, Array]:
         """Return (quaternion (n, 4), omega_body (n, 3)) at times t_s >= 0 (n,).
 
-        Raises ValueError where the body has turned by some 1e15 rad: 106 bits no longer resolve the angle.
+        Raises ValueError where the body has rotated by some 1e15 rad: 106 bits no longer resolve the angle.
         """
         angle, rate = self._angles_and_rates(t_s)
         phases = np.max(np.abs(self._swings[:, 2]), initial=0.0)

@@ -126,7 +126,7 @@ def _closed(vertices: Array, triangles: Triangles) -> SplitMesh:
 
 
 def _flipped_note(vertices: Array, triangles: Triangles, flipped: NDArray[np.bool_]) -> tuple[str, ...]:
-    """Return a note on the turned triangles, if any."""
+    """Return a note on the reversed triangles, if any."""
     if flipped.all():
         return ("the mesh was inside-out; all its triangles were reversed",)
     return _note(vertices, triangles[flipped], "had the wrong orientation and were reversed")

@@ -401,7 +401,7 @@ class _PrincipalRotations:
 class _SymmetricTop:
     """The free motion of the body with its middle moment made equal to another, and rotations for the rest.
 
-    about: the principal axis of the symmetric part; the excess turns about the axis `rest`.
+    about: the principal axis of the symmetric part; the excess rotates about the axis `rest`.
     """
 
     about: int

@@ -162,7 +162,7 @@ def _along(high: Array, first: int, rows: int, order: int, s: float) -> tuple[fl
 
 @kernel
 def passes_anchor(high: Array, springs: Array, row: int, h: float) -> bool:
-    """Whether a spring that has a rest length turns by a right angle within the step h.
+    """Whether a spring that has a rest length rotates by a right angle within the step h.
 
     On a path that passes the anchor at a distance, steps are short relative to that distance. Only a path
     through the anchor, where the force jumps, reverses the direction within a step. high: the series; doubles

@@ -83,7 +83,7 @@ def small_distances(scene: Scene, motion: Trajectory, change: Array) -> Array:
     scale = np.max([np.max(np.abs(part), axis=-1) for part in _parts(motion)], axis=0)
     factor = np.where(sizes > _SHIFT * scale, 1.0, _SHIFT * scale / np.where(sizes == 0.0, 1.0, sizes))
     rotation = np.max(np.abs(change[:, 0:4]), axis=-1)
-    # large numbers elsewhere must not magnify a small turn into a full one
+    # large numbers elsewhere must not magnify a small rotation into a full turn
     factor = np.where(
         factor * rotation > _MAX_ROTATION,
         np.maximum(_MAX_ROTATION / np.where(rotation == 0.0, 1.0, rotation), 1.0),

@@ -64,7 +64,7 @@ class Diagnosis:
 
     verdict: explained, healthy (the motion is that of the map, without a fault), or unexplained. base: the
     map that the faults change. faults: one or two. share: of the differences from the map, over one sample
-    interval, that the faults explain. alike: other faults that this scene cannot tell apart from them.
+    interval, that the faults explain. alike: other faults that this scene cannot distinguish from them.
     nearly: the best single fault of an unexplained motion. before, after: root mean square of the
     differences, over their scales; round_off: their round-off.
     """
@@ -410,7 +410,7 @@ def _gap(one: Fit, other: Fit) -> float:
 def _equivalent(best: Fit, rivals: Iterable[Fit], transitions: Transitions) -> list[Fit]:
     """Return the other fits that explain the trajectory as well.
 
-    Where the best one leaves round-off, these make the same motion: the scene cannot tell them apart. Fits
+    Where the best one leaves round-off, these make the same motion: the scene cannot distinguish them. Fits
     with more parameters contain the best one.
     """
     limit = _TIE * max(best.cost, _AT_ROUND_OFF * transitions.round_off)

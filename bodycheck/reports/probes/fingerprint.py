@@ -534,7 +534,7 @@ _POSITIONS = {"new velocity": 1.0, "old velocity": 0.0, "mean velocity": 0.5}
 
 
 def _position_update(steps: Steps) -> Match:
-    """Return the velocity with which the position is updated under gravity, which tells the rules apart."""
+    """Return the velocity with which the position is updated under gravity, by which the rules differ."""
     before, after, h = steps.before, steps.after, steps.dt[:, None]
     size = np.linalg.norm(after.position - before.position, axis=-1)
     found = []

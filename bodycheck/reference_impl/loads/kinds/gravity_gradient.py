@@ -37,4 +37,4 @@ class GravityGradient(ContinuousLoad):
 
     def about_pivot(self, scene: Scene, pivot: Array) -> NoReturn:
         """Raise ValueError: the formula holds about the centre of mass only."""
-        raise ValueError("a gravity gradient turns a body about its centre of mass, not about a pivot")
+        raise ValueError("a gravity gradient is defined about the centre of mass, not about a pivot")
