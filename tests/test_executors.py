@@ -110,13 +110,17 @@ class FakeTask:
     def __init__(self, function: Any, arguments: tuple[Any, ...]) -> None:
         self.status, self._function, self._arguments = "pending", function, arguments
         self._callback: Any = None
+        self.can_be_fetched = threading.Event()
+        self.can_be_fetched.set()
 
     def add_done_callback(self, callback: Any) -> None:
         """Store the function to call at the end."""
         self._callback = callback
 
     def result(self) -> Any:
-        """Return the result of the call."""
+        """Return the result of the call once it can be fetched."""
+        if not self.can_be_fetched.wait(60.0):
+            raise TimeoutError
         return self._function(*self._arguments)
 
     def exception(self) -> Exception:
@@ -139,13 +143,17 @@ class FakeClient:
         self.busy: dict[str, tuple[str, ...]] = {}
         self.last_seen = {"a": 1.0, "b": 1.0}
         self.workers: list[Any] = []
+        self.others_allowed: list[bool] = []
         self.submitted = threading.Semaphore(0)
 
-    def submit(self, function: Any, *arguments: Any, key: str, workers: Any = None, **_: Any) -> FakeTask:
+    def submit(
+        self, function: Any, *arguments: Any, key: str, workers: Any, allow_other_workers: bool, **_: Any
+    ) -> FakeTask:
         """Return a task, which is assigned to the first of the allowed workers."""
         self.busy = {(workers or ["a"])[0]: (key,)}
         self.tasks.append(FakeTask(function, arguments))
         self.workers.append(workers)
+        self.others_allowed.append(allow_other_workers)
         self.submitted.release()
         return self.tasks[-1]
 
@@ -154,8 +162,12 @@ class FakeClient:
         return {"a": 1, "b": 1}
 
     def processing(self) -> dict[str, tuple[str, ...]]:
-        """Return the worker of the last task."""
-        return self.busy
+        """Return the worker of the last task, unless it has ended."""
+        return {} if self.tasks[-1].status == "finished" else self.busy
+
+    def has_what(self) -> dict[str, tuple[str, ...]]:
+        """Return the worker that holds the result of the last task."""
+        return self.busy if self.tasks[-1].status == "finished" else {}
 
     def scheduler_info(self, n_workers: int) -> dict[str, Any]:
         """Return when the scheduler last heard from each worker."""
@@ -183,6 +195,13 @@ def waited(client: FakeClient, tasks: int = 1) -> None:
     """Wait until further tasks have been submitted."""
     for _ in range(tasks):
         assert client.submitted.acquire(timeout=60.0)
+
+
+def fetched() -> None:
+    """Wait until no result is being fetched."""
+    for thread in threading.enumerate():
+        if thread.name == dask_cluster.FETCHING:
+            thread.join(60.0)
 
 
 @pytest.fixture
@@ -231,7 +250,48 @@ def test_late_task_is_sent_again_and_counts_once(
     future.add_done_callback(lambda done: results.append(done.result()))
     for task in client.tasks[::-1]:
         task.end("finished")
+    fetched()
     assert results == [1]
+
+
+@pytest.mark.slow
+def test_result_that_cannot_be_fetched_is_computed_elsewhere(
+    client: FakeClient, executor: dask_cluster.DaskExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A worker may stop between the end of a task and the transfer of its result, which then never ends."""
+    monkeypatch.setattr(dask_cluster, "_LATE_S", 0.01)
+    future = executor.submit(abs, -1)
+    waited(client)
+    stuck = client.tasks[0]
+    stuck.can_be_fetched.clear()
+    stuck.end("finished")
+    waited(client)
+    client.tasks[1].end("finished")
+    assert future.result(60.0) == 1
+    assert client.workers == [None, ["b"]]
+    stuck.can_be_fetched.set()
+    fetched()
+
+
+@pytest.mark.slow
+def test_late_tasks_are_sent_again_while_calls_wait_for_room(
+    client: FakeClient, executor: dask_cluster.DaskExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The cluster takes four batches; if none of them ends, a fifth call must not wait for ever."""
+    monkeypatch.setattr(dask_cluster, "_LATE_S", 0.01)
+    monkeypatch.setattr(dask_cluster, "_BATCH_S", 1e-3)
+    for argument in range(5):
+        executor.submit(abs, -argument)
+    waited(client, 5)
+    assert client.workers[4] == ["b"]
+
+
+def test_timed_calls_run_on_the_named_workers_only(client: FakeClient) -> None:
+    """No other worker may take them, even if all of those named are lost."""
+    with dask_cluster.DaskExecutor(client, "--cluster fake", workers=["a", "b"]) as executor:
+        executor.submit(abs, -1)
+        waited(client)
+    assert (client.workers, client.others_allowed) == ([["a", "b"]], [False])
 
 
 @pytest.mark.slow
@@ -247,6 +307,7 @@ def test_silent_worker_gets_no_further_task_until_it_is_heard(
     later = executor.submit(abs, -2)
     waited(client)
     assert client.workers == [None, ["b"], ["b"]]
+    assert client.others_allowed == [False, True, True]  # all of those named may be lost
     client.tasks[2].end("finished")
     assert later.result(60.0) == 2
     client.last_seen["a"] = 2.0

@@ -33,6 +33,8 @@ _CONNECTION_S = 30.0
 _COUNTED_AGAIN_S = 2.0
 _LATE, _LATE_S = 5.0, 10.0  # a batch is late after this many times its expected time, and at least so long
 _MAX_COPIES = 3
+FETCHING = "bodycheck-fetch"
+"""Name of the threads that fetch results."""
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -229,13 +231,18 @@ class DaskExecutor(Executor):
                 return
 
     def _pause_s(self) -> float:
-        if any(self._pending.values()):
+        if any(self._pending.values()) and self._has_room:
             return max(0.0, self._arrived_s + _LINGER_S - time.monotonic()) + 1e-3
         return 1.0
 
     @property
     def _slots(self) -> int:
         return max(1, sum(self._threads.values()))
+
+    @property
+    def _has_room(self) -> bool:
+        """Whether the cluster takes another batch."""
+        return len(self._batches) < _QUEUED * self._slots
 
     def _full_batches(self) -> list[_Batch]:
         """Take calls for as many batches as the cluster has room for, each of half a second or more.
@@ -245,7 +252,7 @@ class DaskExecutor(Executor):
         batches: list[_Batch] = []
         complete = time.monotonic() - self._arrived_s >= _LINGER_S
         for function, items in self._pending.items():
-            while items and len(self._batches) < _QUEUED * self._slots:
+            while items and self._has_room:
                 left_s = sum(item.expected_s for item in items)
                 if left_s < _BATCH_S and not complete:
                     break
@@ -265,18 +272,27 @@ class DaskExecutor(Executor):
         """Submit a batch; workers: the only ones for it [default: those of the executor]."""
         key = f"bodycheck-{secrets.token_hex(8)}"
         batch.sent_s = time.monotonic()
+        allowed = self._allowed(workers or self._workers)
         task = self._client.submit(
             run_batch,
             batch.function,
-            [item.argument for item in batch.items if not item.future.done()],
+            [item.argument for item in batch.items],
             key=key,
             pure=False,
             resources=self._resources,
-            workers=self._allowed(workers or self._workers),
+            workers=allowed,
+            # for any case, others may do it once all of those allowed are lost
+            allow_other_workers=allowed is not None and self._workers is None,
         )
-        batch.copies[key] = task
-        items = [item for item in batch.items if not item.future.done()]
-        task.add_done_callback(lambda done: self._ended(batch, key, items, done))
+        with self._changed:
+            batch.copies[key] = task
+
+        def ended(done: Any) -> None:
+            """Fetch the results in a thread of their own: those of a stopped worker may never arrive."""
+            arguments = batch, key, done
+            threading.Thread(target=self._ended, args=arguments, name=FETCHING, daemon=True).start()
+
+        task.add_done_callback(ended)
 
     def _allowed(self, workers: Collection[str] | None) -> list[str] | None:
         """Return the workers for a task, None for any: not those from which nothing is heard, if possible."""
@@ -285,36 +301,29 @@ class DaskExecutor(Executor):
             return sorted(responding)
         return None if workers is None else list(workers)
 
-    def _ended(self, batch: _Batch, key: str, items: list[_Item], task: Any) -> None:
-        """Set the results of a task, or run its calls again one by one; called by Dask's threads."""
-        try:
-            if task.status == "finished":
-                for item, (seconds, result, error) in zip(items, task.result(), strict=True):
-                    self._update_cost(item, seconds)
-                    self._set(item, result, error)
-                return self._forget(batch)
-            fault: Exception = RuntimeError(f"task {task.status}")
-            if task.status == "error":
-                fault = task.exception()
-        except Exception as error:  # noqa: BLE001 - the connection may be lost while the result is fetched
-            fault = error
+    def _ended(self, batch: _Batch, key: str, task: Any) -> None:
+        """Set the results of a task, or run its calls again one by one."""
+        found = _results_of(task)
+        failed = isinstance(found, Exception)
         with self._changed:
             batch.copies.pop(key, None)
-            others = bool(batch.copies)
-        if self._closed or others:
-            return None
-        if self._client.status != "running":
-            return self._break(f"the connection was lost: {fault}")
-        self._forget(batch)
-        if len(items) == 1:
-            self._set(items[0], None, fault)
-            return None
-        for item in items:
-            alone = _Batch(batch.function, [item])
+            if self._closed or batch not in self._batches or (failed and batch.copies):
+                return  # another copy was faster, or is under way
+        if not isinstance(found, Exception):
+            for item, (seconds, result, error) in zip(batch.items, found, strict=True):
+                self._update_cost(item, seconds)
+                self._set(item, result, error)
+        elif self._client.status != "running":
+            self._break(f"the connection was lost: {found}")
+        elif len(batch.items) == 1:
+            self._set(batch.items[0], None, found)
+        else:
+            alone = [_Batch(batch.function, [item]) for item in batch.items]
             with self._changed:
-                self._batches.add(alone)
-            self._send(alone, None)
-        return None
+                self._batches.update(alone)
+            for one in alone:
+                self._send(one, None)
+        self._forget(batch)
 
     def _update_cost(self, item: _Item, seconds: float) -> None:
         """Remember how long a step takes; a case that was slowed down, as the first one is, counts little."""
@@ -335,17 +344,17 @@ class DaskExecutor(Executor):
         """Remove a batch whose results are known, and cancel its other copies."""
         with self._changed:
             self._batches.discard(batch)
-            pending = [task for task in batch.copies.values() if task.status == "pending"]
+            others = list(batch.copies.values())
             batch.copies.clear()
             self._changed.notify_all()
-        if pending:
-            self._client.cancel(pending, force=True)
+        if others:
+            self._client.cancel(others, force=True)
 
     def _rescue(self) -> None:
-        """Send batches of which nothing was heard for long to other workers too, if nothing else waits."""
+        """Send batches of which nothing was heard for long to other workers too, unless calls can be sent."""
         now = time.monotonic()
         with self._changed:
-            if any(self._pending.values()):
+            if any(self._pending.values()) and self._has_room:
                 return
             overdue = [
                 batch
@@ -355,9 +364,10 @@ class DaskExecutor(Executor):
             ]
         if not overdue:
             return
-        processing, seen_s = self._client.processing(), self._last_seen()
+        seen_s = self._last_seen()
+        keys_of = [*self._client.processing().items(), *self._client.has_what().items()]
         for batch in overdue:
-            busy = {address for address, keys in processing.items() if batch.copies.keys() & set(keys)}
+            busy = {address for address, keys in keys_of if batch.copies.keys() & set(keys)}
             self._silent |= {address: seen_s[address] for address in busy & seen_s.keys()}
             if others := set(self._workers or self._threads) - busy:
                 self._send(batch, others)
@@ -397,3 +407,15 @@ class DaskExecutor(Executor):
             self._set(
                 item, None, BrokenExecutor(f"{self._option}: {why}; {count(len(items), 'case')} under way")
             )
+
+
+def _results_of(task: Any) -> list[tuple[float, Any, Exception | None]] | Exception:
+    """Return what `run_batch` returned, or why the task has no result."""
+    try:
+        if task.status == "finished":
+            results: list[tuple[float, Any, Exception | None]] = task.result()
+            return results
+        fault: Exception = task.exception() if task.status == "error" else RuntimeError(f"task {task.status}")
+    except Exception as error:  # noqa: BLE001 - the connection may be lost while the result is fetched
+        fault = error
+    return fault
