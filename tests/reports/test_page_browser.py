@@ -418,6 +418,18 @@ def test_nothing_is_cut_or_overlaps(opened: Page, width: int) -> None:
     assert opened.evaluate(OVERLAPS) == []
 
 
+@pytest.mark.parametrize("width", [390, 1200])
+def test_drawing_moves_nothing(opened: Page, width: int) -> None:
+    """A figure has its size before it is drawn, so that no click misses its target and no line its reader."""
+    opened.set_viewport_size({"width": width, "height": 600})
+    places = """() => [...document.querySelectorAll("section, figure, canvas")]
+      .map(element => Math.round(element.getBoundingClientRect().top + scrollY))"""
+    assert opened.locator("[data-motion][data-drawn]").count() == 0
+    before = opened.evaluate(places)
+    draw_all(opened, width)
+    assert opened.evaluate(places) == before
+
+
 def test_every_control_can_be_reached_by_keys(opened: Page) -> None:
     """Links, buttons, boxes, selects, sliders and details take the focus, each with an accessible name."""
     controls = opened.locator("a[href], button, input, select, summary, .scroll")

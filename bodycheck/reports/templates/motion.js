@@ -115,15 +115,13 @@ function trackSelect(tracks, shown) {
   return select;
 }
 
-function newPanel(figure, motion, track) {
-  const panel = figure.querySelector(".tracks").appendChild(document.createElement("div"));
-  const head = panel.appendChild(document.createElement("p"));
+// Fills a panel, whose place the page reserves so that drawing moves nothing.
+function newPanel(panel, motion, track) {
+  const [head, canvas] = panel.children;
   const select = track === motion.truth ? document.createElement("b") : trackSelect(motion.tracks, track);
-  const canvas = document.createElement("canvas");
   canvas.tabIndex = 0;
   canvas.setAttribute("role", "img");
   head.append(select);
-  panel.append(canvas);
   if (track === motion.truth) select.textContent = track.name;
   return { track, select, canvas, told: head.appendChild(document.createElement("small")) };
 }
@@ -140,7 +138,8 @@ function startPlayer(figure) {
   const link = figure.querySelector("[data-link]");
   const last = times.at(-1);
   const first = tracks.filter((track, k) => tracks.findIndex(({ m }) => methods[m].engine === methods[track.m].engine) === k);
-  const panels = [truth, ...first].map(track => newPanel(figure, motion, track));
+  const places = figure.querySelectorAll(".tracks > div");
+  const panels = [truth, ...first].map((track, k) => newPanel(places[k], motion, track));
   let playing = 0;
   let t = 0;
 

@@ -39,6 +39,7 @@ def motion_view(
     played = played_cases(cases, at_s)
     if at_s is None or not played:
         return None
+    shown = played[:TRACKS]
     inertia = rotational_inertia(problem.scenario.scene)
     moments, axes = principal_frame(inertia)
     frames = frame_numbers(problem.compared)
@@ -55,9 +56,10 @@ def motion_view(
                 "error": packed_line(case.series[ORIENTATION][frames]),
                 **_track(case.trajectory, axes, frames),
             }
-            for case in played[:TRACKS]
+            for case in shown
             if case.trajectory is not None
         ],
+        "panels": 1 + len({case.columns["engine"] for case in shown}),  # the truth, and one per engine
         "left_out": max(len(played) - TRACKS, 0),
     }
 
