@@ -162,14 +162,13 @@ def test_the_cheapest_cases_are_those_of_the_results(page: Page, run: Run) -> No
             for (who, fineness, cpu_s), some in zip(
                 (shown[:3], shown[3:]), (own, own[own["engine"] != "reference"]), strict=True
             ):
-                best_cases = meeting_tolerance(some, table.error, float(target)).sort_values("cpu_s")
-                if best_cases.empty:
+                meeting = meeting_tolerance(some, table.error, float(target))
+                if meeting.empty:
                     assert who == "none"
                     continue
-                row = best_cases.iloc[0]
-                assert who == f"{row['engine']}:{row['method']}"
-                assert is_fineness(fineness, row)
-                assert same(cpu_s, row["cpu_s"])
+                fastest = meeting[meeting["cpu_s"] == meeting["cpu_s"].min()].to_dict("records")
+                named = [row for row in fastest if who == f"{row['engine']}:{row['method']}"]
+                assert any(is_fineness(fineness, row) and same(cpu_s, row["cpu_s"]) for row in named)
         least = own.loc[own["outcome"].eq("ok") & own["cpu_s"].notna(), table.error].min()
         assert len(table.rows) - 1 >= sum(least <= target for target in TARGETS if target > 1e-12)
     assert rows > 50
@@ -243,13 +242,14 @@ def test_the_front_is_that_of_the_results(run: Run) -> None:
             for (who, seconds, best_cases), some in zip(
                 (shown[:3], shown[3:]), (found, found[found["engine"] != "reference"]), strict=True
             ):
-                best = some.sort_values("median").iloc[0]
-                if np.isinf(best["median"]):
+                least = some["median"].min()
+                if np.isinf(least):
                     assert who == "none"
                     continue
-                assert who == f"{best['engine']}:{best['method']}"
-                assert same(seconds, best["median"], 3)
-                assert best_cases.startswith(f"{best['kept']} of ")
+                assert same(seconds, least, 3)
+                fastest = some[some["median"] == least].to_dict("records")
+                named = [row for row in fastest if who == f"{row['engine']}:{row['method']}"]
+                assert any(best_cases.startswith(f"{row['kept']} of ") for row in named)
 
 
 def test_the_stability_map_is_that_of_the_table(page: Page, run: Run) -> None:
