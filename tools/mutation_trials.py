@@ -175,6 +175,16 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "'address' -> 'address_'",
     ): "a field that is not read",
     (
+        "reports/measurement/convergence.py",
+        "for number in range(_MIN_LIMIT_POINTS if rounded else len(known), len(known) + 1):",
+        "1 -> 2",
+    ): "the last limit twice",
+    (
+        "reports/comparison/change.py",
+        'status: Status = "worse" if low > slack else "improved"',
+        "low > slack -> low >= slack",
+    ): "a lower quartile that is the slack itself is not reported",
+    (
         "reports/comparison/change.py",
         'return "moved" if before == after else "improved" if after > before else "worse"',
         "after > before -> after >= before",
@@ -210,16 +220,6 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "irregular = slopes[0] < _RAMP and slopes[-1] > _FLAT and float(np.max(slopes)) < _STEEPEST",
         "slopes[-1] > _FLAT -> slopes[-1] >= _FLAT",
     ): "a slope between logarithms is never the very double of an edge",
-    (
-        "reports/measurement/convergence.py",
-        "while decade <= limit:",
-        "decade <= limit -> decade < limit",
-    ): "of the round numbers only those below the limit are used",
-    (
-        "reports/measurement/convergence.py",
-        "numbers += [digit * decade for digit in _LEADING if digit * decade <= limit]",
-        "digit * decade <= limit -> digit * decade < limit",
-    ): "of the round numbers only those below the limit are used",
     (
         "reports/comparison/describe.py",
         'word = "slow" if change.decades > 0.0 else "fast"',

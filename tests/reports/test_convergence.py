@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from bodycheck.reports.measurement.verdicts import STATES
 
 STEPS = (2e-2, 1e-2, 5e-3, 2e-3, 1e-3)
 CRITERIA = Criteria(floor=3e-14)
+HALVED_LONG = [2.0**-k for k in range(4, 11)]
 LOST = np.random.default_rng(0).normal(size=(20, 61, 3))
 
 
@@ -50,6 +52,9 @@ def test_coarse_steps_that_are_not_asymptotic_are_left_out() -> None:
     found = convergence_of(points, CRITERIA)
     assert found.verdict == "converges"
     assert found.order == pytest.approx(1.0, abs=0.05)
+    bent = [Point(dt, 1e-2 * (dt if dt >= 2.0**-7 else dt**3 * 4.0**7)) for dt in HALVED_LONG]
+    found = convergence_of(bent, CRITERIA)
+    assert (round(found.order or 0.0), found.points) == (3, 4)
 
 
 def test_fine_steps_on_the_round_off_floor_are_left_out() -> None:
@@ -104,8 +109,60 @@ def test_round_off_is_reached_where_the_error_is_that_predicted(
     errors: tuple[float | None, ...], reached: bool
 ) -> None:
     """The least error is up to 10 times that at the finest step, or 100 times before errors rise."""
-    points = [Point(dt, error, None, 9e-8) for dt, error in zip((0.1, 0.01, 0.001), errors, strict=True)]
-    assert reaches_round_off(points) is reached
+    assert reaches_round_off(rounded(errors, 9e-8)) is reached
+
+
+def rounded(errors: tuple[float | None, ...], round_off: float) -> list[Point]:
+    """Return cases at three steps, each of which is predicted to have this round-off."""
+    steps = (0.1, 0.01, 0.001)
+    return [Point(dt, error, None, round_off) for dt, error in zip(steps, errors, strict=True)]
+
+
+def test_round_off_that_is_not_predicted_is_not_reached() -> None:
+    """Ten times the predicted round-off still reaches it; an error of 0 reaches none without a prediction."""
+    assert reaches_round_off(rounded((1.0, 0.5, 10.0 * 2.0**-20), 2.0**-20))
+    assert not reaches_round_off([Point(0.1, 0.0)])
+
+
+@pytest.mark.parametrize(
+    ("errors", "verdict"),
+    [
+        ((1e-3, 1e-5, 8.9e-7), "at-precision-floor"),
+        ((1e-3, 8.9e-6, 1e-5), "at-precision-floor"),
+        ((1e-3, 9.1e-6, 1e-5), "does-not-converge"),
+    ],
+)
+def test_errors_that_reach_round_off_are_at_the_floor_of_the_arithmetic(
+    errors: tuple[float, ...], verdict: str
+) -> None:
+    """They neither converge nor fail to; beyond the predicted round-off they fail."""
+    assert convergence_of(rounded(errors, 9e-8), CRITERIA).verdict == verdict
+
+
+RISING = rounded((1.35e-6, 1.08e-6, 1.17e-6), 9e-8)
+"""Errors that a finer step than the best one increases, as round-off does."""
+
+
+def test_the_best_of_the_rounded_cases_is_the_finest_usable_one() -> None:
+    """Where the arithmetic is coarser than double precision, finer steps show nothing."""
+    assert usable(RISING, LIMIT) == RISING[:2]
+    assert len(usable([replace(point, round_off=0.0) for point in RISING], LIMIT)) == 3
+
+
+def test_coarser_steps_are_tried_at_the_floor_of_the_arithmetic() -> None:
+    """Finer ones would only add round-off; without the need for an order nothing is tried."""
+    assert convergence_of(RISING, CRITERIA).verdict == "at-precision-floor"
+    assert next_step_size(RISING, CRITERIA, (0.1, 0.01, 0.001), 1.0, 10.0) == 0.2
+    assert next_step_size(RISING, CRITERIA, (0.1,), 1.0, 10.0, needs_order=False) is None
+
+
+def test_steps_that_only_add_round_off_do_not_blur_the_limit() -> None:
+    """The limit is that of the coarsest steps for which it is most certain."""
+    some = [Point(dt, 1e-2 * dt**2 + 2e-8 / dt, None, 1e-8) for dt in HALVED_LONG]
+    found = [convergence_of(some[:count], CRITERIA).limit_uncertainty for count in range(3, 8)]
+    certain = [uncertainty for uncertainty in found if uncertainty is not None]
+    assert len(certain) == 5
+    assert found[-1] == min(certain) < certain[0]
 
 
 def test_a_wrong_limit_outweighs_an_order_at_coarser_steps() -> None:
@@ -322,6 +379,7 @@ def test_a_verdict_without_an_order_has_its_reason(
         (points((0.1, 10.0 * LIMIT), (0.2, LIMIT)), LIMIT, ("at-floor", 0, LIMIT)),
         (points((0.1, LIMIT), (0.2, 10.0 * LIMIT)), LIMIT, ("at-floor", 0, LIMIT)),
         (points((0.1, 10.0 * LIMIT), (0.2, 0.2)), LIMIT, ("converges", 1, LIMIT)),
+        (points((1e-4, 10.0 * LIMIT), (1e-2, 11.0 * LIMIT)), LIMIT, ("converges", 1, LIMIT)),
         (points((1e-4, 0.99e-3), (1e-2, 1e-2)), LIMIT, ("converges", 2, LIMIT)),
         (points((1e-4, 1.01e-3), (1e-2, 1e-2)), LIMIT, ("does-not-converge", 2, LIMIT)),
         (points((2.0**-12, 2.0**-8), (2.0**-4, 2.0**-4)), LIMIT, ("does-not-converge", 2, LIMIT)),
@@ -357,7 +415,7 @@ def test_a_method_without_steps_is_exact_within_ten_floors(
     error: float | None, floor: float, verdict: str
 ) -> None:
     """A single error decides the verdict."""
-    assert stepless_verdict(points((0.0, error)), Criteria(floor)).verdict == verdict
+    assert stepless_verdict(points((0.0, error)), Criteria(floor)) == Convergence(verdict, 0, floor)
 
 
 def test_a_verdict_is_decided_where_finer_steps_would_not_change_it() -> None:
@@ -387,9 +445,13 @@ def test_round_off_up_to_the_largest_limit_allows_a_verdict(
         (points((0.01, 1.0)), 10.0, 200),
         (points((0.02, 1.0), (0.1, 1.0)), 10.0, 100),
         (points((0.1, 1.0)), 10_000.0, 20),
-        (points((0.1, 1.0)), 10_001.0, None),  # more than 200 000 steps
+        (points((0.1, 1.0)), 10_000.04, None),  # more than 200 000 steps
         (points((0.1, None), (0.02, 1e-16)), 10.0, None),
+        (points((0.1, None), (0.02, LIMIT)), 10.0, None),
         (points((0.1, None), (0.02, None)), 10.0, 100),
+        (points((0.1, 0.15), (0.05, 0.11)), 10.0, 50),  # hardly shrinks: finer
+        (points((0.1, 0.15), (0.05, 0.05), (0.02, 0.1)), 10.0, 100),
+        (points((0.1, 1e-3), (0.05, 1e-3), (0.02, 1e-3), (0.01, 1e-3)), 10.0, None),  # does not converge
         (points((0.1, 1e-14), (0.02, 1e-16)), 10.0, 5),  # too accurate: coarser
         # four usable points without an order: finer
         (points((0.1, 0.2), (0.05, 0.01), (0.02, 0.1), (0.01, 0.01)), 10.0, 200),

@@ -17,7 +17,13 @@ from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import rotational_energy
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
-from bodycheck.reports.measurement.growth import Growth, growth_of
+from bodycheck.reports.measurement.growth import (
+    Growth,
+    _last_decade,
+    _power_law,
+    _random_walk_like,
+    growth_of,
+)
 
 N = 1001
 TIMES = np.linspace(0.0, 50.0, N)
@@ -232,6 +238,9 @@ def test_the_first_sample_above_the_floor_begins_the_decades() -> None:
     t = np.concatenate([[0.0, 1.0], np.linspace(2.0, 31.7, 120)])
     assert growth_of(t, t, 0.5) != Growth()
     assert growth_of(t, t, 1.5) == Growth()
+    assert growth_of(t, t, 1.0) == Growth()  # a drift at the floor is not above it
+    t[-1] = 10.0**1.5
+    assert growth_of(t, t, 0.5) != Growth()
 
 
 @pytest.mark.parametrize(("samples", "reported"), [(100, True), (99, False)])
@@ -277,3 +286,57 @@ def test_exponential_steepens_after_its_first_half_decade() -> None:
         ((0.2, 0.9, 0.3, 5.9), None),
     ):
         assert growth_of(T, drift_of(slopes), 1e-12).growth == kind, slopes
+
+
+@pytest.mark.parametrize(
+    ("exponent", "late", "kind"),
+    [
+        (0.85, 0.75, "linear"),
+        (1.2, 1.3, "linear"),
+        (0.849, 1.0, None),
+        (1.201, 1.2, None),
+        (1.0, 0.749, None),
+        (1.0, 1.301, None),
+        (1.75, 1.65, "quadratic"),
+        (2.3, 2.4, "quadratic"),
+        (2.301, 2.3, None),
+    ],
+)
+def test_power_law_is_that_of_the_series_and_of_its_last_decade(
+    exponent: float, late: float, kind: str | None
+) -> None:
+    """The bands include their edges; the last decade may leave them by 0.1."""
+    slack = math.copysign(1e-12, 1.0 - late) if exponent < 1.5 else math.copysign(1e-12, 2.0 - late)
+    assert _power_law(exponent, late + slack) == kind
+
+
+@pytest.mark.parametrize(
+    ("exponent", "late", "slopes", "kind"),
+    [
+        (0.249, 0.099, (0.5, 0.1), "bounded"),
+        (0.25, 0.099, (0.5, 0.3), None),
+        (0.249, 0.1, (0.5, 0.3), None),
+        (0.25, 0.201, (0.5, 0.3), "sqrt"),
+        (0.75, 0.201, (0.5, 0.3), "sqrt"),
+        (0.76, 0.201, (0.5, 0.3), None),
+        (0.5, 0.2, (0.5, 0.3), None),
+        (0.5, 0.3, (0.85, 0.3), None),
+        (0.5, 0.3, (0.849, 0.101), "sqrt"),
+        (0.5, 0.3, (0.849, 0.1), None),
+        (0.5, 0.3, (0.5, 1.49, 0.3), "sqrt"),
+        (0.5, 0.3, (0.5, 1.5, 0.3), None),
+    ],
+)
+def test_random_walk_grows_on_and_irregularly(
+    exponent: float, late: float, slopes: tuple[float, ...], kind: str | None
+) -> None:
+    """Each bound excludes its edge, except those of the exponent of a random walk."""
+    assert _random_walk_like(exponent, late, np.array(slopes)) == kind
+
+
+def test_last_decade_includes_its_first_point() -> None:
+    """Of logarithms of time, those up to log 10 before the last one."""
+    x = math.log(10.0) * np.array([0.0, 0.5, 0.9, 1.0, 1.5, 2.0])
+    last, values = _last_decade(x, np.arange(6.0))
+    assert last.tolist() == x[3:].tolist()
+    assert values.tolist() == [3.0, 4.0, 5.0]

@@ -176,3 +176,63 @@ def test_errors_of_round_off_are_not_reported() -> None:
 def test_two_steps_have_no_limit() -> None:
     """Three steps are needed."""
     assert limit_of([2e-2, 1e-2], [np.ones((3, 1))] * 2, FLOOR) is None
+
+
+HALVING = (4.0, 2.0, 1.0)
+SMALL_STEPS = (3.0, 2.0, 1.5)
+"""Their span of 2 is too short to tell whether a motion has stopped changing."""
+
+
+@pytest.mark.parametrize(
+    ("steps", "values", "limit"),
+    [
+        # h itself: the limit is 0, as uncertain as the last difference of three
+        (HALVING, (4.0, 2.0, 1.0), Limit(0.0, 1.0, 1.0, is_off=False)),
+        # 5 + h: two extrapolations agree, which is as certain as a tenth of the last difference
+        ((8.0, *HALVING), (13.0, 9.0, 7.0, 6.0), Limit(5.0, 0.1, 1.0, is_off=True)),
+        (
+            (8.0, *HALVING),
+            (12.0, 8.0, 6.0, 4.9),
+            Limit(32.0 / 9.0, 4.0 / 9.0, math.log2(20.0 / 11.0), is_off=False),
+        ),
+        # 1 + h at five steps: the coarser extrapolation takes the three before the finest
+        ((20.0, 10.0, 5.0, 2.0, 1.0), (21.0, 11.0, 6.0, 3.0, 2.0), Limit(1.0, 0.1, 1.0, is_off=False)),
+        # the differences before do not shrink: the limit is compared with the finest motion but one
+        ((16.0, 8.0, *HALVING), (30.0, 7.5, 7.0, 5.0, 4.0), Limit(3.0, 2.0, 1.0, is_off=False)),
+        # a limit beyond the truth on the other side; the distance has not grown
+        (HALVING, (-5.0, -1.0, 1.0), Limit(3.0, 2.0, 1.0, is_off=False)),
+        # a growing distance is not extrapolated
+        (HALVING, (4.0, 5.0, 5.5), Limit(5.5, 0.5, 1.0, is_off=True)),
+        (HALVING, (6.0, 5.0, 5.5), Limit(5.5, 0.5, 1.0, is_off=True)),
+        (HALVING, (7.0, 9.0, 10.0), Limit(10.0, 1.0, 1.0, is_off=False)),
+        # the differences do not shrink
+        (HALVING, (1.0, 2.0, 3.0), Limit(3.0, 1.0, 0.0, is_off=False)),
+        (HALVING, (8.0, 9.0, 10.0), Limit(10.0, 1.0, 0.0, is_off=False)),
+        (HALVING, (9.0, 10.0, 11.0), Limit(11.0, 1.0, 0.0, is_off=True)),
+        ((4.0, 2.0, 1.1), (9.0, 10.0, 11.0), Limit(11.0, 1.0, 0.0, is_off=False)),
+        ((3.9, 2.0, 1.0), (9.0, 10.0, 11.0), Limit(11.0, 1.0, 0.0, is_off=True)),
+        # nothing changes by more than what is certain: the last motion is the limit, of the highest order
+        (HALVING, (0.5, 0.1, 0.1), Limit(0.1, 0.01, 9.0, is_off=False)),
+        (HALVING, (1.0, 0.01, 0.0), Limit(0.0, 0.01, 9.0, is_off=False)),
+        # differences that shrink faster than any order are of the highest
+        (HALVING, (20.02, 0.02, 0.0), Limit(0.02 / 511.0, 0.02, 9.0, is_off=False)),
+    ],
+)
+def test_limit_of_a_few_numbers(steps: tuple[float, ...], values: tuple[float, ...], limit: Limit) -> None:
+    """Distance, uncertainty, order and conclusion, by hand, where a hundredth is certain."""
+    found = limit_of(steps, [np.array([[value]]) for value in values], 0.01)
+    assert found is not None
+    numbers = [found.distance, found.uncertainty, found.order]
+    assert numbers == pytest.approx([limit.distance, limit.uncertainty, limit.order], rel=1e-3, abs=1e-9)
+    assert found.is_off is limit.is_off
+
+
+@pytest.mark.parametrize(("order", "is_off"), [(0.3, False), (0.6, True)])
+def test_differences_that_hardly_shrink_show_no_wrong_limit(order: float, is_off: bool) -> None:
+    """Below order 1/2 nothing is extrapolated, whether the distance falls or grows."""
+    for sign in (1.0, -1.0):
+        motions = [np.array([[20.0 + sign * 0.1 * h**order]]) for h in (*SMALL_STEPS, 1.1, 0.8)]
+        found = limit_of((*SMALL_STEPS, 1.1, 0.8), motions, 1e-6)
+        assert found is not None
+        assert found.order == pytest.approx(order, abs=1e-6)
+        assert found.is_off is is_off

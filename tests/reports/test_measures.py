@@ -17,7 +17,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum
 from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
-from bodycheck.reference_impl.rotations import exp_matrix, quaternion_to_matrix
+from bodycheck.reference_impl.rotations import exp_matrix, quaternion_product, quaternion_to_matrix
 from bodycheck.reference_impl.scene import (
     ConstantLoad,
     Drag,
@@ -328,20 +328,24 @@ def test_worst_invariant_has_the_largest_relative_drift() -> None:
         worst = worst_drift(invariant_drifts(order, still(), found))
         assert worst is not None
         assert worst.columns == {"invariant": "large", "invariant_drift_abs": 6.0, "invariant_drift": 6.0}
+    tiny = made("tiny", 1.0, 0.0)
+    assert worst_drift(invariant_drifts([none, tiny], still(), found)).name == "tiny"  # type: ignore[union-attr]
     unsized = worst_drift(invariant_drifts([none], still(), found))
     assert unsized is not None
     assert unsized.columns == {"invariant": "none", "invariant_drift_abs": 100.0}
     assert unsized.relative is None
     assert worst_drift([]) is None
-    relative = InvariantDrift("x", np.array([1.0, 3.0]), 2.0).relative
-    assert relative is not None
-    assert relative.tolist() == [0.5, 1.5]
+    for size in (2.0, 0.5):
+        relative = InvariantDrift("x", np.array([1.0, 3.0]), size).relative
+        assert relative is not None
+        assert relative.tolist() == [1.0 / size, 3.0 / size]
 
 
 @pytest.mark.parametrize("split", [0.0, 1e-12, 1e-11])
 def test_moments_within_1e_12_are_equal(split: float) -> None:
     """Beyond it a body has three axes; a sphere has none."""
     assert symmetry_axis(np.eye(3)) is None
+    assert symmetry_axis(np.diag([1.0, 1.0 + 3e-12, 2.0])) is None  # relative to the largest
     for moments, axis in (([2.0 * (1.0 - split), 2.0, 3.0], 2), ([2.0, 3.0 * (1.0 - split), 3.0], 0)):
         found = symmetry_axis(np.diag(moments))
         if split > 2e-12:
@@ -352,6 +356,8 @@ def test_moments_within_1e_12_are_equal(split: float) -> None:
 
 
 TOP = RigidBody(2.0, np.diag([1.0, 1.0, 1.75]))
+# symmetric about its pivot, (0.5, 0, 0) m, about the axis z, on which its centre is not
+ROUND_ABOUT_PIVOT = RigidBody(2.0, np.diag([2.0, 1.5, 1.75]))
 ON_AXIS, OFF_AXIS = np.array([0.0, 0.0, -0.5]), np.array([0.1, 0.0, -0.5])
 SPIN, VERTICAL = "spin about the symmetry axis", "vertical angular momentum about the pivot"
 PUSH = Torque("world", np.array([0.1, 0.0, 0.0]))
@@ -366,6 +372,8 @@ PUSH = Torque("world", np.array([0.1, 0.0, 0.0]))
         (scene(gravity=9.81, body=TOP), [SPIN]),
         (scene(gravity=9.81, body=TOP, pivot=ON_AXIS), [SPIN, VERTICAL]),
         (scene(gravity=9.81, body=TOP, pivot=OFF_AXIS), [VERTICAL]),
+        (scene(gravity=9.81, body=TOP, pivot=np.array([9e-7, 0.0, 0.0])), [VERTICAL]),
+        (scene(gravity=9.81, body=ROUND_ABOUT_PIVOT, pivot=np.array([0.5, 0.0, 0.0])), [VERTICAL]),
         (scene(PUSH, gravity=9.81, body=TOP, pivot=ON_AXIS), []),
         (scene(body=TOP, pivot=ON_AXIS), [SPIN]),
         (scene(GravityGradient(0.1)), ["Jacobi integral"]),
@@ -421,23 +429,29 @@ def test_jacobi_integral_depends_on_the_side_of_the_planet() -> None:
     assert jacobi.of(tipped) == pytest.approx(kinetic - rate * along_y + field, rel=1e-12, abs=0.0)
 
 
+@pytest.mark.parametrize("least", [1.0, 4.0])
 @pytest.mark.parametrize(("off", "there"), [(0.0, True), (1e-11, False), (-1e-11, False)])
-def test_kovalevskaya_invariant_equals_its_formula(off: float, there: bool) -> None:
+def test_kovalevskaya_invariant_equals_its_formula(off: float, there: bool, least: float) -> None:
     """I1 = I2 = 2 I3 about the pivot, the arm across the axis; |(p + iq)^2 - c (a + ib)|^2, by hand."""
-    mass, arm = 2.0, 0.5
-    # about the pivot diag(2, 2, 1), so about the centre the arm along x takes m l^2 from I2 and I3
-    body = RigidBody(mass, np.diag([2.0, 1.5, 0.5 + off]))
+    mass, arm = 2.0 * least, 0.5
+    # about the pivot (2, 2, 1) I3, so about the centre the arm along x takes m l^2 from I2 and I3
+    body = RigidBody(mass, least * np.diag([2.0, 1.5, 0.5 + off]))
     made = scene(gravity=10.0, body=body, pivot=np.array([-arm, 0.0, 0.0]))
     found = [one for one in invariants_of(made) if one.name == "Kovalevskaya's invariant"]
     assert bool(found) == there
     if not there:
         return
     tipped = still(
-        quaternion=np.tile([math.cos(0.3), 0.0, math.sin(0.3), 0.0], (4, 1)),
+        quaternion=quaternion_product(
+            np.tile([math.cos(0.2), math.sin(0.2), 0.0, 0.0], (4, 1)),
+            np.tile([math.cos(0.3), 0.0, math.sin(0.3), 0.0], (4, 1)),
+        ),
         omega_body_rad_s=WHIRL.omega_body,
     )
-    c = mass * 10.0 * arm / 1.0
-    spin, pull = complex(0.5, -0.25) ** 2, c * complex(-math.sin(0.6), 0.0)  # up in body axes, tipped about y
+    c = mass * 10.0 * arm / least
+    # up in body axes: tipped by 0.6 about y, and then by 0.4 about x
+    spin = complex(0.5, -0.25) ** 2
+    pull = c * complex(-math.sin(0.6) * math.cos(0.4), math.sin(0.4))
     assert found[0].of(tipped) == pytest.approx(np.full(4, abs(spin - pull) ** 2))
     assert found[0].size(tipped) == pytest.approx((abs(spin) + abs(pull)) ** 2)
     assert found[0].needs == {"attitude", "omega"}

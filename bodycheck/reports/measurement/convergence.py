@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import pairwise, takewhile
+from itertools import count, pairwise, takewhile
 
 import numpy as np
 
@@ -188,11 +188,13 @@ def _limit(ended: Sequence[Point], criteria: Criteria) -> Limit | None:
     """
     fine_first = takewhile(lambda pair: pair[1] is not None, ((p, _motion_of(p)) for p in reversed(ended)))
     known = [(point, motion) for point, motion in fine_first if motion is not None][::-1]
+    if len(known) < _MIN_LIMIT_POINTS:
+        return None
     rounded = any(point.round_off for point, _ in known)
     limits = []
-    for count in range(_MIN_LIMIT_POINTS if rounded else len(known), len(known) + 1):
-        points, motions = [point for point, _ in known[:count]], [motion for _, motion in known[:count]]
-        round_off = ABOVE_FLOOR * max((p.round_off for p in points), default=0.0)  # predicted within that
+    for number in range(_MIN_LIMIT_POINTS if rounded else len(known), len(known) + 1):
+        points, motions = [point for point, _ in known[:number]], [motion for _, motion in known[:number]]
+        round_off = ABOVE_FLOOR * max(p.round_off for p in points)  # predicted within that
         certain = max(criteria.floor, criteria.growing, round_off, _MIN_CERTAIN)
         limits.append(
             limit_of([p.dt_s for p in points], motions, certain, extrapolated=criteria.extrapolated)
@@ -265,14 +267,14 @@ def next_step_size(
     strides = sorted(round(interval_s / p.dt_s) for p in points)
     reached = found.verdict == "at-precision-floor"
     if _too_fine(points, floor, reached=reached):
-        coarser = [n for n in _round_numbers(strides[0]) if n < strides[0]]
-        return interval_s / max(coarser) if needs_order and coarser else None
+        coarser = list(takewhile(lambda n: n < strides[0], _round_numbers()))
+        return interval_s / coarser[-1] if needs_order and coarser else None
     if reached:
         return None
     finest = min(points, key=lambda p: p.dt_s)
     if finest.error is not None and finest.error <= floor:
         return None
-    finer = min(n for n in _round_numbers(20 * strides[-1]) if n > strides[-1])
+    finer = next(n for n in _round_numbers() if n > strides[-1])
     too_many = finer * duration_s / interval_s > _MAX_STEPS
     too_fine = max(listed) * finer / interval_s > _SPAN * (1.0 + 1e-9)
     return None if too_many or too_fine else interval_s / finer
@@ -297,10 +299,7 @@ def _is_flat(points: Sequence[Point], floor: float) -> bool:
     return len(errors) > 1 and above and errors[0] < _FLAT_SPREAD * errors[-1]
 
 
-def _round_numbers(limit: int) -> list[int]:
-    """Return 1, 2, 5, 10, 20, 50, ... up to limit."""
-    numbers, decade = [], 1
-    while decade <= limit:
-        numbers += [digit * decade for digit in _LEADING if digit * decade <= limit]
-        decade *= 10
-    return numbers
+def _round_numbers() -> Iterator[int]:
+    """Yield 1, 2, 5, 10, 20, 50, ... without end."""
+    for exponent in count():
+        yield from (digit * 10**exponent for digit in _LEADING)

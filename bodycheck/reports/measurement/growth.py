@@ -8,6 +8,7 @@ secular error of a method is linear.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,7 +60,7 @@ def growth_of(t_s: Array, drift: Array, floor: float) -> Growth:
     cuts = np.linspace(x[0], x[-1], _PIECES + 1)
     levels = np.interp(cuts, x, y)
     slopes = np.diff(levels) / np.diff(cuts)
-    half_width = _STUDENT * float(np.std(slopes, ddof=1)) / _PIECES**0.5
+    half_width = _STUDENT * float(np.std(slopes, ddof=1)) / math.sqrt(_PIECES)
     late, _ = _line(*_last_decade(x, y))
     kind = (
         _power_law(exponent, late)

@@ -58,20 +58,20 @@ def limit_of(
     """
     if len(steps) < 3:
         return None
-    last = [_size(motions[i] - motions[i + 1]) for i in (-3, -2)]
+    last_but_one, last = (_size(motions[i] - motions[i + 1]) for i in (-3, -2))
     here = _size(motions[-1])
-    still = max(*last, certain)
+    still = max(last_but_one, last, certain)
     stands_off = here > _STANDS_OFF * still and steps[-3] >= _SETTLED_SPAN * steps[-1]
     found = _extrapolated(steps[-3:], motions[-3:], certain)
     if found is None or not extrapolated:
         return Limit(here, still, 0.0, stands_off)
     end, order = found
     if here > max(_size(motions[-2]), certain):  # a growing distance cannot be extrapolated
-        still = max(last[-1], certain)
+        still = max(last, certain)
         return Limit(here, still, order, order >= _MIN_ORDER and here > _STANDS_OFF * still)
-    distance, uncertainty = _size(end), max(_SHARE * last[-1], certain)
+    distance, uncertainty = _size(end), max(_SHARE * last, certain)
     if len(steps) == 3:
-        uncertainty = max(uncertainty, last[-1])
+        uncertainty = max(uncertainty, last)
     else:
         coarser = _extrapolated(steps[-4:-1], motions[-4:-1], certain)
         uncertainty = max(uncertainty, _size(end - (motions[-2] if coarser is None else coarser[0])))
