@@ -181,6 +181,11 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
     ): "the last limit twice",
     (
         "reports/comparison/change.py",
+        "if new > old:",
+        "new > old -> new >= old",
+    ): "equal values are no change",
+    (
+        "reports/comparison/change.py",
         'status: Status = "worse" if low > slack else "improved"',
         "low > slack -> low >= slack",
     ): "a lower quartile that is the slack itself is not reported",

@@ -179,7 +179,7 @@ def _drift_of_round_off(measure: str, row: Mapping[str, Any]) -> float:
 
 
 def _size(measure: str, row: Mapping[str, Any]) -> float:
-    return max(1.0, row.get(measure) or 0.0)
+    return max(1.0, row.get(measure, 1.0))
 
 
 def accuracy_changes(
@@ -275,8 +275,7 @@ def ratio(before: Mapping[str, Any], after: Mapping[str, Any], *, same_machine: 
         for scale, row in zip(scales, (before, after), strict=True)
     )
     smallest, largest = low_b - high_a, high_b - low_a
-    sure = smallest if smallest > 0.0 else largest if largest < 0.0 else 0.0
-    return Ratio(*study_key(after), mid_b - mid_a, sure)
+    return Ratio(*study_key(after), mid_b - mid_a, max(smallest, 0.0) + min(largest, 0.0))
 
 
 def speed_changes(ratios: Iterable[Ratio], noises: tuple[float, float], threshold: float) -> Iterator[Change]:

@@ -16,6 +16,7 @@ from bodycheck.reports.comparison.change import (
     accuracy_changes,
     by_rank,
     noise,
+    order_change,
     ratio,
     speed_changes,
     stability_change,
@@ -146,6 +147,34 @@ def test_change_names_its_case(cells: dict[str, Any], fineness: float | None) ->
 # ------------------------------------------------------------------------------------ changes by themselves
 
 
+def test_measure_without_a_scale_that_only_one_run_has_is_a_change() -> None:
+    """It is missing from the one or new in the other."""
+    (gone,) = accuracies({"energy_drift_abs": 1.0}, {})
+    assert (gone.quantity, gone.status) == ("energy_drift_abs", "missing")
+    assert accuracies({}, {"energy_drift_abs": 1.0}) == [swapped(gone)]
+
+
+def test_final_error_without_its_maximum_is_compared_with_itself() -> None:
+    """There is no larger error that would make its change small."""
+    (worse,) = accuracies({"orientation_error_final_rad": 1e-3}, {"orientation_error_final_rad": 1e-2})
+    assert worse.status == "worse"
+
+
+def test_change_at_the_threshold_itself_has_only_moved() -> None:
+    """The part beyond the noise must exceed it: here by half of 1."""
+    floors = {ERROR: LEAST}, {ERROR: LEAST}
+    for high, status in ((1.5 + 2.0 * LEAST, "moved"), (1.5 + 3.0 * LEAST, "worse")):
+        (found,) = accuracy_changes(WHO | {ERROR: 1.0}, WHO | {ERROR: high}, floors, Thresholds(0.5))
+        assert found.status == status
+
+
+def test_drift_of_round_off_grows_with_steps_and_value() -> None:
+    """With 1e15 steps a value of 3 may drift by 3 eps 1e15 = 0.67: a change to 4 is within twice that."""
+    for steps, status in ((1e15, "moved"), (5e14, "worse")):
+        (found,) = accuracies({ERROR: 3.0, "steps": steps}, {ERROR: 4.0, "steps": steps})
+        assert found.status == status
+
+
 def test_changes_without_a_size_come_first() -> None:
     """The size is that of the decades, in either direction."""
     assert [change(decades=decades).size for decades in (1.0, -1.0, None)] == [1.0, 1.0, math.inf]
@@ -193,6 +222,14 @@ def test_change_of_a_stable_step_is_the_ratio_of_the_stable_ones(
     assert (found.kind, found.quantity, found.before, found.after) == ("stability", "dt_stable_s", *texts)
     assert found.status == direction
     assert found.decades == (None if decades is None else pytest.approx(decades))
+
+
+def test_stable_step_at_the_threshold_itself_has_only_moved() -> None:
+    """Twice the step is a change of 1."""
+    rows = [WHO | {"outcome": "ok", "dt_stable_s": k, "dt_unstable_s": 1.5 * k} for k in (0.1, 0.2)]
+    found = stability_change(rows[0], rows[1], 1.0)
+    assert found is not None
+    assert found.status == "moved"
 
 
 @pytest.mark.parametrize(
@@ -291,6 +328,14 @@ def test_method_is_slower_if_three_quarters_of_its_cases_are(sign: float) -> Non
     assert list(speed_changes(moved(sign, sign, 0.0, 0.0), (0.1, 0.2), 0.02)) == []
 
 
+@pytest.mark.parametrize(("threshold", "status"), [(1.0, "moved"), (0.99, "worse")])
+def test_speed_beyond_the_noise_has_moved_up_to_the_threshold(threshold: float, status: str) -> None:
+    """Here it takes twice as long."""
+    cases = [Ratio("brick", "mujoco", "rk4", math.log10(2.0), 0.2)]
+    (found,) = speed_changes(cases, (0.1, 0.1), threshold)
+    assert found.status == status
+
+
 def test_disagreeing_cases_are_judged_per_scenario() -> None:
     """One of two scenarios that slowed down beyond three times the noise is named, and no other method."""
     slack = 3.0 * math.log10(1.1)
@@ -336,6 +381,24 @@ def test_more_severe_verdict_is_worse(before: str, after: str, error: float) -> 
     ]
 
 
+def test_error_of_another_quantity_does_not_make_a_verdict_worse() -> None:
+    """An order that is no longer observable is worse only if the quantity's own error is."""
+    old, new = (
+        run({ERROR: 1e-3, "energy_drift": drift}, methods=[{"verdict": verdict, "order": None}])
+        for verdict, drift in (("converges", 1e-6), ("pre-asymptotic", 1e-3))
+    )
+    statuses = {one.kind: one.status for one in compare(old, new).changes}
+    assert statuses == {"accuracy": "worse", "verdict": "moved"}
+
+
+def test_order_that_only_one_run_has_is_not_compared() -> None:
+    """Its verdict is."""
+    row = {"scenario": "brick", "engine": "mujoco", "method": "rk4", "quantity": ERROR}
+    known = row | {"order": 2.0, "order_low": 1.9, "order_high": 2.1}
+    assert order_change(known, row, None, Thresholds()) is None
+    assert order_change(row, known, None, Thresholds()) is None
+
+
 @pytest.mark.parametrize(
     ("old", "new", "direction"),
     [
@@ -371,6 +434,7 @@ def test_order_changed_if_the_intervals_are_disjoint(
         ((4, 4), (5.0, 4.99, 5.01), (4.0, 3.99, 4.01), "moved"),  # still the theoretical order
         ((4, 4), (4.0, 3.99, 4.01), (3.92, 3.91, 3.93), "moved"),
         ((4, 4), (4.0, 3.99, 4.01), (3.85, 3.84, 3.86), "worse"),
+        ((4, 4), (4.0, 3.99, 4.01), (3.85, 3.8, 4.0 - 0.1), "moved"),
         ((1, None), (1.0, 0.99, 1.01), (0.8, 0.79, 0.81), "worse"),
     ],
 )
