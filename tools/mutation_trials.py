@@ -66,7 +66,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "reports/measurement/work.py": ("test_measures.py", _SPLINES),
     "reports/measurement/convergence.py": ("test_convergence.py", "test_limits.py"),
     "reports/measurement/limits.py": ("test_limits.py",),
-    "reports/measurement/order.py": ("test_order.py",),
+    "reports/measurement/order.py": ("test_order.py", "test_convergence.py"),
     "reports/measurement/verdicts.py": ("test_verdicts.py", "test_summary.py"),
     "reports/measurement/growth.py": ("test_growth.py",),
     "reports/measurement/study.py": ("test_verdicts.py",),

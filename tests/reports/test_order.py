@@ -10,7 +10,7 @@ from numpy.polynomial.legendre import leggauss
 from scipy.optimize import brentq
 from scipy.stats import norm
 
-from bodycheck.reports.measurement.order import observed_order, predicted_error, settled_order
+from bodycheck.reports.measurement.order import _summary, observed_order, predicted_error, settled_order
 
 LADDERS = {
     4: [1e-2, 5e-3, 2e-3, 1e-3],
@@ -149,3 +149,34 @@ def test_coarse_steps_that_are_not_asymptotic_are_left_out() -> None:
 def test_irregular_errors_have_no_order(errors: list[float]) -> None:
     """Irregular errors, constant errors and too few errors have none."""
     assert settled_order(tuple(LADDERS[4][: len(errors)]), tuple(errors), 1e-14) is None
+
+
+@pytest.mark.parametrize(
+    ("means", "shares", "parts"), [([3.0], [1.0], (0.025, 0.975)), ([-1.0, 1.0], [0.5, 0.5], (0.05, 0.95))]
+)
+def test_quantiles_of_a_mixture_are_resolved(
+    means: list[float], shares: list[float], parts: tuple[float, float]
+) -> None:
+    """They are found to half of 40 standard deviations / 2^16, of one narrow normal distribution or two."""
+    width = 1e-3
+    found = _summary(np.array([shares]), np.array([means]), np.array([[width] * len(means)]))
+    deviation = math.hypot(width, np.std(means))
+    assert found[0] == pytest.approx(np.mean(means), abs=1e-15)
+    ends = [means[0] + width * norm.ppf(parts[0]), means[-1] + width * norm.ppf(parts[1])]
+    assert np.abs(np.subtract(found[1:], ends)).max() <= 20.0 * deviation / 2**16
+
+
+def test_many_points_have_an_order_and_a_prediction() -> None:
+    """The likelihood of 60 points on a line exceeds the largest double; only ratios of it are used."""
+    steps = np.geomspace(1e-1, 1e-4, 60)
+    found = observed_order(steps.tolist(), (steps**2).tolist(), 1e-30)
+    assert (found.order, found.points, found.first) == (pytest.approx(2.0, abs=1e-9), 60, 0)
+    predicted = predicted_error(steps.tolist(), (steps**2).tolist(), 1e-30, 1e-5)
+    assert predicted.error == pytest.approx(1e-10, rel=1e-3)
+
+
+def test_prediction_far_beyond_the_points_is_finite() -> None:
+    """Of order 30, a step 1e12 times as large has an error of e^829, which no double holds."""
+    steps = [4e-3, 2e-3, 1e-3]
+    found = predicted_error(steps, [(dt / 1e-3) ** 30 for dt in steps], 1e-30, 1e9)
+    assert found.error == found.high == math.exp(700.0)
