@@ -227,6 +227,11 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
     ): "a slope between logarithms is never the very double of an edge",
     (
         "reports/comparison/describe.py",
+        'size = one.size if one.kind == "accuracy" else 0.0',
+        "0.0 -> 1.0",
+    ): "only sizes of one kind are compared",
+    (
+        "reports/comparison/describe.py",
         'word = "slow" if change.decades > 0.0 else "fast"',
         "change.decades > 0.0 -> change.decades >= 0.0",
     ): "a speed that is the same is no change",

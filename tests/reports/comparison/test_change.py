@@ -22,8 +22,18 @@ from bodycheck.reports.comparison.change import (
     stability_change,
 )
 from bodycheck.reports.comparison.compare import compare, newly_ended_well
-from bodycheck.reports.comparison.describe import _KINDS, change_text, groups, identity, sentences
+from bodycheck.reports.comparison.describe import (
+    _KINDS,
+    HEADINGS,
+    _best_change,
+    change_tables,
+    change_text,
+    groups,
+    identity,
+    sentences,
+)
 from bodycheck.reports.comparison.environment_diff import environment_diff, redefined
+from bodycheck.reports.document import MEDIA
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.run_files.run_reader import Tables
 from tests.helpers.gate_tables import make_tables
@@ -612,6 +622,7 @@ def test_surface_of_a_mesh_is_only_drawn() -> None:
             "orientation_error_rad 0.001 -> 0.01 (5 % down)",
         ),
         ({"kind": "speed", "decades": math.log10(2.0)}, "2 times as slow"),
+        ({"kind": "speed", "decades": math.log10(1.2346)}, "1.23 times as slow"),
         ({"kind": "speed", "decades": -math.log10(2.0)}, "2 times as fast"),
         ({"kind": "case", "before": None, "after": "ok"}, "new case at dt 0.01 s (ok)"),
         ({"kind": "case", "before": "failed", "after": None}, "missing case at dt 0.01 s (failed)"),
@@ -624,6 +635,33 @@ def test_surface_of_a_mesh_is_only_drawn() -> None:
 def test_change_is_described_with_its_values(cells: dict[str, Any], text: str) -> None:
     """The text has as many digits as distinguish the values, the size of the change and its step."""
     assert change_text(change(**cells)) == text
+
+
+def test_tables_show_what_fails_everywhere_and_the_rest_on_pages() -> None:
+    """There is a table per status, the most severe first; one that does not fail is folded."""
+    tables = change_tables([change(status=status) for status in HEADINGS], "there")
+    assert [(one.title, one.tint, one.folded, one.only) for one in tables] == [
+        ("Worse", "bad", False, MEDIA),
+        ("No longer measured", "bad", False, MEDIA),
+        ("Improved", "good", True, ("page",)),
+        ("Moved", "open", True, ("page",)),
+        ("New", "open", True, ("page",)),
+    ]
+    assert [column.kind for column in tables[0].columns] == ["name", "name", "fixed", "number", "text"]
+    (row,) = tables[0].rows
+    assert row[:2] == ("brick", "mujoco:rk4")
+    assert groups([change(decades=math.log10(12.346))])[0].factor == "× 12.3"
+
+
+def test_release_is_searched_for_the_largest_change_of_a_measure() -> None:
+    """A worse one takes precedence, a missing one and times are not searched for."""
+    small, large = change(decades=0.5), change(decades=2.0)
+    order, better = change(kind="order"), change(status="improved", decades=4.0)
+    idle = [change(status="missing", decades=None), change(kind="speed"), change(kind="case", status="new")]
+    assert _best_change([*idle, better, order, small, large]) is large
+    assert _best_change([*idle, better, order]) is order
+    assert _best_change([*idle, better]) is better
+    assert _best_change(idle) is None
 
 
 def test_groups_are_sorted_by_status_then_kind_then_size() -> None:

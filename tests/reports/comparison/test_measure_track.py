@@ -266,3 +266,4 @@ def test_the_page_has_all_of_it_under_the_tints_of_a_report() -> None:
     for column in ("kind", "factor"):
         assert f">{column}</th>" in page
     assert "--good" in page  # the report's own style
+    assert "by more than 2.0 % of the smaller value" in page
