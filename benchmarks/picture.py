@@ -10,7 +10,7 @@ import pandas as pd
 
 PICTURE = "work-precision.svg"
 
-_PANELS = {"free": "No torque, 10 s", "constant world torque": "Constant torque of the world, 10 s"}
+_PANELS = {"free": "No torque, 10 s", "constant world torque": "Constant world torque, 10 s"}
 
 # in the order of the legend; colour-blind safe colours after Okabe and Ito (2008), for light and dark mode
 _LINES = {

@@ -1,4 +1,4 @@
-"""What the solvers written out for one body are given: principal moments and a torque of the world."""
+"""Input of the solvers that are specialised to one body: principal moments and a constant world torque."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def principal_case(scene: Scene) -> tuple[list[float], list[float]]:
     torque: Array = np.zeros(3)
     for load in scene.loads:
         if not isinstance(load, Torque) or load.axes != "world" or load.from_s > 0.0:
-            raise ValueError(f"the only load written out is a constant torque of the world, not {load!r}")
+            raise ValueError(f"only a constant world torque is supported, got {load!r}")
         torque = torque + load.value
     return moments.tolist(), torque.tolist()
 
