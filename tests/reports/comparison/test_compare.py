@@ -142,6 +142,20 @@ def test_a_floor_that_rose_hides_nothing(tables: Tables) -> None:
     assert [change.status for change in compare(after, before).changes] == ["improved"]
 
 
+def test_a_floor_of_both_runs_hides_what_is_below_it(tables: Tables) -> None:
+    """The floor of a method covers changes up to three times itself, for its own quantity only."""
+    where = of("free", "rk4", 0.001)
+    methods = tables.methods.copy()
+    mine = (methods["scenario"] == "free") & (methods["method"] == "rk4")
+    methods.loc[mine & (methods["quantity"] == "orientation_error_rad"), "floor"] = 1e-10
+    low = replace(
+        with_rows(tables, where, lambda row: row | {"orientation_error_rad": 1e-13}), methods=methods
+    )
+    for error, reported in ((9e-11, []), (2.9e-10, []), (4.1e-10, ["worse"])):
+        high = replace(planted(low, where, orientation_error_rad=error), methods=methods)
+        assert [change.status for change in compare(low, high).changes] == reported
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_comparison_is_the_same_from_either_side(tables: Tables, seed: int) -> None:
     """Swapping the runs swaps worse with improved and new with missing, and changes nothing else."""
