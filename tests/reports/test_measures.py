@@ -862,6 +862,21 @@ def test_measures_need_quantities_that_a_state_has() -> None:
     assert needed == {"position", "attitude", "velocity", "omega"}
 
 
+@pytest.mark.parametrize("measure", [name for name in measures.MEASURES if name not in TRUTH_BOUNDS])
+def test_a_measure_without_a_bound_does_not_depend_on_the_truth(measure: str) -> None:
+    """Else the error of the truth would count as an error of the engine."""
+    truth = still(**SPINNING)
+    other = still(
+        position_m=PLACE + at(1, 0.3, 0.0, 0.4),
+        velocity_m_s=at(1, 0.3, 0.0, 0.4),
+        quaternion=np.array([[1.0, 0, 0, 0], QUARTER, [1.0, 0, 0, 0], [1.0, 0, 0, 0]]),
+        omega_body_rad_s=at(1, 0.0, 1.0, 0.0),
+    )
+    found = still(rotation=np.tile(1.1 * np.eye(3), (4, 1, 1)), **SPINNING)
+    series = [series_of_motion(found, one)[measure] for one in (truth, other)]
+    assert np.array_equal(*series)
+
+
 @pytest.mark.parametrize("measure", TRUTH_BOUNDS)
 def test_bound_of_each_measure_is_a_column_of_the_results(measure: str) -> None:
     """A truth has a bound of this name."""

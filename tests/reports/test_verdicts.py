@@ -166,6 +166,12 @@ def test_a_method_is_judged_by_its_worst_quantity() -> None:
     assert method_verdict({}) is None
 
 
+@pytest.mark.parametrize("state", STATES)
+def test_a_verdict_that_is_wrong_counts_against_the_method(state: str) -> None:
+    """Of the verdicts, these are the ones with a bad tint, and a lower order; an outcome is not a verdict."""
+    assert verdict(verdict=state).is_wrong == (STATES[state].tint == "bad" or state == "lower-order")
+
+
 def test_what_the_state_holds_is_a_property_and_no_fault() -> None:
     """A quaternion that is not normalised is reported with size, step and order, but is not judged."""
     norm = verdict("quaternion_norm_error", order=1.0, finest_error=5e-3, floor=1e-12)
