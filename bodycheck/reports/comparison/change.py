@@ -213,7 +213,8 @@ def accuracy_changes(
                 yield changed(measure, old, new, "new" if old is None else "missing")
             continue
         rows = before, after
-        scale = 1.0 if measure == pure else max(old, new)  # no scale of the scene: use its own size
+        # without a scale of the scene: its own size, but at least 1 in SI units, whose round-off is no change
+        scale = 1.0 if measure == pure else max(1.0, old, new)
         floor = scale * min(noise(pure, *side) for side in zip(rows, floors, strict=True))
         drift = scale * min(_drift_of_round_off(pure, row) for row in rows)
         low, high = sorted((max(old, floor), max(new, floor)))

@@ -132,11 +132,14 @@ def test_measure_without_a_scale_is_compared_by_its_size() -> None:
 
 
 def test_body_without_rotation_is_compared() -> None:
-    """Its rotational energy has no scale: the same is no change, ten times as much is one."""
+    """Its rotational energy has no scale: ten times as much is a change, the round-off of 1 J is none."""
     still = {"energy_scale_j": 6.0, "rotational_energy_scale_j": 0.0}
-    before = {**still, "rotational_energy_drift_abs": 1e-20}
+    before = {**still, "rotational_energy_drift_abs": 1e-12}
     assert accuracies(before, before) == []
-    (worse,) = accuracies(before, {**still, "rotational_energy_drift_abs": 1e-19})
+    for round_off in (1e-310, 3.7e-32, EPS):
+        zero, tiny = ({**still, "rotational_energy_drift_abs": drift} for drift in (0.0, round_off))
+        assert accuracies(zero, tiny) == accuracies(tiny, zero) == []
+    (worse,) = accuracies(before, {**still, "rotational_energy_drift_abs": 1e-11})
     assert (worse.quantity, worse.status) == ("rotational_energy_drift_abs", "worse")
 
 
