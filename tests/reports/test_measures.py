@@ -307,8 +307,9 @@ def test_horizon_is_the_last_time_before_an_error_of_0_3_rad(
 
 
 def test_an_error_of_0_3_rad_is_within_the_horizon() -> None:
-    """Only a larger one ends it."""
+    """Only a larger one ends it; if the first sample is wrong, there is none."""
     t_s = np.arange(3.0)
+    assert _horizon(t_s, np.array([0.4, 0.4, 0.4])) == _horizon(t_s, np.array([0.0, 0.4, 0.0])) == 0.0
     assert _horizon(t_s, np.array([0.0, 0.3, 0.4])) == 1.0
     assert _horizon(t_s, np.array([0.0, 0.3, 0.3])) == 2.0
 

@@ -191,9 +191,10 @@ def measured_by(
 
 
 def _horizon(t_s: Array, error_rad: Array) -> float:
-    """Return the last of the times (n,) up to which the error (n,) stayed at or below 0.3 rad."""
+    """Return the last of the times (n,) up to which the error (n,) stayed at or below 0.3 rad, 0 if none."""
     beyond = error_rad > LARGEST_ERROR
-    return float(t_s[np.argmax(beyond) - 1] if beyond.any() else t_s[-1])
+    within = int(np.argmax(beyond)) if beyond.any() else len(t_s)
+    return float(t_s[within - 1]) if within else 0.0
 
 
 def _effort(method: Method, plan: StepPlan | None, answer: Answer) -> dict[str, Any]:
