@@ -296,7 +296,9 @@ class ColumnMap:
     @cached_property
     def is_empty(self) -> bool:
         """Whether the file is read as it stands."""
-        return not self.products and not self.ignore and not self.euler and self.time_origin == "file"
+        changes = self.products, self.ignore, self.euler
+        is_turned = self.attitude != "body-to-world" or self.world is not None or self.body is not None
+        return not any(changes) and not is_turned and self.time_origin == "file"
 
 
 MapSpec: TypeAlias = str | Path | Mapping[str, Any]

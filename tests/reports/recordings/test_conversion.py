@@ -256,6 +256,24 @@ def test_same_motion_is_judged_alike(
             assert not NO_QUATERNION & shared
 
 
+@pytest.mark.parametrize("keys", [{"attitude": "world-to-body"}, {"body": "FRD to FLU"}], ids=str)
+def test_conventions_also_apply_to_the_arrays_of_an_npz(
+    keys: dict[str, Any], motions: list[tuple[Motion, dict[str, Any]]], tmp_path: Path
+) -> None:
+    """An npz with quaternions (n, 4), as bodycheck writes it, is judged like a file with columns."""
+    m, expected = motions[2]
+    flip = Rotation.from_matrix(np.diag([1, -1, -1])) if "body" in keys else Rotation.identity()
+    rotation = m.rotation * flip.inv()
+    if "attitude" in keys:
+        rotation = rotation.inv()
+    quaternion, omega = rotation.as_quat(scalar_first=True), flip.apply(m.omega_body_rad_s)
+    path = tmp_path / "own.npz"
+    path.write_bytes(npz({"t_s": m.t_s, "quaternion": quaternion, "omega_body_rad_s": omega}))
+    judged = bodycheck.judge(path, SCENARIO, column_map=keys)
+    for name in ("orientation_error_rad", "omega_error"):
+        assert judged[name] == pytest.approx(expected[name], rel=1e-12, abs=ABSOLUTE), name
+
+
 @pytest.mark.parametrize("wrong", ["t_s", "qw", "wx_body_rad_s", "x_m"])
 def test_a_wrong_factor_is_noticed(
     wrong: str, motions: list[tuple[Motion, dict[str, Any]]], tmp_path: Path
