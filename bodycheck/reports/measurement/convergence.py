@@ -126,13 +126,14 @@ def round_off_floor(points: Sequence[Point], min_floor: float) -> float:
 
     min_floor: the larger of 3 times the truth's bound and eps times the motion's sensitivity.
 
-    Where a finer step reduces the error by less than order 1/2 would, and the errors are small enough to be
-    round-off, both errors are on the floor.
+    Where a finer step, or tolerance, reduces the error by less than order 1/2 would, and both errors are
+    small enough to be round-off, which may grow with the number of steps, both are on the floor.
     """
     floor = min_floor
     errors = [(p.dt_s, p.error) for p in sorted(points, key=lambda p: -p.dt_s) if p.error is not None]
     for (coarse_dt, coarser), (fine_dt, finer) in pairwise(errors):
-        if coarser < min(finer * math.sqrt(coarse_dt / fine_dt), LARGEST_ROUND_OFF):
+        stalls = coarser < min(finer * math.sqrt(coarse_dt / fine_dt), LARGEST_ROUND_OFF)
+        if stalls and finer < max(ABOVE_FLOOR * coarser, LARGEST_ROUND_OFF):
             floor = max(floor, finer, coarser)
     return floor
 
@@ -220,15 +221,17 @@ def tolerance_convergence(points: Sequence[Point], criteria: Criteria) -> Conver
     ended = sorted((p.dt_s, p.error) for p in points if p.error is not None)
     if not ended:
         return Convergence("unstable", 0, criteria.floor)
-    found = Convergence("converges", len(usable(points, criteria.floor)), criteria.floor)
+    floor = round_off_floor(points, criteria.floor)
+    found = Convergence("converges", len(usable(points, floor)), floor)
     (finest, smallest), (coarsest, largest) = ended[0], ended[-1]
-    if largest <= ABOVE_FLOOR * criteria.floor:
+    if largest <= ABOVE_FLOOR * floor:
         return replace(found, verdict="at-floor")
-    if smallest <= ABOVE_FLOOR * criteria.floor or smallest < largest * (finest / coarsest) ** _MIN_FALL:
+    if smallest <= ABOVE_FLOOR * floor or smallest < largest * (finest / coarsest) ** _MIN_FALL:
         return found
     if math.log10(coarsest / finest) < _PLATEAU_DECADES:
         return replace(found, verdict="too-few-points")
-    return replace(found, verdict="does-not-converge" if criteria.judged == "limit" else "pre-asymptotic")
+    is_wrong = smallest > LARGEST_ROUND_OFF and criteria.judged == "limit"
+    return replace(found, verdict="does-not-converge" if is_wrong else "pre-asymptotic")
 
 
 def stepless_verdict(points: Sequence[Point], criteria: Criteria) -> Convergence:
