@@ -11,7 +11,7 @@ import pytest
 
 from bodycheck._util.errors import InputError
 from bodycheck.reports.document import print_document
-from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.case import SWITCH_NOTE, CaseResult
 from bodycheck.reports.summary.advice import (
     Advice,
     Answer,
@@ -146,12 +146,63 @@ def test_all_scenarios_together_need_a_method_that_meets_it_in_each() -> None:
     assert together.scenario is None
     assert steps(together) == [("mujoco", "euler", 0.05, 4.0)]
     (option,) = together.options
-    assert option.error == 9e-4 + BOUND
+    assert option.error == 8e-4 + BOUND
     assert option.limiting == "forced"
     assert option.real_time == 20.0 / 4.0
     assert option.confirm == "bodycheck run free my.toml --engine mujoco:euler --dt 0.05 --allow-code"
     assert [answer.scenario for answer in each] == ["free", "forced"]
     assert steps(each[0]) == [("mujoco", "rk4", 0.1, 0.1)]
+
+
+def test_a_setting_for_all_scenarios_meets_the_error_on_each() -> None:
+    """In single precision, the finer step that one scenario requires can be worse on another."""
+    single = {"precision": "float32"}
+    cases = [
+        *sequence("rk4", [3e-6, 8e-6, 1e-4], **single),
+        *sequence("rk4", [2e-3, 8e-5, 7e-6], scenario="forced", **single),
+    ]
+    together, free, forced = advise(cases, 1e-5, ["free", "forced"])
+    assert (steps(free), steps(forced)) == ([("mujoco", "rk4", 0.1, 1.0)], [("mujoco", "rk4", 0.025, 4.0)])
+    assert together.options == ()
+    assert together.without == (("mujoco", "what one scenario requires does not meet it on another"),)
+    together, *_ = advise(cases, 1e-4 + BOUND, ["free", "forced"])
+    assert steps(together) == [("mujoco", "rk4", 0.05, 4.0)]
+    assert together.options[0].error == 8e-5 + BOUND
+
+
+def test_a_search_measures_what_is_predicted_for_all_scenarios() -> None:
+    """On the scenario that does not limit it, the step is predicted although a coarser one was measured."""
+    errors = [1e-4 / 4**k for k in range(5)]
+    cases = [
+        *sequence("rk2", [error / 100.0 for error in errors]),
+        *sequence("rk2", errors, scenario="forced"),
+        case("rk2", 0.02, 4.05e-6, 5.0, scenario="forced"),
+    ]
+    answers = settings_within(curves(cases), 5e-6, ["free", "forced"])
+    (option,) = answers[0].options
+    assert (option.setting, option.basis) == (0.02, "predicted")
+    assert to_measure(curves(cases), answers, 5e-6) == {("free", ("mujoco", "rk2")): 0.02}
+    cases.append(case("rk2", 0.02, 4.05e-8, 5.0))
+    answers = settings_within(curves(cases), 5e-6, ["free", "forced"])
+    assert answers[0].options[0].basis == "measured"
+    assert to_measure(curves(cases), answers, 5e-6) == {}
+
+
+def test_a_step_inside_which_a_load_switches_is_unsure_unless_one_was_measured() -> None:
+    """The order of steps without a switch says nothing about one with it, not even on another scenario."""
+    cases = sequence("rk2", [1e-4 / 4**k for k in range(5)])
+    found = curves(cases, switches_s=(0.3,))
+    (answer,) = errors_at(found, 0.04, ["free"])
+    (option,) = answer.options
+    assert (option.basis, option.why) == (
+        "unsure",
+        "a load switches inside this step, but inside no measured one",
+    )
+    (answer,) = errors_at(found, 0.02, ["free"])
+    assert answer.options[0].basis == "predicted"
+    cases.append(case("rk2", 0.2, 4e-4, 0.5, message=f"{SWITCH_NOTE}: 1"))
+    (answer,) = errors_at(curves(cases, switches_s=(0.3,)), 0.04, ["free"])
+    assert answer.options[0].basis == "predicted"
 
 
 def test_a_method_without_an_option_on_one_scenario_has_none_on_all() -> None:

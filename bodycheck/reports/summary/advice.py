@@ -122,7 +122,7 @@ def settings_within(
     each = {name: _found(curves, name, best, why) for name in scenarios}
     answers = [_cheapest_of_engines(name, *each[name]) for name in scenarios]
     if len(scenarios) > 1:
-        answers.insert(0, _cheapest_of_engines(None, *_over_all(each, curves)))
+        answers.insert(0, _cheapest_of_engines(None, *_over_all(each, curves, error)))
     return tuple(answers)
 
 
@@ -289,10 +289,13 @@ def _by_error(scenario: str | None, options: _Options, reasons: _Reasons, _: _Op
 
 
 def _over_all(
-    each: Mapping[str, tuple[_Options, _Reasons, _Options]], curves: Curves
+    each: Mapping[str, tuple[_Options, _Reasons, _Options]], curves: Curves, error: float | None = None
 ) -> tuple[_Options, _Reasons, _Options]:
-    """Return the options that hold on every scenario at once, and the scenario without one for all others."""
-    options = _on_every_scenario([found[0] for found in each.values()], curves)
+    """Return the options that hold on every scenario at once, and for all others why there is none.
+
+    error: the tolerance that they must meet, if any.
+    """
+    options = _on_every_scenario([found[0] for found in each.values()], curves, error)
     nearest = _on_every_scenario([found[2] for found in each.values()], curves)
     keys = dict.fromkeys(key for found in each.values() for key in (*found[0], *found[1]))
     reasons = {
@@ -302,7 +305,7 @@ def _over_all(
                 for name, found in each.items()
                 if key not in found[0]
             ),
-            "",
+            "what one scenario requires does not meet it on another",
         )
         for key in keys
         if key not in options
@@ -310,31 +313,54 @@ def _over_all(
     return options, reasons, nearest
 
 
-def _on_every_scenario(found: Sequence[_Options], curves: Curves) -> _Options:
-    """Return the methods that have an option on every scenario, at the finest of their settings."""
+def _on_every_scenario(found: Sequence[_Options], curves: Curves, error: float | None = None) -> _Options:
+    """Return the methods that have an option on every scenario, at the finest of their settings.
+
+    error: a tolerance that all scenarios must meet there, if any. Finer is not always better: round-off may
+    grow, and a load may switch inside a finer step.
+    """
     joint = {}
     for key in dict.fromkeys(key for options in found for key in options):
         each = [options[key] for options in found if key in options]
-        if len(each) == len(found):
-            joint[key] = _joint(key, each, curves)
+        if len(each) < len(found):
+            continue
+        limiting = min(each, key=lambda one: (math.inf if one.setting is None else one.setting, -one.error))
+        there = {one.limiting: _estimate_at(limiting.setting, one, curves[one.limiting, key]) for one in each}
+        known = {name: estimate for name, estimate in there.items() if estimate is not None}
+        if error is None or (len(known) == len(each) and max(e.error for e in known.values()) <= error):
+            joint[key] = _joint(key, each, limiting, known, curves)
     return joint
 
 
-def _joint(key: MethodKey, each: Sequence[Option], curves: Curves) -> Option:
-    """Return one option for all scenarios: the setting of the limiting one, and the total cost at this."""
-    limiting = min(each, key=lambda one: (math.inf if one.setting is None else one.setting, -one.error))
+def _estimate_at(setting: float | None, option: Option, curve: ErrorCurve) -> Estimate | None:
+    """Return the error of an option's method on its scenario at another setting; None where it is unknown."""
+    if setting is None or option.setting == setting:
+        return Estimate(option.setting, option.error, option.basis, option.why)
+    return curve.at(setting)
+
+
+def _joint(
+    key: MethodKey,
+    each: Sequence[Option],
+    limiting: Option,
+    errors: Mapping[str, Estimate],
+    curves: Curves,
+) -> Option:
+    """Return one option for all scenarios: the setting of the limiting one, and the total cost at this.
+
+    errors: at this setting, on the scenarios on which they are known.
+    """
     cpu_s = _total(_times(one.cpu_s, _ratio(one, limiting)) for one in each)
     simulated = sum(curves[one.limiting, key].duration_s for one in each)
-    basis = max((one.basis for one in each), key=_SURENESS.index)
     commands = [one.confirm for one in each]
     fits = all(curves[one.limiting, key].divides_interval(limiting.setting) for one in each)
     return Option(
         *key,
         control=limiting.control,
         setting=limiting.setting,
-        error=max(one.error for one in each),
-        basis=basis,
-        why="; ".join(f"{one.limiting}: {one.why}" for one in each if one.why),
+        error=max(one.error for one in errors.values()),
+        basis=max((one.basis for one in errors.values()), key=_SURENESS.index),
+        why="; ".join(f"{scenario}: {one.why}" for scenario, one in errors.items() if one.why),
         cpu_s=cpu_s,
         real_time=None if not cpu_s else simulated / cpu_s,
         evaluations=_total(_times(one.evaluations, _ratio(one, limiting)) for one in each),
@@ -370,13 +396,14 @@ def _command(key: MethodKey, each: Sequence[str], dt_s: float | None) -> str:
     return shell_join(["bodycheck", "run", *as_suite(specs), "--engine", with_method(*key), *step, *code])
 
 
-def to_measure(curves: Curves, advice: Iterable[Answer], error: float) -> dict[tuple[str, MethodKey], float]:
-    """Return the steps that would turn the answers on single scenarios into measured ones.
+def to_measure(curves: Curves, advice: Sequence[Answer], error: float) -> dict[tuple[str, MethodKey], float]:
+    """Return the steps that would turn the answers into measured ones.
 
-    These are the predicted and unsure settings, and, of an engine that has none, a finer step of each of its
-    methods whose errors may still fall.
+    These are the predicted and unsure settings on single scenarios, and, of an engine that has none, a finer
+    step of each of its methods whose errors may still fall; then those on all scenarios together.
     """
     steps: dict[tuple[str, MethodKey], float] = {}
+    names = [answer.scenario for answer in advice if answer.scenario is not None]
     for answer in advice:
         if answer.scenario is None:
             continue
@@ -391,4 +418,12 @@ def to_measure(curves: Curves, advice: Iterable[Answer], error: float) -> dict[t
                 and (finer := curve.finer_step(error)) is not None
             ):
                 steps[name, key] = finer
+    for option in (one for answer in advice if answer.scenario is None for one in answer.options):
+        key = option.engine, option.method
+        for name in names:
+            curve = curves[name, key]
+            if option.setting is not None and curve.divides_interval(option.setting):
+                found = curve.at(option.setting)
+                if found is not None and found.basis != "measured":
+                    steps.setdefault((name, key), option.setting)
     return steps

@@ -141,15 +141,19 @@ class ErrorCurve:
         """The measured case with the smallest error; there must be one."""
         return min(self.measured, key=lambda case: largest_error(case, self.quantity))
 
-    def at(self, dt_s: float) -> Estimate | None:
-        """Return the error at a step; None where neither measured nor predictable, or above the duration."""
-        if self.is_shorter_than(dt_s):
+    def at(self, setting: float) -> Estimate | None:
+        """Return the error at a step or tolerance; None where it is neither measured nor predictable.
+
+        None also for a step that is longer than the scenario.
+        """
+        if self.is_shorter_than(setting):
             return None
         for case in self.cases:
-            if case.dt_s is not None and math.isclose(case.dt_s, dt_s, rel_tol=_SAME):
+            own = case.setting.fineness
+            if own is not None and math.isclose(own, setting, rel_tol=_SAME):
                 largest = largest_error(case, self.quantity)
-                return Estimate(dt_s, largest, "measured") if largest < math.inf else None
-        return self._predicted(dt_s)
+                return Estimate(setting, largest, "measured") if largest < math.inf else None
+        return self._predicted(setting)
 
     def coarsest_within(self, error: float) -> Estimate | None:
         """Return the coarsest step predicted to meet an error, if coarser than each measured one that does.
@@ -212,9 +216,16 @@ class ErrorCurve:
         strides = sorted(five << a for five in powers for a in range(int(math.log2(max_stride / five)) + 1))
         # 12 digits divide the interval as well, and are shorter to write
         steps = [float(f"{self.interval_s / n:.12g}") for n in strides]
-        if any(SWITCH_NOTE in case.columns["message"] for case in self.cases):
-            return tuple(steps)
-        return tuple(dt_s for dt_s in steps if all(_divides(dt_s, at) for at in self.switches_s))
+        return tuple(dt_s for dt_s in steps if not self._is_first_with_switch(dt_s))
+
+    @cached_property
+    def _has_switches(self) -> bool:
+        """Whether a load switches inside a step of a case."""
+        return any(SWITCH_NOTE in case.columns["message"] for case in self.cases)
+
+    def _is_first_with_switch(self, dt_s: float) -> bool:
+        """Whether a load switches inside such a step, but inside none that was measured."""
+        return not self._has_switches and not all(_divides(dt_s, at) for at in self.switches_s)
 
     @cached_property
     def _usable(self) -> list[tuple[float, float]]:
@@ -277,6 +288,8 @@ class ErrorCurve:
             return f"the measured steps do not determine the order ({self.verdict or 'too-few-points'})"
         if dt_s > self._largest_stable_s * (1.0 + _SAME):
             return f"above the largest stable step, {self._largest_stable_s:.3g} s"
+        if self._is_first_with_switch(dt_s):
+            return "a load switches inside this step, but inside no measured one"
         if self._scatter > _MAX_SCATTER:
             return f"the errors scatter around the order by a factor of {self._scatter:.2g}"
         coarsest = self._fitted[0][0]
