@@ -304,6 +304,14 @@ def test_a_step_longer_than_the_scenario_has_no_error() -> None:
     assert [why for _, why in answer.without] == ["the scenario lasts 10 s"]
 
 
+def test_a_step_that_failed_has_no_error(capsys: pytest.CaptureFixture[str]) -> None:
+    """The outcome is the reason, and nothing else is printed about it."""
+    cases = [*sequence("rk2", [1e-2 / 4**k for k in range(5)]), case("rk2", 0.2, None, None)]
+    answers = errors_at(curves(cases), 0.2, ["free"])
+    assert answers[0].without == (("mujoco:rk2", "failed at this step"),)
+    assert printed(capsys, answers).splitlines()[-2:] == ["free", "mujoco:rk2: failed at this step"]
+
+
 def test_a_search_measures_what_is_predicted_and_refines_what_is_not() -> None:
     """An engine without any option gets a step half as large; a measured answer needs nothing more."""
     cases = [

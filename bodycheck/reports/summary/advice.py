@@ -135,6 +135,8 @@ def errors_at(curves: Curves, dt_s: float, scenarios: Sequence[str]) -> tuple[An
     def why(curve: ErrorCurve) -> str:
         if curve.is_shorter_than(dt_s):
             return f"the scenario lasts {curve.duration_s:g} s"
+        if (outcome := curve.failure_at(dt_s)) is not None:
+            return f"{outcome} at this step"
         return _why_none(curve, None)
 
     each = {name: _found(curves, name, at, why) for name in scenarios}

@@ -81,8 +81,8 @@ def _row(option: Option) -> tuple[str, ...]:
 def _nothing(answer: Answer) -> Iterator[Part]:
     one = answer.nearest
     if one is None:
-        nothing = "nothing was measured" if answer.scenario else "no method was measured on all scenarios"
-        yield Sentence(nothing, "open")
+        if not answer.without:
+            yield Sentence("nothing was measured", "open")
         return
     nearest = f"{one.name}, {setting(one.control, one.setting)}: {number(one.error, 3)}"
     yield Sentence(

@@ -148,12 +148,22 @@ class ErrorCurve:
         """
         if self.is_shorter_than(setting):
             return None
-        for case in self.cases:
-            own = case.setting.fineness
-            if own is not None and math.isclose(own, setting, rel_tol=_SAME):
-                largest = largest_error(case, self.quantity)
-                return Estimate(setting, largest, "measured") if largest < math.inf else None
-        return self._predicted(setting)
+        case = self._case_at(setting)
+        if case is None:
+            return self._predicted(setting)
+        largest = largest_error(case, self.quantity)
+        return Estimate(setting, largest, "measured") if largest < math.inf else None
+
+    def failure_at(self, setting: float) -> str | None:
+        """Return the outcome of the case at a step or tolerance, if it did not end well."""
+        case = self._case_at(setting)
+        return None if case is None or case.ok else str(case.columns["outcome"])
+
+    def _case_at(self, setting: float) -> CaseResult | None:
+        settings = ((case, case.setting.fineness) for case in self.cases)
+        return next(
+            (case for case, own in settings if own and math.isclose(own, setting, rel_tol=_SAME)), None
+        )
 
     def coarsest_within(self, error: float) -> Estimate | None:
         """Return the coarsest step predicted to meet an error, if coarser than each measured one that does.
