@@ -26,6 +26,9 @@ def machine_class(manifest: Mapping[str, Any]) -> str:
 
 
 SUMMARY_FILE = "night.json"
+NOT_JUDGED = "not judged"
+"""The status of a run whose judgement failed."""
+
 _SUMS, _SEAL = "sha256", "seal"
 _PARQUET = b"PAR1"  # a complete file begins and ends with it
 
@@ -149,7 +152,8 @@ class Baseline:
 def baseline_of(history: History, manifest: Mapping[str, Any]) -> Baseline:
     """Return the baseline runs of a run, given by its manifest: earlier ones on the same machine class.
 
-    A damaged run is left out: it must neither count nor prevent the new run from being stored.
+    A damaged run is left out: it must neither count nor prevent the new run from being stored. So is one that
+    was not judged, because its changes were never reported.
     """
     runs: list[NightlyRun] = []
     left_out: list[str] = []
@@ -160,6 +164,8 @@ def baseline_of(history: History, manifest: Mapping[str, Any]) -> Baseline:
             with from_outside(folder):
                 run = NightlyRun(folder, read_manifest(folder), read_summary(folder))
                 if machine_class(run.manifest) == machine_class(manifest):
+                    if run.summary["status"] == NOT_JUDGED:
+                        raise InputError(f"{folder}: was not judged")
                     check_files(folder, run.summary)
                     _ = runs or run.accepted  # all tables of the newest one are compared
                     runs.append(run)

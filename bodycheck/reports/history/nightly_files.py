@@ -16,7 +16,7 @@ from bodycheck.reports.comparison.compare import unversioned
 from bodycheck.reports.comparison.describe import HEADINGS
 from bodycheck.reports.history.accepted_levels import write_accepted
 from bodycheck.reports.history.archive import started_at
-from bodycheck.reports.history.baseline import SUMMARY_FILE, SUMMARY_KEYS, machine_class
+from bodycheck.reports.history.baseline import NOT_JUDGED, SUMMARY_FILE, SUMMARY_KEYS, machine_class
 from bodycheck.reports.history.regression import Judgement
 from bodycheck.reports.render.html import render_report
 from bodycheck.reports.run_files.run_tables import Run
@@ -48,7 +48,7 @@ def write_unjudged(run: Run, folder: Path) -> None:
     """Write night.json and empty tables of changes for a run that could not be judged."""
     import pandas as pd
 
-    known = {"run_id": run.run_id, "status": "not judged", "cases": len(run.cases)}
+    known = {"run_id": run.run_id, "status": NOT_JUDGED, "cases": len(run.cases)}
     summary = {**dict.fromkeys(SUMMARY_KEYS, 0), "engines": ", ".join(run.manifest["engines"]), **known}
     summary |= {"created": run.manifest["created"], "machine": machine_class(run.manifest)}
     (folder / SUMMARY_FILE).write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")

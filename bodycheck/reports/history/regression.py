@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -23,6 +23,7 @@ from bodycheck.reports.history.queries import recorded_cases
 from bodycheck.reports.history.step_detection import Key, Series, Step, detect_steps, series_of
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.run_files.run_reader import Tables
+from bodycheck.reports.run_files.run_tables import case_key
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -65,9 +66,11 @@ def judge_run(history: History, newest: Tables, thresholds: Thresholds = DEFAULT
     speeds = speeds_of(runs, cases)
     comparison, accepted = None, tuple(dict(case.columns) for case in newest.cases if case.ok)
     if baseline.runs:
-        levels, aligned = paired_versions(baseline.runs[0].accepted, newest)
-        before, _ = paired_versions(baseline.runs[0].tables, newest)
-        comparison = compare(at_accepted(before, levels), aligned, thresholds)
+        before, aligned = paired_versions(_with_all_definitions(baseline), newest)
+        levels, _ = paired_versions(baseline.runs[0].accepted, newest)
+        levels = _of_scenarios(levels, before.manifest["scenarios"])
+        before = _with_missing_cases(at_accepted(before, levels), levels, aligned)
+        comparison = compare(before, aligned, thresholds)
         changes = [change for change in comparison.changes if change.kind != "speed"]
         changes += [*_returned(before, levels, aligned, thresholds), *speeds.changes]
         changes.sort(key=lambda change: -change.size)
@@ -82,6 +85,26 @@ def judge_run(history: History, newest: Tables, thresholds: Thresholds = DEFAULT
         )
     errors = series_of(runs, cases, ORIENTATION, _farthest)
     return Judgement(newest, baseline, comparison, accepted, speeds, errors)
+
+
+def _with_all_definitions(baseline: Baseline) -> Tables:
+    """Return the newest baseline run, with the definition of each scenario in the newest run that has it."""
+    tables = baseline.runs[0].tables
+    scenarios: dict[str, Any] = {}
+    for run in reversed(baseline.runs):
+        scenarios |= run.manifest["scenarios"]
+    return replace(tables, manifest={**tables.manifest, "scenarios": scenarios})
+
+
+def _of_scenarios(tables: Tables, scenarios: Container[str]) -> Tables:
+    return replace(tables, cases=tuple(c for c in tables.cases if c.columns["scenario"] in scenarios))
+
+
+def _with_missing_cases(before: Tables, levels: Tables, newest: Tables) -> Tables:
+    """Return a run with the levels of those cases that it lacks but the newest run has again."""
+    present = {case_key(case.columns) for case in before.cases}
+    again = {case_key(case.columns) for case in newest.cases} - present
+    return replace(before, cases=(*before.cases, *(c for c in levels.cases if case_key(c.columns) in again)))
 
 
 def _returned(before: Tables, levels: Tables, newest: Tables, thresholds: Thresholds) -> list[Change]:

@@ -197,7 +197,7 @@ def test_only_unchanged_scenarios_are_the_same() -> None:
 def sound(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have every stored run undamaged and on one machine."""
     monkeypatch.setattr(baseline, "read_manifest", lambda _: MANIFEST)
-    monkeypatch.setattr(baseline, "read_summary", lambda _: {})
+    monkeypatch.setattr(baseline, "read_summary", lambda _: SUMMARY)
     monkeypatch.setattr(baseline, "check_files", lambda *_: None)
 
 
@@ -223,6 +223,22 @@ def test_nightly_run_reads_the_tables_of_its_folder(tmp_path: Path, monkeypatch:
     run: Any = NightlyRun(tmp_path, {}, {})
     assert run.tables == f"tables of {tmp_path}"
     assert run.accepted == (tmp_path, run.tables)
+
+
+@pytest.mark.usefixtures("sound")
+def test_run_that_was_not_judged_is_no_baseline(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What became worse in it was never reported, so it must not be what the next run is compared with."""
+    monkeypatch.setattr(NightlyRun, "accepted", property(lambda _: object()))
+    judged, failed = (f"2026010{day}T000000Z-00000{day}" for day in (1, 2))
+    for name in (judged, failed):
+        (tmp_path / name).mkdir()
+    status = {tmp_path / failed: "not judged"}
+    monkeypatch.setattr(
+        baseline, "read_summary", lambda run: {**SUMMARY, "status": status.get(run, SUMMARY["status"])}
+    )
+    found = baseline_of(History(tmp_path), {**MANIFEST, "run_id": "20260104T000000Z-000004"})
+    assert [run.name for run in found.runs] == [judged]
+    assert found.left_out == (f"{tmp_path / failed}: was not judged",)
 
 
 @pytest.mark.usefixtures("sound")

@@ -196,6 +196,54 @@ def test_changed_scenario_starts_with_new_levels(monkeypatch: pytest.MonkeyPatch
     assert [row[ERROR] for row in found.accepted] == [1e-6]
 
 
+def without_plate(number: int, *cases: dict[str, Any]) -> Tables:
+    """Return the tables of a nightly run that does not have the scenario `plate`."""
+    return tables(number, *(cases or ({},)), scenarios={"brick": {}})
+
+
+def test_case_that_returns_after_a_run_without_it_is_compared_with_its_level(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A case that was missing is reported as missing once; if it returns and fails, it became worse."""
+    plate = {"scenario": "plate"}
+    runs = [tables(0, {}, plate), without_plate(1)]
+    assert kinds_and_steps(judgement_of(*runs, monkeypatch=monkeypatch)) == [("case", "missing", 0.01)]
+    assert kinds_and_steps(judgement_of(*runs, without_plate(2), monkeypatch=monkeypatch)) == []
+    for cells, kind in ((FAILED, "outcome"), (WORSE, "accuracy")):
+        found = judgement_of(*runs, without_plate(2), tables(3, {}, plate | cells), monkeypatch=monkeypatch)
+        assert kinds_and_steps(found) == [(kind, "worse", 0.01)]
+        assert found.status == "regression"
+    found = judgement_of(*runs, tables(2, {}, plate), monkeypatch=monkeypatch)
+    assert kinds_and_steps(found) == []
+
+
+@pytest.mark.parametrize("between", [0, 1, 3])
+def test_scenario_redefined_while_it_was_missing_starts_with_new_levels(
+    between: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is compared with its newest definition, in whichever run that is."""
+    plate = {"scenario": "plate"}
+    runs = [tables(0, {}, plate), *(without_plate(1 + number) for number in range(between))]
+    changed = tables(9, {}, plate | WORSE, scenarios={"brick": {}, "plate": {"duration_s": 2.0}})
+    found = judgement_of(*runs, changed, monkeypatch=monkeypatch)
+    assert kinds_and_steps(found) == []
+    assert found.comparison is not None
+    assert found.comparison.redefined == ("plate",)
+    assert {row["scenario"]: row[ERROR] for row in found.accepted} == {"brick": 1e-9, "plate": 1e-6}
+
+
+def test_level_of_a_scenario_that_no_run_defines_any_more_is_discarded(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The runs that defined it are no baseline any more, so nobody knows whether it is the same."""
+    plate = {"scenario": "plate"}
+    judged_after([], tables(0), monkeypatch)
+    old = run_of(without_plate(1), tables(1, {}, plate))
+    found = judged_after([old], tables(2, {}, plate | WORSE), monkeypatch)
+    assert kinds_and_steps(found) == [("case", "new", 0.01)]
+    assert {row["scenario"]: row[ERROR] for row in found.accepted} == {"brick": 1e-9, "plate": 1e-6}
+
+
 def test_another_version_of_an_engine_keeps_the_levels(monkeypatch: pytest.MonkeyPatch) -> None:
     """`mujoco==3.16.0`, `mujoco==3.17.0` and the installed one are one engine with one error."""
     runs = [
