@@ -261,6 +261,11 @@ def test_step_function_gets_time_body_and_state(inner: pytest.Pytester) -> None:
         ("return None", "TypeError: step must return a state, as dataclasses.replace does, not NoneType"),
         ("return replace(state, omega_body=np.zeros(4))", "return omega_body of shape (3,), not (4,)"),
         (
+            "return replace(state, omega_body=state.omega_body + 1j)",
+            "return real numbers as omega_body, not complex128",
+        ),
+        ("return replace(state, quaternion=list('abcd'))", "return real numbers as quaternion, not <U1"),
+        (
             "return replace(state, quaternion=np.full(4, np.nan))",
             "quaternion is not finite from t = 0.1 s on",
         ),
@@ -287,6 +292,17 @@ def test_failing_step_function_fails_its_test(inner: pytest.Pytester, body: str,
     assert (">           " + body in done.stdout.str() or ">       " + body in done.stdout.str()) == (
         "ZeroDivision" in message
     )
+
+
+def test_step_function_does_not_run_a_body_with_a_pivot(inner: pytest.Pytester) -> None:
+    """It gets no force of the pivot, so even a correct function would not follow the truth."""
+    inner.makepyfile(
+        """
+        def test_it(bodycheck):
+            assert bodycheck.step(lambda state, dt: state, "heavy-top", dt_s=0.01)["outcome"] == "unsupported"
+        """
+    )
+    run(inner).assert_outcomes(passed=1)
 
 
 @pytest.mark.slow
@@ -352,6 +368,32 @@ def test_options_complete_the_marker(inner: pytest.Pytester) -> None:
     done.assert_outcomes(passed=2, deselected=4)
     done.stdout.fnmatch_lines(["passed other reference:m2: *", "passed mine reference:m3: *"])
     run(inner, "-m", "not bodycheck").assert_outcomes(passed=1, deselected=2)
+
+
+def test_markers_of_module_class_and_function_are_combined(inner: pytest.Pytester) -> None:
+    """The closest one takes precedence for each argument, also over the options."""
+    inner.makepyfile(
+        """
+        import pytest
+
+        pytestmark = pytest.mark.bodycheck(scenario="mine.toml", engine="mujoco", dt_s=0.1)
+
+        @pytest.mark.bodycheck(engine="reference", method="m1")
+        class TestReference:
+            def test_class(self, bodycheck):
+                assert bodycheck.defaults == {
+                    "scenario": "mine.toml", "engine": "reference", "method": "m1", "dt_s": 0.1
+                }
+
+            @pytest.mark.bodycheck(method="m3")
+            @pytest.mark.bodycheck(dt_s=0.05)
+            def test_function(self, bodycheck):
+                assert bodycheck.defaults == {
+                    "scenario": "mine.toml", "engine": "reference", "method": "m3", "dt_s": 0.05
+                }
+        """
+    )
+    run(inner, "--bodycheck-engines", "mujoco:euler").assert_outcomes(passed=2)
 
 
 @pytest.mark.parametrize(

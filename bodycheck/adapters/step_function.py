@@ -17,6 +17,9 @@ from bodycheck.scenarios.user_functions import user_function
 
 _SHAPES = {"position": (3,), "quaternion": (4,), "velocity": (3,), "omega_body": (3,)}
 
+_REAL = "fiu"
+"""The kinds of NumPy's types of real numbers."""
+
 
 @dataclass(frozen=True, eq=False)
 class StepState(State):
@@ -65,9 +68,9 @@ class StepFunction:
         raise TypeError("a step function cannot leave the process of its caller")
 
     def unsupported(self, scene: Scene, method: str) -> str | None:
-        """Return None: the function applies the loads, so every scene is supported."""
-        del scene, method
-        return None
+        """Return the reason if the body is pivoted: a step function does not get a pivot."""
+        del method
+        return None if scene.pivot is None else "step functions have no pivot"
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Return a simulation that steps the scene by the function."""
@@ -83,10 +86,11 @@ class StepFunction:
                     f"step must return a state, as dataclasses.replace does, not {type(found).__name__}"
                 )
             for name, shape in _SHAPES.items():
-                if np.shape(getattr(found, name)) != shape:
-                    raise ValueError(
-                        f"step must return {name} of shape {shape}, not {np.shape(getattr(found, name))}"
-                    )
+                value = np.asarray(getattr(found, name))
+                if value.shape != shape:
+                    raise ValueError(f"step must return {name} of shape {shape}, not {value.shape}")
+                if value.dtype.kind not in _REAL:
+                    raise TypeError(f"step must return real numbers as {name}, not {value.dtype}")
         except Exception as error:
             self.fault = error
             raise
@@ -123,9 +127,8 @@ class StepModule:
         return StepModule, (self.name, tuple(self._functions))
 
     def unsupported(self, scene: Scene, method: str) -> str | None:
-        """Return the reason if the body is pivoted: a step function does not get a pivot."""
-        del method
-        return None if scene.pivot is None else "step functions have no pivot"
+        """Return the reason if a step function cannot represent the scene."""
+        return StepFunction(self._functions[method]).unsupported(scene, method)
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Return a simulation that steps the scene by the function."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cache
@@ -13,6 +13,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, NoReturn, TypeAlias
 
+import numpy as np
 import pytest
 
 from bodycheck._util.errors import InputError
@@ -169,8 +170,7 @@ class Bench:
     @classmethod
     def of(cls, request: pytest.FixtureRequest) -> Bench:
         """Return the fixture of one test."""
-        marker = request.node.get_closest_marker("bodycheck")
-        defaults = {**(_marker_defaults(marker) if marker else {}), **getattr(request, "param", {})}
+        defaults = {**_marked_defaults(request.node), **getattr(request, "param", {})}
         return cls(defaults, _recorder(request), request.node.nodeid, _report_folder(request))
 
     def run(
@@ -236,8 +236,8 @@ def _known(engine: Any) -> AbstractContextManager[None]:
     return nullcontext() if isinstance(engine, str) else registered(engine)
 
 
-def _steps(dt_s: float | Sequence[float] | None) -> Sequence[float] | None:
-    return [dt_s] if isinstance(dt_s, int | float) else dt_s
+def _steps(dt_s: float | Sequence[float] | None) -> Iterable[float] | None:
+    return None if dt_s is None else np.atleast_1d(dt_s)
 
 
 def _report_folder(request: pytest.FixtureRequest) -> Path | None:
@@ -270,6 +270,14 @@ def _refuse(message: str) -> NoReturn:
     pytest.fail(message, pytrace=False)
 
 
+def _marked_defaults(node: pytest.Item) -> dict[str, Any]:
+    """Return the arguments of all markers of a test; those of its function take precedence."""
+    defaults: dict[str, Any] = {}
+    for marker in node.iter_markers("bodycheck"):  # the closest first
+        defaults = {**_marker_defaults(marker), **defaults}
+    return defaults
+
+
 def _marker_defaults(marker: pytest.Mark) -> dict[str, Any]:
     unknown = [*map(repr, marker.args), *(key for key in marker.kwargs if key not in _KEYS)]
     if unknown:
@@ -283,10 +291,8 @@ def _recorder(request: pytest.FixtureRequest) -> Record:
 
 
 def parametrize_cases(metafunc: pytest.Metafunc) -> None:
-    """Run a marked test once per scenario and method that an option names and its marker does not set."""
-    marker = metafunc.definition.get_closest_marker("bodycheck")
-    assert marker is not None
-    defaults = _marker_defaults(marker)
+    """Run a marked test once per scenario and method that an option names and its markers do not set."""
+    defaults = _marked_defaults(metafunc.definition)
     suite = None if "scenario" in defaults else metafunc.config.getoption("--bodycheck-suite")
     engines = defaults.get("engine", metafunc.config.getoption("--bodycheck-engines"))
     try:
