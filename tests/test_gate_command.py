@@ -235,7 +235,7 @@ WRONG = {
         ["--tolerances", "kept.toml", "--update", "--margin", "400"],
         "must be between 0 and 300 decades",
     ),
-    "no jobs": (["mine.toml", "--tolerances", "kept.toml", "--jobs", "0"], "jobs must be 1 or more, not 0"),
+    "no jobs": (["mine.toml", "--tolerances", "kept.toml", "--jobs", "0"], "1 or more, not 0"),
 }
 
 

@@ -310,7 +310,10 @@ def test_a_movie_is_written(suffix: str, command: Command) -> None:
     assert Path(out).read_bytes().startswith({"gif": b"GIF89a", "svg": b"<?xml"}[suffix])
 
 
-BODY = ("--mass-kg", "0.5", "--inertia-kg-m2", "2e-3,3e-3,4e-3", "--spin-rad-s", "20")
+def body(inertia: str = "2e-3,3e-3,4e-3", spin: str = "20") -> list[str]:
+    """Return the options of a body on the command line."""
+    return ["--mass-kg", "0.5", "--inertia-kg-m2", inertia, "--spin-rad-s", spin]
+
 
 WRONG = {
     "no run": (["compare", "run", "nowhere"], "nowhere/manifest.json: missing: not a run folder"),
@@ -326,21 +329,23 @@ WRONG = {
         "a body needs --mass-kg, --inertia-kg-m2 and",
     ),
     "a body and a run": (
-        ["advise", "--error", "1", "--run", "run", *BODY],
+        ["advise", "--error", "1", "--run", "run", *body()],
         "a body on the command line replaces scenarios and --run",
     ),
     "two moments": (
-        ["advise", "--error", "1", *BODY, "--inertia-kg-m2", "1,2"],
+        ["advise", "--error", "1", *body(inertia="1,2")],
         "must be three principal moments",
     ),
     "an impossible body": (
-        ["advise", "--error", "1", *BODY, "--inertia-kg-m2", "1,2,9"],
+        ["advise", "--error", "1", *body(inertia="1,2,9")],
         "body.inertia_kg_m2",
     ),
     "a body at rest": (
-        ["advise", "--error", "1", *BODY, "--spin-rad-s", "0"],
-        "--spin-rad-s: must be finite",
+        ["advise", "--error", "1", *body(spin="0")],
+        "--spin-rad-s: |omega| must be from",
     ),
+    "two errors": (["advise", "--error", "1", "--error", "2"], "--error: given 2 times"),
+    "a row as JSON": (["ensemble", "free-flight", "--row", "5", "--json"], "--out and --json do not apply"),
     "a horizon in the past": (
         ["advise", "--error", "1", "--run", "run", "--horizon-s=-1"],
         "--horizon-s -1.0: must be a positive number",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,12 @@ def test_steps_and_tolerances_may_be_an_array() -> None:
     "arguments",
     [
         {"scenarios": "smoke"},
+        {"scenarios": Path("smoke.toml")},
+        {"scenarios": [Path("smoke.toml"), 3]},
+        {"engines": []},
+        {"dt_s": np.array([])},
+        {"jobs": 1.5},
+        {"timeout_s": "2"},
         {"engines": "dart"},
         {"dt_s": 1e-3},
         {"dt_s": "1e-3"},
@@ -37,7 +44,7 @@ def test_steps_and_tolerances_may_be_an_array() -> None:
         {"scenarios": []},
     ],
 )
-def test_string_or_empty_list_is_refused(
+def test_arguments_of_a_wrong_type_or_without_an_element_are_refused(
     arguments: dict[str, Any], expected_message: ExpectedMessage
 ) -> None:
     """One line states the valid form; a string is not treated as a list of letters."""

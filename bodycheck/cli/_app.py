@@ -124,7 +124,8 @@ def _status_of(app: typer.Typer, name: str) -> int:
     except usage_error as error:
         context = getattr(error, "ctx", None)
         command = context.command_path if context else name
-        _print_error(f"{_with_suggestion(error.format_message())} (help: {command} --help)")
+        message = " ".join(error.format_message().split())
+        _print_error(f"{_with_suggestion(message)} (help: {command} --help)")
         return int(error.exit_code)
     except Abort as error:  # typer raises it from an EOFError
         raise (error.__cause__ or error) from None

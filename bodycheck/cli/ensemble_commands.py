@@ -180,6 +180,8 @@ def ensemble(
         allow_code=allow_code,
     )
     if row is not None:
+        if out is not None or json:
+            raise InputError("--row: prints the scenario file of one body; --out and --json do not apply")
         print(row_text(request, row), end="")
         return
     if not request.engines:

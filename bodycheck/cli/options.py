@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from bodycheck._util.errors import InputError
 from bodycheck.reports.gates.thresholds import Thresholds
@@ -31,7 +32,15 @@ def described(group: str, *examples: str) -> dict[str, Any]:
 
 
 class Command(TyperCommand):
-    """A command whose help has its options in groups, and its examples."""
+    """A command whose help has its options in groups, and its examples; it refuses repeated options."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the arguments; an option with one value must not be given twice: the first would be lost."""
+        _, _, order = self.make_parser(ctx).parse_args(args=list(args))
+        for option, times in Counter(order).items():
+            if times > 1 and isinstance(option, TyperOption) and not (option.multiple or option.is_flag):
+                ctx.fail(f"{option.opts[0]}: given {times} times; separate several values by commas")
+        return list(super().parse_args(ctx, args))
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write arguments, then the options of each group."""

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from bodycheck._util.errors import InputError
@@ -53,9 +54,9 @@ class RunOptions:
     laws: bool = True
 
     def __post_init__(self) -> None:
-        if self.jobs is not None and self.jobs < 1:
-            raise InputError(f"jobs must be 1 or more, not {self.jobs}")
-        if not 0.0 < self.timeout_s < float("inf"):
+        if self.jobs is not None and (not isinstance(self.jobs, Integral) or self.jobs < 1):
+            raise InputError(f"jobs must be a whole number, 1 or more, not {self.jobs!r}")
+        if not isinstance(self.timeout_s, Real) or not 0.0 < self.timeout_s < float("inf"):
             raise InputError(f"timeout_s must be a positive number of seconds, not {self.timeout_s!r}")
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Sized
 from concurrent.futures import Executor
 from contextlib import closing
 from pathlib import Path
@@ -73,8 +73,10 @@ def run(
     the cases elsewhere, each as one task; its workers need bodycheck and the engines. Speeds are measured
     here. Raises InputError for wrong input.
     """
-    if not scenarios:
-        raise InputError("scenarios: name at least one")
+    listed = {"scenarios": scenarios, "engines": engines, "dt_s": dt_s, "tolerances": tolerances}
+    for name, values in listed.items():
+        if isinstance(values, Sized) and not len(values):
+            raise InputError(f"{name}: name at least one")
     reuse = reuse_of(fresh, "installed")
     options = RunOptions(speed=speed, jobs=jobs, timeout_s=timeout_s, reuse=reuse, executor=executor)
     selection = select(scenarios, engines, dt_s, tolerances, allow_code=allow_code)

@@ -133,8 +133,10 @@ def select(
     if os.environ.get(RUN_PID):
         raise InsideWorkerError("a run cannot be started from within a worker of another run")
     for option, listed in (("scenarios", scenarios), ("engines", engines)):
-        if isinstance(listed, str):
-            raise InputError(f"{option} must be a list of names, like [{listed!r}], not a string")
+        if isinstance(listed, str | Path):
+            raise InputError(f"{option} must be a list of names, like [{str(listed)!r}], not a single name")
+        if others := [one for one in listed or () if not isinstance(one, str | Path)]:
+            raise InputError(f"{option} must be a list of names, not of {type(others[0]).__name__}")
     steps, requested_tolerances = _doubles("dt_s", dt_s), _doubles("tolerances", tolerances)
     names = [split_method(name) for name in engines or default_engines()]
     _register_modules(names, allow_code=allow_code)

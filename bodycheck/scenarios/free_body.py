@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.formatting import vector
+from bodycheck._util.formatting import number, vector
 from bodycheck.scenarios.reader import parse_members
 
+_MIN_SPIN, _MAX_SPIN = 1e-30, 1e30  # rad/s: energies and times of faster and slower ones may overflow
 _ROTATIONS = 10.0  # of the default duration
 _LEADING = (1.0, 2.0, 5.0, 10.0)
 _MAX_SAMPLES = 10_001
@@ -47,7 +48,7 @@ class FreeBody:
         """Return the horizon in s, or else the next of 1, 2, 5, 10, ... s that is at least 10 rotations."""
         if horizon_s is not None:
             return horizon_s
-        return _round_up(_ROTATIONS * 2.0 * math.pi / float(np.linalg.norm(self.omega_body)))
+        return _round_up(_ROTATIONS * 2.0 * math.pi / math.hypot(*self.omega_body))
 
 
 def scenario_text(body: FreeBody, horizon_s: float | None, name: str) -> str:
@@ -57,7 +58,7 @@ def scenario_text(body: FreeBody, horizon_s: float | None, name: str) -> str:
     """
     _check(body)
     duration_s = body.duration_s(horizon_s)
-    interval = _round_up(0.5 / float(np.linalg.norm(body.omega_body)))
+    interval = _round_up(0.5 / math.hypot(*body.omega_body))
     samples = min(max(round(duration_s / interval), 2) + 1, _MAX_SAMPLES)
     strides = [n for n in _STRIDES if n * (samples - 1) <= _MAX_STEPS] or [1]
     steps = [float(f"{duration_s / (samples - 1) / n:.12g}") for n in strides]
@@ -90,8 +91,8 @@ def _check(body: FreeBody) -> None:
         faults.append(f"--inertia-kg-m2: must be three principal moments, not {len(body.inertia_kg_m2)}")
     if len(body.spin_rad_s) not in (1, 3):
         faults.append(f"--spin-rad-s: must be one number or three components, not {len(body.spin_rad_s)}")
-    if not 0.0 < math.hypot(*body.spin_rad_s) < math.inf:
-        faults.append("--spin-rad-s: must be finite and not zero")
+    if not _MIN_SPIN <= math.hypot(*body.spin_rad_s) <= _MAX_SPIN:
+        faults.append(f"--spin-rad-s: |omega| must be from {number(_MIN_SPIN)} to {number(_MAX_SPIN)} rad/s")
     if faults:
         raise InputError("\n".join(faults))
 
