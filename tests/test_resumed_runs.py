@@ -22,7 +22,12 @@ from typer.testing import CliRunner
 
 from bodycheck._util.errors import InputError
 from bodycheck.cli import commands
-from tests.helpers.scenario_texts import RUN_SPECIFIC_COLUMNS, SCENARIO
+from bodycheck.reports.cache.journal import Journal
+from bodycheck.runs import directory
+from bodycheck.runs.directory import RunRequest, resume, run_to_folder
+from bodycheck.runs.run_options import no_progress
+from tests.helpers.expected_messages import ExpectedMessage
+from tests.helpers.scenario_texts import RUN_SPECIFIC_COLUMNS, SCENARIO, tumbling
 from tests.helpers.worker_processes import all_gone, workers_of
 
 ROOT = Path(__file__).parents[1]
@@ -211,6 +216,35 @@ def test_run_that_cannot_be_resumed_is_refused(command: Command, tmp_path: Path)
     assert status == 2
     assert words.startswith("--resume out: out.partial/request.json: is not JSON: ")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.toml", "out.partial", "package"]
+
+
+def test_run_whose_scenario_has_changed_is_not_continued(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
+) -> None:
+    """Its results would be of two definitions under one name."""
+    monkeypatch.chdir(tmp_path)
+    Path("mine.toml").write_text(tumbling(steps_s=[0.05]))
+
+    def stopped(*_: object, **__: object) -> None:
+        raise InputError("the disk is full")
+
+    request = RunRequest(scenarios=["mine.toml"], engines=["reference:m1"], speed=False)
+    with monkeypatch.context() as patched:
+        patched.setattr(Journal, "is_empty", False)
+        patched.setattr(directory, "run_selection", stopped)
+        with pytest.raises(InputError):
+            run_to_folder(request, Path("out"), no_progress)
+    text = Path("mine.toml").read_text()
+    Path("mine.toml").write_text(text + "\n# a comment changes nothing\n")
+    with monkeypatch.context() as patched:
+        patched.setattr(Journal, "is_empty", False)
+        patched.setattr(directory, "run_selection", stopped)
+        with pytest.raises(InputError, match="the disk is full"):
+            resume(Path("out"), no_progress)
+    Path("mine.toml").write_text(tumbling(steps_s=[0.05], omega_body_rad_s=[0.3, 1.0, 0.2]))
+    with expected_message.raises(InputError):
+        resume(Path("out"), no_progress)
+    assert Path("out.partial").exists()
 
 
 @pytest.mark.slow

@@ -274,6 +274,19 @@ def test_shard_without_cases_is_a_shard(folder: Path, tmp_path: Path) -> None:
         pd.testing.assert_frame_equal(table, tables(tmp_path / "whole")[name])
 
 
+def test_questions_about_a_shard_without_cases_are_answered(folder: Path, tmp_path: Path) -> None:
+    """The report says that there is none, and there is no setting to advise."""
+    requested = replace(request(folder), scenarios=[str(folder / "mine.toml")], engines=["reference:m1"])
+    outs = [tmp_path / f"part-{k}" for k in (1, 2)]
+    for k, out in enumerate(outs, start=1):
+        run_to_folder(replace(requested, shard=f"{k}/2"), out, no_progress)
+    (empty,) = (out for out in outs if not len(pd.read_csv(out / "results.csv")))
+    assert run_bodycheck(tmp_path, "report", empty.name).returncode == 0
+    assert "This run has no cases." in (empty / "report.html").read_text()
+    advised = run_bodycheck(tmp_path, "advise", "--run", empty.name, "--error", "1e-3")
+    assert (advised.returncode, advised.stderr) == (2, f"{empty.name}: has no cases\n")
+
+
 @pytest.mark.nightly
 def test_shards_of_a_nightly_run_are_judged_as_one(folder: Path, tmp_path: Path) -> None:
     """The merged run is stored in a history and compared: the status is 3 the first time and 0 the second."""

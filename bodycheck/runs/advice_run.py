@@ -217,6 +217,8 @@ def advise(request: AdviceRequest, make_progress: ProgressFactory) -> Advice:
     folder, run, names = chosen_run(
         request.run, scenarios, allow_code=request.allow_code, make_progress=make_progress
     )
+    if not run.cases:
+        raise InputError(f"{folder}: has no cases")
     found: RunTables = run
     if request.horizon_s is not None and request.body is None:
         full_run = read_run(folder, allow_code=request.allow_code, cache=Cache.default())
@@ -245,7 +247,10 @@ def _written(body: FreeBody, horizon_s: float | None) -> str:
     name = f"body-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
     path = RUNS / "bodies" / f"{name}.toml"
     text = scenario_text(body, horizon_s, name)
-    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
     write_file(path, text.encode())
     print(
         f"{path}: omega_body = {vector(body.omega_body)} rad/s, {body.duration_s(horizon_s):g} s",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 from collections.abc import Iterator
@@ -24,6 +25,7 @@ from pydantic import (
 
 from bodycheck._util.errors import InputError, StoppedError
 from bodycheck._util.files import atomic_write
+from bodycheck._util.formatting import names
 from bodycheck._util.shard import Shard
 from bodycheck._util.untrusted import read_json, shell_quote
 from bodycheck.reports.cache.journal import Journal
@@ -34,14 +36,12 @@ from bodycheck.runs.run_options import TIMEOUT_S, ProgressFactory, RunOptions, r
 from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import Selection, select
 from bodycheck.scenarios.reader import fault_lines
+from bodycheck.scenarios.serialization import serialized
 
 RUNS = Path("bodycheck-runs")
 """The default parent folder of runs."""
 
 _REQUEST = "request.json"
-_WITHOUT_CASES = """<!doctype html>
-<html lang="en"><meta charset="utf-8"><title>bodycheck</title><p>This shard has no cases.</p></html>
-"""
 
 
 @dataclass(frozen=True)
@@ -114,6 +114,13 @@ class _Description(BaseModel):
     run_id: Annotated[str, Field(strict=True, pattern=r"^[0-9A-Za-z-]{1,100}$")]
     created: AwareDatetime
     request: RunRequest
+    definitions: dict[str, str] = {}
+
+
+def _definitions(selection: Selection) -> dict[str, str]:
+    """Return a hash of the definition of each scenario, by its name."""
+    texts = ((scenario.name, json.dumps(serialized(scenario))) for _, scenario in selection.scenarios)
+    return {name: hashlib.sha256(text.encode()).hexdigest() for name, text in texts}
 
 
 def run_to_folder(request: RunRequest, out: Path | None, make_progress: ProgressFactory) -> tuple[Run, Path]:
@@ -134,16 +141,19 @@ def run_to_folder(request: RunRequest, out: Path | None, make_progress: Progress
     except KeyboardInterrupt:
         raise StoppedError("stopped before anything was measured") from None
     with request.connected() as options:
-        _describe(partial, request, identity, out)
+        _describe(partial, request, identity, selection, out)
         return _run_journaled(selection, options, identity, out, make_progress)
 
 
-def _describe(partial: Path, request: RunRequest, identity: Identity, out: Path) -> None:
+def _describe(
+    partial: Path, request: RunRequest, identity: Identity, selection: Selection, out: Path
+) -> None:
     """Write request.json atomically, without which a folder does not count as a run."""
     description = {
         "run_id": identity.run_id,
         "created": identity.created.isoformat(),
         "request": asdict(request),
+        "definitions": _definitions(selection),
     }
     try:
         partial.mkdir(parents=True, exist_ok=True)
@@ -159,16 +169,18 @@ def _describe(partial: Path, request: RunRequest, identity: Identity, out: Path)
 def resume(out: Path, make_progress: ProgressFactory) -> tuple[Run, Path]:
     """Continue an interrupted run with its original settings, without repeating finished cases.
 
-    Raises InputError if there is no interrupted run, and the errors of run_to_folder.
+    Raises InputError if there is no interrupted run or a scenario has changed, and the errors of
+    run_to_folder.
     """
     partial = partial_of(out)
     try:
-        request, identity = _description(partial / _REQUEST)
+        description = _description(partial / _REQUEST)
     except FileNotFoundError:
         state = "that run is complete" if _run_id(out) else "there is no interrupted run"
         raise InputError(f"--resume {out}: {state}") from None
     except InputError as error:
         raise InputError(f"--resume {out}: {error}") from None
+    request, identity = description.request, Identity(description.run_id, description.created)
     if _run_id(out) == identity.run_id:  # interrupted after renaming the results
         shutil.rmtree(partial, ignore_errors=True)
         raise InputError(f"--resume {out}: that run is complete")
@@ -176,17 +188,21 @@ def resume(out: Path, make_progress: ProgressFactory) -> tuple[Run, Path]:
         selection = request.selection
     except KeyboardInterrupt:
         raise StoppedError(f"stopped; {_continue_hint(out)}") from None
+    now = _definitions(selection)
+    if changed := [name for name, was in description.definitions.items() if now.get(name) != was]:
+        raise InputError(
+            f"--resume {out}: changed since the run began: {names(changed)}; restore it, or remove {partial}"
+        )
     with request.connected() as options:
         return _run_journaled(selection, options, identity, out, make_progress)
 
 
-def _description(path: Path) -> tuple[RunRequest, Identity]:
+def _description(path: Path) -> _Description:
     """Read request.json; raises FileNotFoundError if it does not exist, InputError if it is damaged."""
     try:
-        description = _Description.model_validate(read_json(path, escape=False))
+        return _Description.model_validate(read_json(path, escape=False))
     except ValidationError as error:
         raise InputError("\n".join(f"{path}: {line}" for line in fault_lines(error))) from None
-    return description.request, Identity(description.run_id, description.created)
 
 
 def _run_id(out: Path) -> str | None:
@@ -237,4 +253,4 @@ def write_run(run: Run, out: str | Path, *, temp_dir: Path | None = None) -> Pat
     from bodycheck.reports.render.html import render_report  # imported here: Jinja is needed only now
 
     check_output(Path(out))
-    return write_files(run, render_report(run) if run.cases else _WITHOUT_CASES, Path(out), temp_dir=temp_dir)
+    return write_files(run, render_report(run), Path(out), temp_dir=temp_dir)

@@ -40,8 +40,15 @@ _SCRIPTS = (
 """In order of dependence: each may use those before it."""
 
 
+_WITHOUT_CASES = """<!doctype html>
+<html lang="en"><meta charset="utf-8"><title>bodycheck</title><p>This run has no cases.</p></html>
+"""
+
+
 def render_report(run: Run) -> str:
     """Return the report of a run as one HTML page that needs no other file and no network."""
+    if not run.cases:
+        return _WITHOUT_CASES
     summary = Summary.of(run)
     drawn = styles(key_of(case.columns) for case in run.cases)
     by_error = {error: costs(run.problems, run.cases, error) for error in ERRORS}

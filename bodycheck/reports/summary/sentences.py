@@ -41,7 +41,7 @@ class Summary:
 def verdict_sentences(cells: Mapping[str, Mapping[MethodKey, Cell]], found: list[MethodResults]) -> list[str]:
     """Return the results of the run in a few sentences that name every method with findings."""
     if not cells:
-        return ["This shard has no cases."]
+        return ["This run has no cases."]
     sentences = [headline(found), _as_expected(cells, found), _undecided(cells), _properties(found)]
     return [sentence for sentence in sentences if sentence]
 
@@ -127,7 +127,7 @@ def _outcomes(run: RunTables) -> str:
     seconds, compiling = run.manifest["run_s"], run.manifest["compile_s"] or 0.0
     compiled = f", after compiling for {compiling:.0f} s" if round(compiling) else ""
     took = "" if seconds is None else f" in {seconds:.0f} s{compiled}"
-    return f"{count(len(run.cases), 'case')}{took}: {ended}"
+    return f"{count(len(run.cases), 'case')}{took}" + (f": {ended}" if ended else "")
 
 
 def _remarks(run: RunTables) -> Iterator[Sentence]:
