@@ -247,6 +247,28 @@ def test_diverged_and_missing_motions_are_distinguished() -> None:
     assert np.isnan(errors[2])
 
 
+def test_matrix_that_diverged_is_an_unstable_motion() -> None:
+    """No rotation is nearest to a matrix that is not finite."""
+    requested = batch("euler", 3)
+    cases = [(scene, Case(scene, "euler", requested.setting)) for scene in requested.scenes()]
+    rows = [(scene, record(Reference(), case)) for scene, case in cases]
+    motion = rows[1][1].trajectory
+    assert motion is not None
+    assert motion.rotation is not None
+    motion.rotation[2:] = np.nan
+    truth = truth_of(requested.template, requested.bodies, free=True)
+    found = measured(requested.template, requested.bodies, truth, stacked(requested, rows, "float64"))
+    assert found.endings[1] == "unstable"
+
+
+def test_body_that_spins_too_fast_for_its_truth_is_refused() -> None:
+    """One line gives the speed."""
+    requested = batch("rk4", 3)
+    requested.bodies.omega_body[1] *= 1e20
+    with pytest.raises(InputError, match=r"^no truth where \|omega\| is up to .* rad/s: "):
+        truth_of(requested.template, requested.bodies, free=True)
+
+
 # -------------------------------------------------------------------------------------------- quantiles
 
 

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import number
 from bodycheck.adapters.batches import Batch, BatchAnswer, record_batch, scene_of, stacked
 from bodycheck.adapters.contract import Engine, Method, Setting
 from bodycheck.adapters.execution import Answer, Case
@@ -124,9 +126,16 @@ class BatchResult:
 
 
 def truth_of(template: Scene, bodies: Bodies, *, free: bool) -> BatchTruth:
-    """Return the truth of each body; free: whether the rotation is torque-free."""
+    """Return the truth of each body; free: whether the rotation is torque-free.
+
+    Raises InputError where a body spins too fast for it.
+    """
     if free and template.pivot is None:
-        found = free_truths(bodies.inertia, bodies.quaternion, bodies.omega_body, template.sample_times)
+        try:
+            found = free_truths(bodies.inertia, bodies.quaternion, bodies.omega_body, template.sample_times)
+        except ValueError as error:
+            fastest = number(float(np.max(np.linalg.norm(bodies.omega_body, axis=-1))))
+            raise InputError(f"no truth where |omega| is up to {fastest} rad/s: {error}") from None
         bounds, round_offs = found.bounds[:, 0], found.round_offs[:, 0]
         trusted = np.ones(len(bodies), dtype=np.bool_)
         return BatchTruth(found.quaternion, found.omega_body, bounds, round_offs, trusted)

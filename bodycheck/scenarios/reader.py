@@ -89,7 +89,9 @@ def _put(data: Any, key: str, value: float | str) -> None:
         isinstance(last, int) and not _has(place, last)
     ):
         raise ValueError(f"{key!r} is not a path in this file: there is no place for {last!r}")
-    place[last] = value
+    was = place[last] if _has(place, last) else None
+    is_whole = isinstance(was, int) and isinstance(value, float) and value.is_integer()
+    place[last] = int(value) if is_whole else value  # some keys need whole numbers
 
 
 def _has(place: Any, step: int | str) -> bool:

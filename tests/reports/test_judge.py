@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -99,6 +100,17 @@ def test_rotation_matrix_replaces_a_quaternion(tmp_path: Path) -> None:
     judged = bodycheck.judge(write(table, tmp_path / "matrix.csv"), "boxes")
     assert judged["orientation_error_rad"] < 1e-15
     assert judged["orthogonality_error"] < 1e-15
+
+
+def test_trajectory_is_read_from_a_pipe(tmp_path: Path) -> None:
+    """As from `bodycheck truth ... | bodycheck judge /dev/stdin`."""
+    content = write(truth_table(), tmp_path / "truth.csv").read_bytes()
+    reading, writing = os.pipe()
+    os.write(writing, content)
+    os.close(writing)
+    judged = bodycheck.judge(f"/dev/fd/{reading}", "boxes")
+    os.close(reading)
+    assert judged["orientation_error_rad"] < 1e-15
 
 
 def test_trajectory_with_nan_is_unstable(tmp_path: Path) -> None:

@@ -505,6 +505,12 @@ def test_value_of_a_wrong_type_is_one_error(value: str) -> None:
     assert line.startswith("file.toml: sweep[0].values[0]: needs ")
 
 
+def test_sweep_may_set_a_whole_number() -> None:
+    """A key that requires one gets it."""
+    members = parse_members(GOOD + "[[sweep]]\nkey = 'samples'\nvalues = [3, 5]\n", "file.toml", HERE)
+    assert [scenario.scene.samples for scenario in members.values()] == [3, 5]
+
+
 def test_sweep_may_set_an_absent_key() -> None:
     """A sweep may set a key whose table exists."""
     swept = "[[sweep]]\nkey = 'forcing[0].linear_n_s_m'\nvalues = [1, 2]\n"

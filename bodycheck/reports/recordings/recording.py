@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import io
 import json
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -80,12 +81,11 @@ def read_recording(path: Path, topic: str) -> Recording:
     topic: of an MCAP file. Raises InputError with one line that names the file and the fault.
     """
     try:
-        with path.open("rb"):
-            pass
-        if path.suffix == ".mcap":
-            found = _read_mcap(path, topic)
-        else:
-            found = _READERS.get(path.suffix, _read_csv)(path)
+        reader = _READERS.get(path.suffix, _read_csv)
+        if reader is not _read_csv:  # which opens the file itself, and only once
+            with path.open("rb"):
+                pass
+        found = _read_mcap(path, topic) if path.suffix == ".mcap" else reader(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     if not found.rows:
@@ -108,8 +108,9 @@ def _read_csv(path: Path) -> Recording:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # a row of the wrong width
-            table = pd.read_csv(path, low_memory=False, **options)
-            heads = pd.read_csv(path, header=None, nrows=1, dtype=str, **options)
+            content = path.read_bytes()  # once, because it may be a pipe
+            table = pd.read_csv(io.BytesIO(content), low_memory=False, **options)
+            heads = pd.read_csv(io.BytesIO(content), header=None, nrows=1, dtype=str, **options)
     except (ValueError, OverflowError, pd.errors.ParserWarning) as error:
         raise InputError(f"{path}: not a CSV file: {' '.join(str(error).split())}") from None
     names = [str(head) for head in heads.iloc[0]]
