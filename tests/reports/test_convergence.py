@@ -23,6 +23,7 @@ from bodycheck.reports.measurement.convergence import (
     tolerance_convergence,
     usable,
 )
+from bodycheck.reports.measurement.measures import Judgement
 from bodycheck.reports.measurement.verdicts import STATES
 
 STEPS = (2e-2, 1e-2, 5e-3, 2e-3, 1e-3)
@@ -163,6 +164,26 @@ def test_steps_that_only_add_round_off_do_not_blur_the_limit() -> None:
     certain = [uncertainty for uncertainty in found if uncertainty is not None]
     assert len(certain) == 5
     assert found[-1] == min(certain) < certain[0]
+
+
+@pytest.mark.parametrize(
+    ("offset", "judged", "verdict"),
+    [(2e-4, "limit", "converges"), (4e-4, "limit", "pre-asymptotic"), (4e-4, "property", "converges")],
+)
+def test_an_order_towards_another_limit_does_not_converge(
+    offset: float, judged: Judgement, verdict: str
+) -> None:
+    """Motions 0.1 h + c have an order at these steps; their limit is c, 4 times its uncertainty of 1e-4."""
+    motions = [(h, np.full((5, 1), 0.1 * h + offset)) for h in (0.08, 0.04, 0.02, 0.01)]
+    some = [Point(h, float(motion[0, 0]), motion) for h, motion in motions]
+    assert convergence_of(some, Criteria(1e-14, judged=judged)).verdict == verdict
+
+
+@pytest.mark.parametrize(("finest", "verdict"), [(1.9e-5, "converges"), (2.1e-5, "pre-asymptotic")])
+def test_an_order_at_coarser_steps_than_a_larger_error_is_none(finest: float, verdict: str) -> None:
+    """After four errors of order 1, the error at a finer step is twice as large as at the last of them."""
+    some = points((0.08, 8e-5), (0.04, 4e-5), (0.02, 2e-5), (0.01, 1e-5), (0.005, finest))
+    assert convergence_of(some, CRITERIA).verdict == verdict
 
 
 def test_a_wrong_limit_outweighs_an_order_at_coarser_steps() -> None:
@@ -360,6 +381,7 @@ def test_an_order_settles_from_four_points_from_a_half_on(some: list[Point], ver
         (points((0.1, 1e-3), (0.2, 0.2), (0.4, None)), LIMIT, ("pre-asymptotic", 2, LIMIT)),
         (points((0.1, 0.1), (0.2, 0.01), (0.4, 0.1), (0.8, 0.01)), LIMIT, ("pre-asymptotic", 4, LIMIT)),
         (points((0.01, 2e-9), (0.02, 1.1e-9), (0.04, 8e-10)), LIMIT, ("at-floor", 0, 1.1e-9)),
+        (points((0.001, 6e-8), (0.005, 2e-8), (0.01, 8e-10)), LIMIT, ("at-floor", 0, 2e-8)),
         (
             points((0.001, 0.1), (0.002, 0.1), (0.004, 0.1), (0.005, 4e-12)),
             LIMIT,

@@ -13,7 +13,7 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.measurement.limits import Limit, limit_of
 from bodycheck.reports.measurement.measures import Judgement
-from bodycheck.reports.measurement.order import MIN_POINTS, settled_order
+from bodycheck.reports.measurement.order import MIN_POINTS, Order, settled_order
 
 LARGEST_ERROR = 0.3  # rad, or of the scale: a larger error carries no information about the order
 ABOVE_FLOOR = 10.0
@@ -23,7 +23,8 @@ _MIN_CERTAIN = 1e-12
 _MIN_LIMIT_POINTS = 3  # usable points, where the limit alone shows convergence
 _MIN_FALL = 0.5  # order in the tolerance at which errors must fall
 _PLATEAU_DECADES = 2.0  # of the tolerance, over which they must fall
-_TURNED = 100.0  # predicted round-offs, below which an error that finer steps increase is round-off
+_GROWS = 2.0  # ratio of an error to that of a coarser step, above which finer steps do not reduce it
+_TURNED = 100.0  # round-offs, below which an error that finer steps increase is round-off
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +134,7 @@ def round_off_floor(points: Sequence[Point], min_floor: float) -> float:
     errors = [(p.dt_s, p.error) for p in sorted(points, key=lambda p: -p.dt_s) if p.error is not None]
     for (coarse_dt, coarser), (fine_dt, finer) in pairwise(errors):
         stalls = coarser < min(finer * math.sqrt(coarse_dt / fine_dt), LARGEST_ROUND_OFF)
-        if stalls and finer < max(ABOVE_FLOOR * coarser, LARGEST_ROUND_OFF):
+        if stalls and finer < _TURNED * LARGEST_ROUND_OFF:
             floor = max(floor, finer, coarser)
     return floor
 
@@ -170,7 +171,7 @@ def _convergence_of(points: tuple[Point, ...], criteria: Criteria) -> Convergenc
         found = replace(found, limit_distance=limit.distance, limit_uncertainty=limit.uncertainty)
         if limit.is_off and errors[-1] > LARGEST_ROUND_OFF and criteria.judged == "limit":
             return replace(found, verdict="does-not-converge")
-    if order is not None:
+    if order is not None and not _is_contradicted(order, fit, limit if criteria.judged == "limit" else None):
         interval = {"order": order.order, "order_low": order.low, "order_high": order.high}
         return replace(found, verdict="converges", points=order.points, **interval)
     if limit is not None and limit.is_truth and len(fit) >= _MIN_LIMIT_POINTS:
@@ -179,6 +180,16 @@ def _convergence_of(points: tuple[Point, ...], criteria: Criteria) -> Convergenc
         return replace(found, verdict="at-precision-floor")
     all_usable = len(ended) == len(points) and max(errors) < LARGEST_ERROR
     return replace(found, verdict="too-few-points") if all_usable and len(fit) < MIN_POINTS else found
+
+
+def _is_contradicted(order: Order, fit: Sequence[Point], limit: Limit | None) -> bool:
+    """Whether the limit differs from the truth, or errors at finer steps than those of the order are larger.
+
+    fit: the usable points, coarsest first, from which the order was fitted. limit: None if it is not judged.
+    """
+    errors = [p.error for p in fit[order.first + order.points - 1 :] if p.error is not None]
+    grows = max(errors) > _GROWS * errors[0]
+    return grows or (limit is not None and limit.is_doubtful and errors[-1] > LARGEST_ROUND_OFF)
 
 
 def _limit(ended: Sequence[Point], criteria: Criteria) -> Limit | None:

@@ -17,6 +17,7 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 
 SURELY_OFF = 30.0  # multiples of the uncertainty: correct methods stay below 3, planted faults exceed 1000
+_DOUBTFUL = 3.0  # multiples of the uncertainty, below which correct methods stay
 _STANDS_OFF = 10.0  # multiples of the last difference: a correct method of order 1/2 has an error of 2.4
 _ORDERS = (0.2, 9.0)
 _MIN_ORDER = 0.5  # of the differences, which must shrink for an extrapolation to be meaningful
@@ -43,6 +44,11 @@ class Limit:
     def is_truth(self) -> bool:
         """Whether the differences shrink and the limit equals the truth within the uncertainty."""
         return self.order >= _MIN_ORDER and self.distance <= self.uncertainty
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether the differences shrink, but probably towards something other than the truth."""
+        return self.order >= _MIN_ORDER and self.distance > _DOUBTFUL * self.uncertainty
 
 
 def limit_of(
