@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from bodycheck.reports.probes.examination import OTHER_BITS, SAME_BITS, check_re
 from bodycheck.reports.probes.fingerprint import (
     FARTHER,
     NO_KNOWN_MAP,
+    NOT_MEASURED,
     Fingerprint,
     distances,
     fingerprint_of,
@@ -160,6 +162,33 @@ def test_an_unknown_map_is_described_by_its_leading_error() -> None:
     assert found.leading is not None
     assert round(found.leading.order) == 0
     assert found.leading.omega["omega"] == pytest.approx(-0.04, rel=0.05)
+
+
+@pytest.mark.parametrize("gain", [1e3, 1e40, 1e300])
+def test_a_map_that_diverges_is_not_measured(gain: float) -> None:
+    """No map is near states whose energy has grown beyond all bounds, and many cannot be evaluated there."""
+
+    def step(solid: Solid, state: Motion, dt: Array, loads: Any) -> Motion:
+        after = BY_ALIAS["M1"].step(solid, state, dt, loads)
+        return replace(after, omega=after.omega * gain)
+
+    with np.errstate(all="ignore"):
+        found = found_for(step)
+    assert found.name == NOT_MEASURED
+    assert found.message.startswith("unstable: ")
+
+
+def test_a_map_that_does_not_exist_for_a_state_is_far(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An implicit step may have no solution; the maps that have one are compared nevertheless."""
+
+    def no_solution(*_: object) -> Motion:
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    missing = BY_ALIAS["M2"]
+    assert found_for(missing.step).name == missing.name
+    monkeypatch.setitem(MAPS, missing.name, replace(missing, step=no_solution))
+    assert found_for(BY_ALIAS["M1"].step).name == BY_ALIAS["M1"].name
+    assert found_for(missing.step).name != missing.name
 
 
 def test_an_unrenormalised_quaternion_differs_from_a_renormalised_one() -> None:

@@ -21,7 +21,7 @@ from bodycheck.adapters.contract import Engine, Method, Precision, read_back_mis
 from bodycheck.adapters.execution import Case
 from bodycheck.adapters.programs import with_method
 from bodycheck.adapters.registry import own_code
-from bodycheck.adapters.stable_step import invalid_state
+from bodycheck.adapters.stable_step import MAX_ENERGY, invalid_state
 from bodycheck.adapters.workers import protocol
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.loads import load_kinds
@@ -193,6 +193,9 @@ def fingerprint_of(
     free = _steps(engine, method, ask, _free_scenes())
     if isinstance(free, str):
         return Fingerprint(NOT_MEASURED, message=free)
+    if _diverges(free):
+        what = f"unstable: over {MAX_ENERGY:g} times the initial kinetic energy after {_STEPS} free steps"
+        return Fingerprint(NOT_MEASURED, message=what)
     limit = _LIMITS[method.precision]
     with np.errstate(all="ignore"):  # a map far from the method may overflow
         nearest = nearest_maps(free)
@@ -251,6 +254,15 @@ def steps_along(scene: Scene, path: Trajectory) -> Steps:
         dt,
         scene_loads(scene),
     )
+
+
+def _diverges(free: Steps) -> bool:
+    """Whether the energy of a free rotation becomes more than MAX_ENERGY times the initial one."""
+    before, after = (
+        np.einsum("ni,ij,nj->n", motion.omega, free.solid.inertia, motion.omega)
+        for motion in (free.before, free.after)
+    )
+    return bool(np.any(after > MAX_ENERGY * np.repeat(before[::_STEPS], _STEPS)))
 
 
 def _levels(free: Steps) -> Rows:
@@ -392,11 +404,19 @@ def nearest_maps(steps: Steps) -> list[Match]:
 
 
 def _compared(steps: Steps, names: Sequence[str]) -> list[Match]:
-    found = []
-    for name in names:
-        predicted = MAPS[name].step(steps.solid, steps.before, steps.dt, steps.loads)
-        found.append(Match(name, float(np.max(distances(steps, predicted)))))
+    found = [Match(name, _largest_distance(steps, MAPS[name])) for name in names]
     return sorted(found, key=lambda match: match.distance)
+
+
+def _largest_distance(steps: Steps, one: OneStepMap, parts: int = 1) -> float:
+    """Return the largest distance of the steps from those of a map that is made several times per step.
+
+    It is infinite where the map does not exist, as for the huge states of a method that diverges.
+    """
+    try:
+        return float(np.max(distances(steps, _many(one, steps, parts))))
+    except np.linalg.LinAlgError:
+        return math.inf
 
 
 def _substepped(steps: Steps, limit: float) -> list[Match]:
@@ -404,9 +424,8 @@ def _substepped(steps: Steps, limit: float) -> list[Match]:
     found = []
     for name in _ENGINES_MAPS:
         for parts in range(2, _MAX_SUBSTEPS + 1):
-            predicted = _many(MAPS[name], steps, parts)
             text = f"{name}, {parts} steps per step"
-            found.append(Match(text, float(np.max(distances(steps, predicted)))))
+            found.append(Match(text, _largest_distance(steps, MAPS[name], parts)))
     found.sort(key=lambda match: match.distance)
     return found if found[0].distance <= limit else []
 
@@ -526,7 +545,7 @@ def _ruled(name: str, steps: Steps) -> Iterator[Match]:
             )
         else:
             continue
-        yield Match(name, float(np.max(distances(acting, _many(one, acting, parts)))), rule)
+        yield Match(name, _largest_distance(acting, one, parts), rule)
 
 
 _POSITIONS = {"new velocity": 1.0, "old velocity": 0.0, "mean velocity": 0.5}

@@ -6,6 +6,7 @@ p is the local order (Hairer, Lubich and Wanner 2006, Geometric numerical integr
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -103,6 +104,8 @@ class LeadingError:
     @property
     def text(self) -> str:
         """The order and the leading term, such as "order 1: omega += dt^2 (-0.5 f'f), f = omega'"."""
+        if not math.isfinite(self.order):
+            return "no local order"
         p = round(self.order)
         power = "dt" if p == 0 else f"dt^{p + 1}"
         parts = [
