@@ -20,7 +20,7 @@ from bodycheck.adapters.execution import Answer, Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
-from bodycheck.reference_impl.rotations import exp_matrix, normalised
+from bodycheck.reference_impl.rotations import exp_matrix, normalised, quaternion_to_matrix
 from bodycheck.reference_impl.scene import RigidBody, Scene, Torque
 from bodycheck.reference_impl.wrench import Wrench
 from bodycheck.reports.probes import probe
@@ -146,6 +146,14 @@ def test_defaults_of_an_engine_are_detected() -> None:
     assert rows["gravity_response"]["measured"] == pytest.approx(1.0 - lost, abs=1e-6)
 
 
+def _with_all_axes(reading: Reading) -> Reading:
+    """Return a reading with its rotation matrix, and with omega in world axes."""
+    assert reading.quaternion is not None
+    assert reading.omega_body is not None
+    rotation = quaternion_to_matrix(reading.quaternion)
+    return replace(reading, rotation=rotation, omega_world=rotation @ reading.omega_body)
+
+
 class Altered:
     """A simulation of the reference of which a reading or a load is altered."""
 
@@ -158,10 +166,15 @@ class Altered:
         late: bool = False,
         stale: tuple[str, ...] = (),
         single: bool = False,
+        all_axes: bool = False,
     ) -> None:
-        """late: a load acts one step later; stale: read one step late; single: the state is float32."""
+        """late: a load acts one step later; stale: read one step late; single: the state is float32.
+
+        all_axes: the matrix and omega in world axes are read too.
+        """
         self._inner: Any = inner
         self._reading, self._late, self._stale, self._single = reading, late, stale, single
+        self._all_axes = all_axes
         self.close, self.read_back = inner.close, inner.read_back
         self._before = inner.read()
         self._wrench: Wrench | None = None
@@ -191,8 +204,10 @@ class Altered:
 
     def read(self) -> Reading:
         """Return the state, altered."""
-        reading = self._inner.read()
-        reading = replace(reading, **{name: getattr(self._before, name) for name in self._stale})
+        reading, before = (
+            _with_all_axes(one) if self._all_axes else one for one in (self._inner.read(), self._before)
+        )
+        reading = replace(reading, **{name: getattr(before, name) for name in self._stale})
         return reading if self._reading is None else self._reading(reading)
 
 
@@ -240,6 +255,8 @@ READINGS: dict[str, tuple[dict[str, Any], set[str]]] = {
     "late attitude": ({"stale": ("quaternion",)}, {"attitude_delay"}),
     "late position": ({"stale": ("position",)}, {"position_delay"}),
     "late omega": ({"stale": ("omega_body",)}, {"body_torque_delay", "world_torque_delay"}),
+    "late matrix": ({"stale": ("rotation",), "all_axes": True}, {"rotation_delay"}),
+    "late omega in world axes": ({"stale": ("omega_world",), "all_axes": True}, {"omega_world_delay"}),
 }
 
 
@@ -266,6 +283,14 @@ def test_stated_single_precision_is_not_a_fault(how: dict[str, Any], method: str
     assert accused(probed(Altering(**how), method)) == {"precision"}
     for seed in range(5):
         assert accused(probed(single, method, partial(of_another_body, seed))) == set()
+
+
+@pytest.mark.parametrize("method", ["rk4", "m1"])
+def test_readings_in_all_axes_agree(method: str) -> None:
+    """A second reading of attitude and omega adds no fault."""
+    rows = probed(Altering(all_axes=True), method)
+    assert accused(rows) == set()
+    assert {"rotation_delay", "omega_world_delay"} <= rows.keys()
 
 
 def test_quaternion_that_is_not_renormalised_is_a_property() -> None:

@@ -47,6 +47,30 @@ def _omega_findings(motions: Sequence[Sampled], resolution: float) -> Iterator[F
         yield found.reading(f"omega_{axes}_reading", "omega is not the derivative of the attitude")
         delays.append(found.delay("attitude_delay", "the attitude is read"))
     yield delays[0]
+    if len(delays) > 1:
+        yield _omega_world_delay(motions[-1])
+
+
+def _omega_world_delay(motion: Sampled) -> Finding:
+    """Return by how many steps omega in world axes lags behind that in body axes.
+
+    They differ by h R omega' per step; of a free body, omega' = -I^-1 (omega x I omega) in body axes.
+    """
+    path, inertia = motion.trajectory, motion.scene.body.inertia
+    assert path.omega_world_rad_s is not None
+    omega, rotation = path.omega_body[-1], path.rotation_matrices[-1]
+    per_step = motion.dt_s * rotation @ np.linalg.solve(inertia, np.cross(inertia @ omega, omega))
+    return _lag(
+        "omega_world_delay",
+        path.omega_world_rad_s[-1] - rotation @ omega,
+        per_step,
+        "compared with omega in body axes, omega in world axes is read",
+    )
+
+
+def _lag(check: str, difference: Array, per_step: Array, late: str) -> Finding:
+    """Return how many steps a reading lags behind another: their difference (3,) over that per step."""
+    return delay_finding(check, -float(difference @ per_step / (per_step @ per_step)), late)
 
 
 def _velocity_findings(motions: Sequence[Sampled], resolution: float) -> Iterator[Finding]:
@@ -147,6 +171,7 @@ def _attitude_findings(motions: Sequence[Sampled], resolution: float) -> Iterato
     paths = [motion.trajectory for motion in motions]
     if paths[0].quaternion is not None and paths[0].rotation is not None:
         yield _same_attitude(motions, resolution)
+        yield _rotation_delay(motions[-1])
     steps_s = [motion.dt_s for motion in motions]
     if paths[0].quaternion is not None:
         sizes = [_largest_norm_error(path) for path in paths]
@@ -170,6 +195,18 @@ def _same_attitude(motions: Sequence[Sampled], resolution: float) -> Finding:
     found = limit([m.dt_s for m in motions], angles, max(resolution, scatter))
     message = "the rotation matrix differs from the quaternion" if found.size > found.tolerance else ""
     return Finding("rotation_reading", found.size, 0.0, found.size, found.tolerance, message)
+
+
+def _rotation_delay(motion: Sampled) -> Finding:
+    """Return by how many steps the matrix lags behind the quaternion: they differ by omega h per step."""
+    path = motion.trajectory
+    assert path.rotation is not None
+    turned = matrix_to_quaternion(project_to_so3(path.rotation[-1]))
+    between = log_quaternion(quaternion_product(conjugate(path.attitude[-1]), turned))
+    per_step = motion.dt_s * path.omega_body[-1]
+    return _lag(
+        "rotation_delay", between, per_step, "compared with the quaternion, the rotation matrix is read"
+    )
 
 
 def _largest_norm_error(path: Trajectory) -> float:
