@@ -149,8 +149,10 @@ def test_faults_that_a_scene_cannot_tell_apart_are_one_class() -> None:
     """Without a torque, a missing gyroscopic term and a sphere both keep omega; with one they differ."""
     free = diagnosis_of("full-tensor", motion_of("full-tensor", "m1", ["no-gyroscopic-term"]), 1)
     assert {"gyroscopic-term", "inertia-sphere"} <= {free.faults[0].name, *(n for (n,) in free.alike_names)}
+    assert all(f"; or {other}" in free.sentence for other in free.alike)
     forced = diagnosis_of("body-torque", motion_of("body-torque", "m1", ["no-gyroscopic-term"]), 1)
     assert (forced.faults[0].name, forced.alike_names) == ("gyroscopic-term", ())
+    assert "; or " not in forced.sentence
 
 
 @pytest.mark.slow
@@ -292,6 +294,20 @@ def test_a_run_diagnoses_wrong_methods_only(
         refused = run_bodycheck(tmp_path, "explain", "run", *words)
         assert (refused.returncode, refused.stdout) == (2, "")
         expected_message(refused.stderr.strip())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", ["no-gyroscopic-term", "inertia-sphere"])
+def test_a_scenario_that_separates_faults_decides_for_all_scenarios(fault: str) -> None:
+    """The first scenario has no torque, so a sphere moves like a body without gyroscopic term."""
+    engine = Faulty("m1")
+    engine.methods = {fault: engine.methods[fault]}
+    with registered(engine):
+        found = bodycheck.run(["full-tensor", "body-torque"], engines=[engine.name], speed=False)
+    name = fault.removeprefix("no-")
+    assert list(found.diagnoses["scenario"]) == ["full-tensor", "body-torque"]
+    assert list(found.diagnoses["faults"]) == [name, name]
+    assert not any("; or " in sentence for sentence in found.diagnoses["diagnosis"])
 
 
 @pytest.mark.parametrize(

@@ -85,12 +85,12 @@ class Diagnosis:
 
     @property
     def sentence(self) -> str:
-        """The faults in one sentence; "unexplained" where there are none."""
+        """The faults in one sentence, with those that would explain the motion as well."""
         if self.verdict == "healthy":
             return f"no fault: the motion is that of {self.base_words}"
         if self.verdict != "explained":
             return "unexplained: no known fault, and no pair of them, makes this motion"
-        named = "; and ".join(fault.sentence for fault in self.faults)
+        named = "; or ".join(["; and ".join(fault.sentence for fault in self.faults), *self.alike])
         return f"{named} (explains {_percent(self.share)} of the error)"
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -111,9 +111,35 @@ def explained_cases(
             one = explained(problem, chosen, order=orders.get(key), wrong=verdicts, known_faults=names)
             found.append(one)
             if one.diagnosis is not None and one.diagnosis.verdict == "explained":
-                name = tuple(fault.name for fault in one.diagnosis.faults)
+                name = _names(one.diagnosis)
                 known[key] = [name, *(other for other in names if other != name)]
-    return found
+    certain: dict[tuple[str, ...], list[tuple[str, ...]]] = {}
+    for one in found:
+        if one.diagnosis is not None and one.diagnosis.faults and not one.diagnosis.alike:
+            certain.setdefault(one.key, []).append(_names(one.diagnosis))
+    return [_separated(one, certain.get(one.key, ()), orders) for one in found]
+
+
+def _names(found: Diagnosis) -> tuple[str, ...]:
+    return tuple(fault.name for fault in found.faults)
+
+
+def _separated(
+    one: ExplainedCase, certain: Sequence[tuple[str, ...]], orders: Mapping[MethodKey, int | None]
+) -> ExplainedCase:
+    """Return the case with that of its equally good diagnoses which another scenario of its method has alone.
+
+    certain: the names of the faults that explain another scenario, without an equally good diagnosis.
+    """
+    found = one.diagnosis
+    if found is None or not found.alike:
+        return one
+    if _names(found) in certain:
+        return replace(one, diagnosis=replace(found, alike=(), alike_names=()))
+    if not (names := [names for names in certain if names in found.alike_names]):
+        return one
+    order = orders.get(key_of(one.case.columns))
+    return explained(one.problem, one.case, order=order, wrong=one.wrong, known_faults=names)
 
 
 def diagnosis_row(one: ExplainedCase) -> dict[str, Any]:

@@ -157,8 +157,6 @@ def _facts(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
     yield "diagnosis", Span(found.sentence, tint)
     if found.verdict == "unexplained" and found.nearly:
         yield "nearest fault", found.nearly[0].sentence
-    if found.alike:
-        yield "same in this scene", "; or ".join(found.alike)
     yield "map", f"{found.base}: {found.base_words}"
     for fault in found.faults:
         if fault.confirm:
