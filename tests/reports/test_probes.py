@@ -178,6 +178,7 @@ class Altered:
         self.close, self.read_back = inner.close, inner.read_back
         self._before = inner.read()
         self._wrench: Wrench | None = None
+        self.steps = 0
 
     def reset(self) -> None:
         """Start again."""
@@ -196,6 +197,7 @@ class Altered:
         for _ in range(steps):
             self._before = self._inner.read()
             self._inner.advance(1)
+            self.steps += 1
             if self._single:
                 self._inner._state[:] = self._inner._state.astype(np.float32)
             if self._wrench is not None:
@@ -283,6 +285,24 @@ def test_stated_single_precision_is_not_a_fault(how: dict[str, Any], method: str
     assert accused(probed(Altering(**how), method)) == {"precision"}
     for seed in range(5):
         assert accused(probed(single, method, partial(of_another_body, seed))) == set()
+
+
+class Flipping(Altered):
+    """A simulation whose quaternion has another sign after each step."""
+
+    def read(self) -> Reading:
+        """Return the same attitude by q or -q."""
+        reading = super().read()
+        sign = -1.0 if self.steps % 2 else 1.0
+        assert reading.quaternion is not None
+        return replace(reading, quaternion=sign * reading.quaternion)
+
+
+def test_sign_of_the_quaternion_is_no_fault() -> None:
+    """q and -q are the same attitude, whichever an engine returns."""
+    flipping = Altering()
+    flipping.build = lambda scene, method, dt_s: Flipping(Reference().build(scene, method, dt_s))  # type: ignore[method-assign]
+    assert accused(probed(flipping, "rk4")) == set()
 
 
 @pytest.mark.parametrize("method", ["rk4", "m1"])

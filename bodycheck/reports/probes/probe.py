@@ -64,9 +64,17 @@ def is_single(path: Trajectory) -> bool:
 
 
 def _states(path: Trajectory) -> list[Array]:
-    readings = (path.quaternion, path.rotation, path.omega_body_rad_s, path.omega_world_rad_s)
+    quaternion = None if path.quaternion is None else _continuous(path.quaternion)
+    readings = (quaternion, path.rotation, path.omega_body_rad_s, path.omega_world_rad_s)
     extra = [values.reshape(len(values), -1) for values in readings if values is not None]
     return [path.position_m, path.velocity_m_s, *extra]
+
+
+def _continuous(quaternion: Array) -> Array:
+    """Return the quaternions (n, 4) of the same attitudes without jumps from q to -q."""
+    jumps = np.sum(quaternion[1:] * quaternion[:-1], axis=-1) < 0.0
+    signs = np.cumprod(np.where(np.concatenate([[False], jumps]), -1.0, 1.0))
+    return quaternion * signs[:, np.newaxis]
 
 
 def _round_off(values: Array) -> float:
