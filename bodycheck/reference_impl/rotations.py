@@ -232,8 +232,14 @@ def _of_ordinary_size(q: Array) -> Array:
 def project_to_so3(matrix: Array) -> Array:
     """U diag(1, 1, det(U V^T)) V^T of the SVD U S V^T: the nearest rotation in the Frobenius norm.
 
-    Shapes: (..., 3, 3) -> (..., 3, 3) with det = +1. Source: Kabsch (1978); Higham (1986).
+    Shapes: (..., 3, 3) -> (..., 3, 3) with det = +1; NaN for a matrix that is not finite. Source: Kabsch
+    (1978); Higham (1986).
     """
+    finite = np.isfinite(matrix).all(axis=(-2, -1))
+    if not finite.all():  # the SVD of LAPACK may fail, or never end
+        nearest = np.full(np.shape(matrix), np.nan)
+        nearest[finite] = project_to_so3(matrix[finite])
+        return nearest
     u, _, vt = np.linalg.svd(matrix)
     u = u.copy()
     u[..., :, 2] *= np.sign(np.linalg.det(u @ vt))[..., None]

@@ -536,6 +536,18 @@ def test_projection_of_reflections_and_singular_matrices(matrix: Array) -> None:
     assert is_rotation(project_to_so3(matrix))
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_projection_of_a_matrix_that_is_not_finite_is_nan(value: float) -> None:
+    """The others of a stack are projected as if they were alone."""
+    stack = np.stack([np.eye(3), 2.0 * np.eye(3), np.diag([1.0, 1.0, -1.0])])
+    alone = [project_to_so3(matrix) for matrix in stack]
+    stack[1, 0, 2] = value
+    found = project_to_so3(stack)
+    assert np.isnan(found[1]).all()
+    assert np.array_equal(found[[0, 2]], [alone[0], alone[2]])
+    assert np.isnan(project_to_so3(stack[1])).all()
+
+
 @law
 @given(quaternions)
 def test_projection_keeps_rotations(q: Array) -> None:
