@@ -186,6 +186,21 @@ def test_an_order_at_coarser_steps_than_a_larger_error_is_none(finest: float, ve
     assert convergence_of(some, CRITERIA).verdict == verdict
 
 
+def test_two_finer_steps_are_tried_where_the_motion_does_not_depend_on_the_step() -> None:
+    """A correct method may make shorter steps of its own; a wrong motion is the same at all of them."""
+    listed = (0.01, 0.005, 0.002, 0.001)
+    same = [Point(dt, 0.0141, np.full((5, 1), 0.0141)) for dt in listed]
+    assert convergence_of(same, CRITERIA).verdict == "does-not-converge"
+    assert next_step_size(same, CRITERIA, listed, 0.1, 10.0) == 0.0005
+    one_finer = [*same, replace(same[0], dt_s=0.0005)]
+    assert next_step_size(one_finer, CRITERIA, listed, 0.1, 10.0) == 0.0002
+    assert next_step_size([*one_finer, replace(same[0], dt_s=0.0002)], CRITERIA, listed, 0.1, 10.0) is None
+    nearly = [replace(point, error=0.0141 + 1e-9 * point.dt_s) for point in same]
+    assert next_step_size(nearly, CRITERIA, listed, 0.1, 10.0) == 0.0005
+    changing = [replace(point, error=0.0141 + 1e-6 * point.dt_s) for point in same]
+    assert next_step_size(changing, CRITERIA, listed, 0.1, 10.0) is None
+
+
 def test_a_wrong_limit_outweighs_an_order_at_coarser_steps() -> None:
     """After five steps of order 2 and three flat ones, the order does not hide the plateau."""
     points = [*power_law(2.0, 1e-1), *(Point(dt, 1.0e-3) for dt in (5e-4, 2e-4, 1e-4))]

@@ -257,6 +257,8 @@ _LEADING = (1, 2, 5)
 _MAX_STEPS = 200_000  # of one case
 _SPAN = 100.0  # ratio of the coarsest requested step to the finest one tried
 _FLAT_SPREAD = 2.0
+_SAME = 1e-9  # relative difference below which errors, and steps, count as the same
+_FINER = 2  # steps below the listed ones that a method must ignore before it is said to ignore all
 
 
 def next_step_size(
@@ -275,6 +277,7 @@ def next_step_size(
     """
     found = convergence_of(points, criteria)
     decided = found.verdict in ("does-not-converge", "chaotic") or found.order is not None
+    decided = decided and not _may_ignore_the_step(points, listed)
     if decided or (not needs_order and found.is_decided):
         return None
     floor = round_off_floor(points, criteria.floor)
@@ -292,6 +295,16 @@ def next_step_size(
     too_many = finer * duration_s / interval_s > _MAX_STEPS
     too_fine = max(listed) * finer / interval_s > _SPAN * (1.0 + 1e-9)
     return None if too_many or too_fine else interval_s / finer
+
+
+def _may_ignore_the_step(points: Sequence[Point], listed: Sequence[float]) -> bool:
+    """Whether all motions are the same, as those of a method that makes shorter steps of its own.
+
+    Two steps finer than the listed ones show whether it does so at any step.
+    """
+    errors = [p.error for p in points if p.error is not None]
+    finer = sum(p.dt_s < min(listed) * (1.0 - _SAME) for p in points)
+    return len(errors) > 1 and finer < _FINER and max(errors) - min(errors) <= _SAME * max(errors)
 
 
 def _too_fine(points: Sequence[Point], floor: float, *, reached: bool) -> bool:
