@@ -134,40 +134,40 @@ def series_of_motion(found: Trajectory, truth: Trajectory, made: Scene | None = 
 SPINNING = {"omega_body_rad_s": np.tile([0.0, 0.0, 2.0], (4, 1))}
 
 
-@pytest.mark.parametrize(
-    ("arrays", "reported"),
-    [
-        ({"position_m": PLACE + at(2, 0.3, 0.0, 0.4)}, {"position_error": 0.5}),
-        (
-            {"velocity_m_s": at(1, 0.0, -0.3, 0.4)},
-            {
-                "velocity_error": 0.5,
-                "linear_momentum_drift": 1.0,
-                "energy_drift": 0.25,
-                "energy_balance": 0.25,
-            },
-        ),
-        (
-            {"omega_body_rad_s": np.array([0.0, 0.0, 2.0]) - at(2, 0.0, 0.0, 1.0)},
-            {
-                "omega_error": 1.0,
-                "angular_momentum_drift": 3.0,
-                "energy_drift": 4.5,
-                "energy_balance": 4.5,
-                "rotational_energy_drift": 4.5,
-            },
-        ),
-        ({"quaternion": np.array([1.0, 0, 0, 0]) - at(1, 0.5, 0, 0, 0)}, {"quaternion_norm_error": 0.5}),
-        (
-            {"quaternion": np.array([[1.0, 0, 0, 0], QUARTER, [1.0, 0, 0, 0], [1.0, 0, 0, 0]])},
-            {"orientation_error_rad": math.pi / 2.0},
-        ),
-    ],
-)
+ERRORS: list[tuple[dict[str, Array], dict[str, float]]] = [
+    ({"position_m": PLACE + at(2, 0.3, 0.0, 0.4)}, {"position_error": 0.5}),
+    (
+        {"velocity_m_s": at(1, 0.0, -0.3, 0.4)},
+        {
+            "velocity_error": 0.5,
+            "linear_momentum_drift": 1.0,
+            "energy_drift": 0.25,
+            "energy_balance": 0.25,
+        },
+    ),
+    (
+        {"omega_body_rad_s": np.array([0.0, 0.0, 2.0]) - at(2, 0.0, 0.0, 1.0)},
+        {
+            "omega_error": 1.0,
+            "angular_momentum_drift": 3.0,
+            "energy_drift": 4.5,
+            "energy_balance": 4.5,
+            "rotational_energy_drift": 4.5,
+        },
+    ),
+    ({"quaternion": np.array([1.0, 0, 0, 0]) - at(1, 0.5, 0, 0, 0)}, {"quaternion_norm_error": 0.5}),
+    (
+        {"quaternion": np.array([[1.0, 0, 0, 0], QUARTER, [1.0, 0, 0, 0], [1.0, 0, 0, 0]])},
+        {"orientation_error_rad": math.pi / 2.0},
+    ),
+]
+
+
+@pytest.mark.parametrize(("arrays", "reported"), ERRORS)
 def test_each_error_is_in_its_own_measures(arrays: dict[str, Array], reported: dict[str, float]) -> None:
-    """For a brick that rotates about its third axis, all other measures and the final error are 0."""
+    """For a brick that rotates about its third axis, the others of these and the final error are 0."""
     found = reduced(series_of_motion(still(**{**SPINNING, **arrays}), still(**SPINNING)), ONES)
-    names = [*SCALES, "orientation_error_rad", "quaternion_norm_error"]
+    names = {name for _, values in ERRORS for name in values}
     assert {name: found[name] for name in names} == pytest.approx(
         {**dict.fromkeys(names, 0.0), **reported}, abs=1e-15
     )
@@ -193,8 +193,9 @@ def test_each_measure_is_divided_by_its_own_scale() -> None:
     scales = Scales(2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 0.0)
     series = {name: np.array([0.0, 1.0, 0.5]) for name in SCALES}
     found = reduced({**series, "orientation_error_rad": np.array([3.0, 1.0, 0.25])}, scales)
-    assert found == {
-        **{f"{name}_abs": 1.0 for name in SCALES},
+    assert found.items() >= {f"{name}_abs": 1.0 for name in SCALES}.items()
+    assert "linear_momentum_drift" not in found
+    expected = {
         "energy_drift": 1.0 / 7.0,
         "energy_balance": 1.0 / 7.0,
         "rotational_energy_drift": 1.0 / 11.0,
@@ -205,6 +206,7 @@ def test_each_measure_is_divided_by_its_own_scale() -> None:
         "orientation_error_rad": 3.0,
         "orientation_error_final_rad": 0.25,
     }
+    assert found.items() >= expected.items()
 
 
 @pytest.mark.parametrize(("measure", "bound"), [("energy_drift", 1e-12), ("rotational_energy_drift", 4e-12)])
@@ -606,12 +608,11 @@ def damped(name: str) -> Trajectory:
 def clamped(name: str) -> Trajectory:
     """Clamp each component of v and omega at 90 % of the largest there is."""
     motion = truth_of(name).trajectory
-    fastest = 0.9 * np.max(np.abs(motion.velocity_m_s))
-    fastest = 0.9 * np.max(np.abs(motion.omega_body))
+    fastest, fastest_spin = (0.9 * np.max(np.abs(v)) for v in (motion.velocity_m_s, motion.omega_body))
 
     def tamper(state: Array) -> None:
         state[3:6] = np.clip(state[3:6], -fastest, fastest)
-        state[6:9] = np.clip(state[6:9], -fastest, fastest)
+        state[6:9] = np.clip(state[6:9], -fastest_spin, fastest_spin)
 
     return stepped(SCENES[name], tamper=tamper)
 
