@@ -38,6 +38,8 @@ class History:
 
         Raises InputError if nothing can be stored there.
         """
+        if (folder / "manifest.json").exists():
+            raise InputError(f"--history {folder}: is the folder of a run, not of a history")
         try:
             folder.mkdir(parents=True, exist_ok=True)
             check_folder(f"--history {folder}", folder)

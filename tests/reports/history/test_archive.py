@@ -27,6 +27,14 @@ def test_nightly_runs_are_sorted_by_their_start(tmp_path: Path) -> None:
     assert sorted(path.name for path in history.runs()[0].iterdir()) == ["manifest.json", "results.csv"]
 
 
+def test_folder_of_a_run_is_no_history(tmp_path: Path, expected_message: ExpectedMessage) -> None:
+    """Nightly runs would be stored among the files of the run."""
+    (tmp_path / "manifest.json").write_text("{}")
+    with expected_message.raises(InputError):
+        History.at(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["manifest.json"]
+
+
 def test_start_is_that_of_the_run_id() -> None:
     """The start is in UTC, to the second."""
     assert started_at("20260102T030405Z-0a1b2c") == datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
