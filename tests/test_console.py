@@ -282,6 +282,7 @@ COMPLETED = {
     "run free-flight --engine dart,reference:splitting": "dart,reference:splitting6",
     "truth free-fl": "free-flight",
     "list meth": "methods",
+    "run free-flight --dt 0.1 --dt 0.2 --engine muj": "mujoco",
 }
 
 

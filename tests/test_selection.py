@@ -35,6 +35,8 @@ def test_steps_and_tolerances_may_be_an_array() -> None:
         {"scenarios": [Path("smoke.toml"), 3]},
         {"engines": []},
         {"dt_s": np.array([])},
+        {"dt_s": np.array(0.01)},
+        {"engines": [Path("reference")]},
         {"jobs": 1.5},
         {"timeout_s": "2"},
         {"engines": "dart"},
@@ -50,6 +52,14 @@ def test_arguments_of_a_wrong_type_or_without_an_element_are_refused(
     """One line states the valid form; a string is not treated as a list of letters."""
     with expected_message.raises(bodycheck.InputError):
         bodycheck.run(**arguments)
+
+
+def test_names_may_come_from_an_iterator() -> None:
+    """They are read once."""
+    names = ("sphere", "full-tensor")
+    found = select((name for name in names), (f"reference:{m}" for m in ("m1", "rk4")))  # type: ignore[arg-type]
+    assert [scenario.name for _, scenario in found.scenarios] == list(names)
+    assert [method.name for _, method in found.methods] == ["m1", "rk4"]
 
 
 @pytest.mark.parametrize("at", [5.0, [[0.0, 1.0]], "1", ["soon"]])

@@ -36,6 +36,8 @@ class Command(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the arguments; an option with one value must not be given twice: the first would be lost."""
+        if ctx.resilient_parsing:  # as for completion
+            return list(super().parse_args(ctx, args))
         _, _, order = self.make_parser(ctx).parse_args(args=list(args))
         for option, times in Counter(order).items():
             if times > 1 and isinstance(option, TyperOption) and not (option.multiple or option.is_flag):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Mapping, Sequence, Sized
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from pathlib import Path
@@ -73,9 +73,14 @@ def run(
     the cases elsewhere, each as one task; its workers need bodycheck and the engines. Speeds are measured
     here. Raises InputError for wrong input.
     """
-    listed = {"scenarios": scenarios, "engines": engines, "dt_s": dt_s, "tolerances": tolerances}
+    listed: dict[str, Any] = {
+        "scenarios": scenarios,
+        "engines": engines,
+        "dt_s": dt_s,
+        "tolerances": tolerances,
+    }
     for name, values in listed.items():
-        if isinstance(values, Sized) and not len(values):
+        if values is not None and np.size(values) == 0:
             raise InputError(f"{name}: name at least one")
     reuse = reuse_of(fresh, "installed")
     options = RunOptions(speed=speed, jobs=jobs, timeout_s=timeout_s, reuse=reuse, executor=executor)

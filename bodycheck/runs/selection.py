@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from bodycheck._util.errors import InputError, InsideWorkerError
 from bodycheck._util.formatting import suggestion
@@ -135,8 +135,8 @@ def select(
     for option, listed in (("scenarios", scenarios), ("engines", engines)):
         if isinstance(listed, str | Path):
             raise InputError(f"{option} must be a list of names, like [{str(listed)!r}], not a single name")
-        if others := [one for one in listed or () if not isinstance(one, str | Path)]:
-            raise InputError(f"{option} must be a list of names, not of {type(others[0]).__name__}")
+    scenarios = _names("scenarios", scenarios, str | Path)
+    engines = None if engines is None else _names("engines", engines, str)
     steps, requested_tolerances = _doubles("dt_s", dt_s), _doubles("tolerances", tolerances)
     names = [split_method(name) for name in engines or default_engines()]
     _register_modules(names, allow_code=allow_code)
@@ -186,6 +186,14 @@ def _with_off_centre_methods(selection: Selection, names: Sequence[tuple[str, st
     )
     only = frozenset((engine.name, method.name) for engine, method in added)
     return replace(selection, methods=selection.methods + added, off_centre_only=only)
+
+
+def _names(option: str, listed: Iterable[Any], kind: Any) -> list[Any]:
+    """Return a list; raises InputError if an element is of another kind."""
+    found = list(listed)
+    if others := [one for one in found if not isinstance(one, kind)]:
+        raise InputError(f"{option} must be a list of names, not of {type(others[0]).__name__}")
+    return found
 
 
 def _doubles(option: str, numbers: Iterable[float] | None) -> tuple[float, ...]:

@@ -170,6 +170,24 @@ def test_a_setting_for_all_scenarios_meets_the_error_on_each() -> None:
     assert together.options[0].error == 8e-5 + BOUND
 
 
+def test_a_finer_step_than_one_at_the_floor_is_unsure_until_it_is_measured() -> None:
+    """A method that is exact on one scenario has no order there, but the other requires a finer step."""
+    cases = [
+        *sequence("rk2", [1e-15, 1e-15]),
+        *sequence("rk2", [1e-4 / 4**k for k in range(5)], scenario="forced"),
+    ]
+    answers = settings_within(curves(cases), 5e-6, ["free", "forced"])
+    (option,) = answers[0].options
+    assert (option.setting, option.basis) == (0.02, "unsure")
+    assert option.why == "free: finer than the measured steps that meet it"
+    assert to_measure(curves(cases), answers, 5e-6) == {
+        ("free", ("mujoco", "rk2")): 0.02,
+        ("forced", ("mujoco", "rk2")): 0.02,
+    }
+    failing = [*cases, case("rk2", 0.02, None, None)]
+    assert settings_within(curves(failing), 5e-6, ["free", "forced"])[0].options == ()
+
+
 def test_a_search_measures_what_is_predicted_for_all_scenarios() -> None:
     """On the scenario that does not limit it, the step is predicted although a coarser one was measured."""
     errors = [1e-4 / 4**k for k in range(5)]

@@ -186,6 +186,14 @@ def test_an_order_at_coarser_steps_than_a_larger_error_is_none(finest: float, ve
     assert convergence_of(some, CRITERIA).verdict == verdict
 
 
+@pytest.mark.parametrize(("growing", "verdict"), [(0.0, "pre-asymptotic"), (3e-9, "converges")])
+def test_round_off_that_grows_with_the_steps_contradicts_no_order(growing: float, verdict: str) -> None:
+    """Errors of order 4 fall to 1.5e-9, then round-off doubles with each halving of the step."""
+    errors = [*(1e-4 / 16**k for k in range(5)), 3e-9, 6e-9, 12e-9, 24e-9]
+    some = [Point(0.1 / 2**k, error) for k, error in enumerate(errors)]
+    assert convergence_of(some, Criteria(1e-14, growing=growing)).verdict == verdict
+
+
 def test_two_finer_steps_are_tried_where_the_motion_does_not_depend_on_the_step() -> None:
     """A correct method may make shorter steps of its own; a wrong motion is the same at all of them."""
     listed = (0.01, 0.005, 0.002, 0.001)
@@ -431,6 +439,7 @@ def test_a_verdict_without_an_order_has_its_reason(
         (points((1e-4, 1e-6), (1e-2, 9e-6)), 1e-7, ("converges", 1, 1e-7)),
         (points((1e-4, 1.01e-6), (1e-2, 9e-6)), 1e-7, ("does-not-converge", 2, 1e-7)),
         (points((1e-6, 0.1), (1e-3, 5e-10)), LIMIT, ("does-not-converge", 2, LIMIT)),
+        (points((1e-8, 5e-6), (1e-6, 5e-10), (1e-4, 5e-10)), LIMIT, ("does-not-converge", 1, 5e-10)),
         (points((1e-4, 0.99e-3), (1e-2, 1e-2)), LIMIT, ("converges", 2, LIMIT)),
         (points((1e-4, 1.01e-3), (1e-2, 1e-2)), LIMIT, ("does-not-converge", 2, LIMIT)),
         (points((2.0**-12, 2.0**-8), (2.0**-4, 2.0**-4)), LIMIT, ("does-not-converge", 2, LIMIT)),

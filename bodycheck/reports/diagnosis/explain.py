@@ -134,12 +134,13 @@ def _separated(
     found = one.diagnosis
     if found is None or not found.alike:
         return one
-    if _names(found) in certain:
-        return replace(one, diagnosis=replace(found, alike=(), alike_names=()))
-    if not (names := [names for names in certain if names in found.alike_names]):
+    confirmed = set(certain) & {_names(found), *found.alike_names}
+    if len(confirmed) != 1:  # none, or scenarios that contradict one another
         return one
+    if _names(found) in confirmed:
+        return replace(one, diagnosis=replace(found, alike=(), alike_names=()))
     order = orders.get(key_of(one.case.columns))
-    return explained(one.problem, one.case, order=order, wrong=one.wrong, known_faults=names)
+    return explained(one.problem, one.case, order=order, wrong=one.wrong, known_faults=tuple(confirmed))
 
 
 def diagnosis_row(one: ExplainedCase) -> dict[str, Any]:

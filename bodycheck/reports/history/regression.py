@@ -66,8 +66,9 @@ def judge_run(history: History, newest: Tables, thresholds: Thresholds = DEFAULT
     speeds = speeds_of(runs, cases)
     comparison, accepted = None, tuple(dict(case.columns) for case in newest.cases if case.ok)
     if baseline.runs:
-        before, aligned = paired_versions(_with_all_definitions(baseline), newest)
-        levels, _ = paired_versions(baseline.runs[0].accepted, newest)
+        # the levels also have the engines that the newest baseline run lacks
+        levels, aligned = paired_versions(baseline.runs[0].accepted, newest)
+        before, _ = paired_versions(_with_all_definitions(baseline), newest)
         levels = _of_scenarios(levels, before.manifest["scenarios"])
         before = _with_missing_cases(at_accepted(before, levels), levels, aligned)
         comparison = compare(before, aligned, thresholds)

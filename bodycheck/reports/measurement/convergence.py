@@ -171,7 +171,7 @@ def _convergence_of(points: tuple[Point, ...], criteria: Criteria) -> Convergenc
         found = replace(found, limit_distance=limit.distance, limit_uncertainty=limit.uncertainty)
         if limit.is_off and errors[-1] > LARGEST_ROUND_OFF and criteria.judged == "limit":
             return replace(found, verdict="does-not-converge")
-    if order is not None and not _is_contradicted(order, fit, limit if criteria.judged == "limit" else None):
+    if order is not None and not _is_contradicted(order, fit, limit, criteria):
         interval = {"order": order.order, "order_low": order.low, "order_high": order.high}
         return replace(found, verdict="converges", points=order.points, **interval)
     if limit is not None and limit.is_truth and len(fit) >= _MIN_LIMIT_POINTS:
@@ -182,14 +182,15 @@ def _convergence_of(points: tuple[Point, ...], criteria: Criteria) -> Convergenc
     return replace(found, verdict="too-few-points") if all_usable and len(fit) < MIN_POINTS else found
 
 
-def _is_contradicted(order: Order, fit: Sequence[Point], limit: Limit | None) -> bool:
+def _is_contradicted(order: Order, fit: Sequence[Point], limit: Limit | None, criteria: Criteria) -> bool:
     """Whether the limit differs from the truth, or errors at finer steps than those of the order are larger.
 
-    fit: the usable points, coarsest first, from which the order was fitted. limit: None if it is not judged.
+    fit: the usable points, coarsest first, from which the order was fitted.
     """
     errors = [p.error for p in fit[order.first + order.points - 1 :] if p.error is not None]
-    grows = max(errors) > _GROWS * errors[0]
-    return grows or (limit is not None and limit.is_doubtful and errors[-1] > LARGEST_ROUND_OFF)
+    grows = max(errors) > max(_GROWS * errors[0], ABOVE_FLOOR * criteria.growing)
+    doubtful = limit is not None and limit.is_doubtful and criteria.judged == "limit"
+    return grows or (doubtful and errors[-1] > LARGEST_ROUND_OFF)
 
 
 def _limit(ended: Sequence[Point], criteria: Criteria) -> Limit | None:
@@ -235,7 +236,7 @@ def tolerance_convergence(points: Sequence[Point], criteria: Criteria) -> Conver
     floor = round_off_floor(points, criteria.floor)
     found = Convergence("converges", len(usable(points, floor)), floor)
     (finest, smallest), (coarsest, largest) = ended[0], ended[-1]
-    if largest <= ABOVE_FLOOR * floor:
+    if max(error for _, error in ended) <= ABOVE_FLOOR * floor:
         return replace(found, verdict="at-floor")
     if smallest <= ABOVE_FLOOR * floor or smallest < largest * (finest / coarsest) ** _MIN_FALL:
         return found

@@ -338,7 +338,11 @@ def _estimate_at(setting: float | None, option: Option, curve: ErrorCurve) -> Es
     """Return the error of an option's method on its scenario at another setting; None where it is unknown."""
     if setting is None or option.setting == setting:
         return Estimate(option.setting, option.error, option.basis, option.why)
-    return curve.at(setting)
+    found = curve.at(setting)
+    is_finer = option.setting is not None and setting < option.setting and curve.control == "dt"
+    if found is None and is_finer and curve.failure_at(setting) is None:
+        return Estimate(setting, option.error, "unsure", "finer than the measured steps that meet it")
+    return found
 
 
 def _joint(
@@ -426,6 +430,7 @@ def to_measure(curves: Curves, advice: Sequence[Answer], error: float) -> dict[t
             curve = curves[name, key]
             if option.setting is not None and curve.divides_interval(option.setting):
                 found = curve.at(option.setting)
-                if found is not None and found.basis != "measured":
+                is_measured = found is not None and found.basis == "measured"
+                if not is_measured and curve.failure_at(option.setting) is None:
                     steps.setdefault((name, key), option.setting)
     return steps

@@ -217,6 +217,24 @@ def test_case_that_returns_after_a_run_without_it_is_compared_with_its_level(
     assert kinds_and_steps(found) == []
 
 
+def test_engine_that_returns_in_another_version_is_compared_with_its_level(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its versions are one engine, also if a run lacked it."""
+    other = {"engine": "dart"}
+    runs = [tables(0, {"engine": "mujoco==1"}, other), tables(1, other)]
+    failed = tables(2, {"engine": "mujoco==2"} | FAILED, other)
+    found = judgement_of(*runs, failed, monkeypatch=monkeypatch)
+    assert kinds_and_steps(found) == [("outcome", "worse", 0.01)]
+    drifted = [
+        tables(2 + k, {"engine": f"mujoco=={2 + k}", ERROR: 1e-9 * (1.0 + 0.015 * k)}, other)
+        for k in range(3)
+    ]
+    found = judgement_of(*runs, *drifted, monkeypatch=monkeypatch)
+    assert kinds_and_steps(found) == [("accuracy", "worse", 0.01)]
+    assert sorted(row["engine"] for row in found.accepted) == ["dart", "mujoco==4"]
+
+
 @pytest.mark.parametrize("between", [0, 1, 3])
 def test_scenario_redefined_while_it_was_missing_starts_with_new_levels(
     between: int, monkeypatch: pytest.MonkeyPatch
