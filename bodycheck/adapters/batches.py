@@ -140,7 +140,7 @@ def stacked(batch: Batch, rows: list[tuple[Scene, Answer]], precision: Precision
         if motion is not None and read_back is not None:
             if fault := read_back_mismatch(scene, batch.dt_s, read_back, precision):
                 ending, message = "invalid", fault
-            elif motion.rotation is None or np.isfinite(motion.rotation).all():  # no SVD of a diverged motion
+            else:
                 answer.quaternion[row], answer.omega_body[row] = motion.attitude, motion.omega_body
         endings.append(ending)
         messages.append(message)
