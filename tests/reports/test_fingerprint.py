@@ -277,6 +277,70 @@ def test_each_law_reports_a_fault_that_breaks_it(law: str, fault: Callable[[Scen
     assert found[law].message
 
 
+def _in_fixed_axes(order: int) -> Step:
+    """Return an accurate map with a local error of order + 1 in dt that depends on the body's axes."""
+
+    def step(solid: Solid, motion: Motion, dt: Array, loads: Any) -> Motion:
+        after = MAPS["RK4 Munthe-Kaas"].step(solid, motion, dt, loads)
+        error = 0.1 * motion.omega ** (order + 2) * np.array([1.0, 0.0, 0.0])
+        return replace(after, omega=after.omega + dt[:, None] ** (order + 1) * error)
+
+    return step
+
+
+def _in_absolute_time(order: int) -> Step:
+    """Return an accurate map with a local error of order + 1 in dt whose size does not scale with time."""
+
+    def step(solid: Solid, motion: Motion, dt: Array, loads: Any) -> Motion:
+        after = MAPS["RK4 Munthe-Kaas"].step(solid, motion, dt, loads)
+        return replace(after, omega=after.omega + dt[:, None] ** (order + 1) * np.array([2e-4, -1e-4, 1e-4]))
+
+    return step
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("stated", "actual", "verdict"),
+    [(1, 1, "property"), (2, 2, "property"), (None, 1, "property"), (2, 1, "broken"), (1, 0, "broken")],
+)
+@pytest.mark.parametrize(("law", "faulty"), [("permute", _in_fixed_axes), ("scale-time", _in_absolute_time)])
+def test_a_violation_that_falls_with_the_step_like_the_error_is_a_property(
+    law: str, faulty: Callable[[int], Step], stated: int | None, actual: int, verdict: str
+) -> None:
+    """A discretisation may depend on the description of the scene; what a finer step leaves is a fault."""
+    method = replace(METHOD, order=stated, torque="every stage")
+    engine = replace(ENGINE, methods={method.name: method})
+    ask = stepping(faulty(actual))
+    assert {one.law.name: one.verdict for one in check_laws(engine, method, ask, ask)}[law] == verdict
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("share", "verdict"), [(lambda tol: 1e4 * tol, "property"), (lambda _: 1e-8, "broken")]
+)
+def test_a_violation_that_falls_with_the_tolerance_is_a_property(
+    share: Callable[[float], float], verdict: str
+) -> None:
+    """An absolute tolerance gives slow motions larger relative errors than fast ones."""
+    method = replace(METHOD, control="tolerance", order=None, tolerances=(1e-6, 1e-12))
+
+    def ask(engine: Engine, case: Case) -> Answer:
+        assert case.setting.tolerance is not None
+        exact = EXACT.step
+        error = share(case.setting.tolerance)
+
+        def step(solid: Solid, motion: Motion, dt: Array, loads: Any) -> Motion:
+            after = exact(solid, motion, dt, loads)
+            return replace(after, omega=after.omega + error * np.array([1.0, 0.0, 0.0]))
+
+        setting = Setting(case.scene.sample_interval_s)
+        return stepping(step)(engine, replace(case, setting=setting))
+
+    found = {one.law.name: one.verdict for one in check_laws(ENGINE, method, ask, ask)}
+    assert found["scale-time"] == verdict
+    assert found["repeat"] == "holds"
+
+
 @pytest.mark.slow
 def test_a_second_run_that_differs_breaks_repeat_alone() -> None:
     """An engine whose second run starts otherwise breaks `repeat`, and no other law."""
