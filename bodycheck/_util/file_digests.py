@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -17,19 +17,18 @@ _RACY_NS = 2_000_000_000
 
 Entry = tuple[str, os.stat_result]
 """A path and its os.stat_result."""
-NameFilter = Callable[[str], bool]
 
 
-def files_below(folder: str, accepts: NameFilter = lambda name: True) -> dict[str, Entry]:  # noqa: ARG005
-    """Return relative path -> entry of the files in and below a folder whose names are accepted.
+def files_below(folder: str) -> dict[str, Entry]:
+    """Return relative path -> entry of the files in and below a folder.
 
     Skips __pycache__, hidden folders, and files that vanish or cannot be read.
     """
     begin = len(folder) + 1  # faster than os.path.relpath, which would take half of the time
-    return {path[begin:]: (path, status) for path, status in _walk(folder, accepts)}
+    return {path[begin:]: (path, status) for path, status in _walk(folder)}
 
 
-def _walk(folder: str, accepts: NameFilter) -> Iterator[Entry]:
+def _walk(folder: str) -> Iterator[Entry]:
     try:
         entries = sorted(os.scandir(folder), key=lambda entry: entry.name)
     except OSError:
@@ -38,8 +37,8 @@ def _walk(folder: str, accepts: NameFilter) -> Iterator[Entry]:
         with suppress(OSError):
             if entry.is_dir(follow_symlinks=False):
                 if entry.name != "__pycache__" and not entry.name.startswith("."):
-                    yield from _walk(entry.path, accepts)
-            elif accepts(entry.name):
+                    yield from _walk(entry.path)
+            else:
                 yield entry.path, entry.stat()
 
 

@@ -75,8 +75,8 @@ def library_roots() -> tuple[str, ...]:
     )
 
 
-def _is_code(name: str) -> bool:
-    return name.endswith((".py", ".so", ".pyd", ".dll", ".dylib")) or ".so." in name
+def _is_code(path: str) -> bool:
+    return path.endswith((".py", ".so", ".pyd", ".dll", ".dylib")) or ".so." in path.rpartition("/")[2]
 
 
 def _site(name: str) -> str | None:
@@ -92,7 +92,8 @@ def _build(name: str, folders: Iterable[str]) -> str | None:
     files = {
         f"{folder}/{place}": file
         for folder in folders
-        for place, file in files_below(str(Path(site, folder)), _is_code).items()
+        for place, file in files_below(str(Path(site, folder))).items()
+        if _is_code(place)
     }
     try:
         number = version(name)

@@ -195,8 +195,3 @@ def test_no_files_have_a_digest_too(folder: Path) -> None:
     nothing = content_digest("nothing", {})
     assert len(nothing) == 64
     assert nothing != digest(folder)
-
-
-def test_only_files_of_wanted_names_count(folder: Path) -> None:
-    """Only files with the requested names are listed, so that others may change."""
-    assert list(files_below(str(folder), lambda name: name.endswith(".so"))) == ["inner/b.so"]
