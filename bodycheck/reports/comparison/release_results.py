@@ -109,7 +109,7 @@ def comparable(name: str) -> Measure:
     if measure.is_speed:
         raise InputError(f"--measure {name}: cannot search by speed: it varies from run to run")
     in_results = measure.source == "results" and not measure.choices
-    if in_results and name.removesuffix(_ABSOLUTE) not in MEASURES:
+    if measure.source == "laws" or (in_results and name.removesuffix(_ABSOLUTE) not in MEASURES):
         raise InputError(f"--measure {name}: runs are not compared by it; see bodycheck list measures")
     return measure
 

@@ -276,7 +276,7 @@ class ColumnMap:
     euler: axes of euler_1_rad to euler_3_rad. attitude: which way quaternion, matrix and angles rotate.
     world, body: matrices (3, 3) from the file's axes to the scenario's, None where they are the same.
     time_origin: whether the scenario starts at t_s = 0 or at the first sample. topic: of an
-    MCAP file. ignore: patterns of columns.
+    MCAP file. ignore: patterns of columns; "*" leaves out all but the standard ones.
     """
 
     products: Mapping[str, Product] = field(default_factory=dict)
@@ -291,7 +291,8 @@ class ColumnMap:
 
     def ignores(self, column: str) -> bool:
         """Whether a column of the file is left out."""
-        return any(column == pattern or fnmatchcase(column, pattern) for pattern in self.ignore)
+        patterns = (pattern for pattern in self.ignore if pattern != "*" or column not in KINDS)
+        return any(column == pattern or fnmatchcase(column, pattern) for pattern in patterns)
 
     @cached_property
     def is_empty(self) -> bool:

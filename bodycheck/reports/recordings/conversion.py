@@ -181,7 +181,7 @@ def _targets(recording: Recording, column_map: ColumnMap) -> dict[str, Array]:
     except InputError as error:
         where = "" if str(error).startswith(str(path)) else f"{path}: "
         raise InputError(f"{where}{error}") from None
-    standard = [name for name in recording.names if name in KINDS and name not in column_map.ignore]
+    standard = [name for name in recording.names if name in KINDS and not column_map.ignores(name)]
     found |= {name: recording.values(name) for name in standard if name not in found}
     unknown = [
         name

@@ -63,6 +63,7 @@ def differs(requested: OneMeasure, before: Tables, after: Tables) -> bool:
         "energy",
         "cpu_s",
         "steps",
+        "law.rotate",
     ],
 )
 def test_what_runs_are_not_compared_by_is_refused(name: str, expected_message: ExpectedMessage) -> None:

@@ -311,3 +311,15 @@ def test_npz_with_text_is_read_where_the_text_is_not_used(
     np.testing.assert_allclose(arrays["omega_body_rad_s"], np.deg2rad(rates), rtol=1e-15)
     with expected_message.raises(bodycheck.InputError):
         recorded_arrays(path, read_map([keys, "z_m=names"]))
+
+
+@pytest.mark.parametrize(("pattern", "is_read"), [("q?", False), ("*", True), ("aero", True)])
+def test_a_pattern_ignores_standard_columns_too_except_for_the_star(
+    pattern: str, is_read: bool, tmp_path: Path
+) -> None:
+    """`*` stands for the columns that nothing uses; another pattern means what it says."""
+    path = tmp_path / "log.csv"
+    path.write_text(f"{RATES},qw,qx,qy,qz,aero\n0,1,2,3,1,0,0,0,5\n1,1,2,3,1,0,0,0,5\n")
+    arrays = recorded_arrays(path, read_map([f"ignore={pattern}", "ignore=aero"]))
+    assert "omega_body_rad_s" in arrays
+    assert ("quaternion" in arrays) is is_read
