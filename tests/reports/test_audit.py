@@ -53,10 +53,15 @@ def _file(folder: Path, inertia: str = _GOOD, mass: str = "2.0", name: str = "ar
 
 
 def _causes(model: ModelFile, tensor: np.ndarray) -> tuple[str, ...]:
+    return _causes_of(model, lambda expected: replace(expected, inertia_kg_m2=tensor))
+
+
+def _causes_of(model: ModelFile, fault: Callable[[Body], Body]) -> tuple[str, ...]:
+    """Return the causes named where an engine holds the body of the file with this fault."""
     link = model.links[0]
     assert link.stated is not None
     expected = Body.of(link.stated.in_link)
-    held = Body(expected.mass_kg, expected.centre_m, tensor)
+    held = fault(expected)
     difference = Difference.between(expected, held)
     return body_causes(model, [(link, Frame.of())], expected, held, difference, "")
 
@@ -84,6 +89,54 @@ def test_tensor_faults_are_named(tmp_path: Path) -> None:
         ).largest
         < 1e-15
     )
+
+
+def _turned_about_z(body: Body, degrees: float) -> Body:
+    """Return the body with its principal axes rotated about the first of them."""
+    _, axes = body.principal
+    c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
+    turn = axes @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]) @ axes.T
+    return replace(body, inertia_kg_m2=turn @ body.inertia_kg_m2 @ turn.T)
+
+
+def _clamped(body: Body, least: float) -> Body:
+    moments, axes = body.principal
+    return replace(body, inertia_kg_m2=axes @ np.diag(np.maximum(moments, least)) @ axes.T)
+
+
+@pytest.mark.parametrize(
+    ("fault", "causes"),
+    [
+        (lambda b: replace(b, centre_m=np.zeros(3)), ["centre of mass ignored"]),
+        (lambda b: replace(b, centre_m=-b.centre_m), ["centre of mass of the wrong sign"]),
+        (lambda b: replace(b, centre_m=np.add(b.centre_m, [0.0, 0.0, 0.25])), ["centre of mass 0.25 m off"]),
+        (lambda b: replace(b, mass_kg=0.0), ["mass discarded: the link cannot move"]),
+        (lambda b: replace(b, mass_kg=2.5), ["mass times 1.25"]),
+        (
+            lambda b: replace(b, mass_kg=2.5, inertia_kg_m2=1.25 * b.inertia_kg_m2),
+            ["mass times 1.25", "tensor scaled with the mass"],
+        ),
+        (lambda b: replace(b, mass_kg=36.0), ["mass recomputed: the volume of the shapes at 1000 kg/m^3"]),
+        (lambda b: replace(b, mass_kg=1.0, inertia_kg_m2=np.eye(3)),
+         ["mass discarded: 1 kg in its place", "replaced by the identity"]),
+        (lambda b: replace(b, inertia_kg_m2=np.zeros((3, 3))), ["tensor discarded: all moments are zero"]),
+        (lambda b: replace(b, inertia_kg_m2=np.full((3, 3), np.nan)), ["not finite"]),
+        (lambda b: _turned_about_z(b, 30.0), ["principal axes rotated by 30 degrees"]),
+        (lambda b: _clamped(b, 0.045), ["moments clamped to 0.045 kg m^2"]),
+        (
+            lambda b: replace(b, inertia_kg_m2=b.inertia_kg_m2 + np.diag([0.01, 0.02, 0.03])),
+            ["tensor changed; no known fault makes these numbers of the file"],
+        ),
+        (lambda b: replace(b, mass_kg=2.0 * (1.0 + 1e-8)), ["rounded: "]),
+    ],
+)  # fmt: skip
+def test_other_faults_of_a_body_are_named(
+    fault: Callable[[Body], Body], causes: list[str], tmp_path: Path
+) -> None:
+    """Mass, centre and tensor have causes of their own; a fault that no rule makes is not guessed."""
+    found = _causes_of(read_model(_file(tmp_path)), fault)
+    assert len(found) == len(causes)
+    assert all(one.startswith(cause) for one, cause in zip(found, causes, strict=True)), found
 
 
 def test_known_fault_names_its_issue() -> None:
@@ -482,7 +535,29 @@ def test_audit_command_writes_shards_that_merge_puts_together(
     assert reported == json.loads(json_text(audit_data(shards[1])))
 
 
-@pytest.mark.nightly
+@pytest.mark.parametrize(
+    ("words", "option"),
+    [
+        ((), "--spellings"),
+        (("robot.urdf", "--spellings"), "--spellings"),
+        (("robot.urdf", "--fail-on", "sometimes"), "--fail-on"),
+        (("robot.urdf", "--lint", "--engine", "dart"), "--lint"),
+        (("robot.urdf", "--shard", "1/2"), "--shard"),
+        (("robot.urdf", "--lint", "--html", "no such folder/page.html"), "--html"),
+        (("robot.urdf", "--lint", "--sarif", "."), "--sarif"),
+    ],
+)
+def test_wrong_options_of_an_audit_are_one_line(words: tuple[str, ...], option: str, tmp_path: Path) -> None:
+    """Options that contradict one another, and outputs that cannot be written, are refused first."""
+    _file(tmp_path)
+    ended = run_bodycheck(tmp_path, "audit", *words)
+    assert ended.returncode == 2
+    assert option in ended.stderr
+    assert not ended.stdout
+    assert [path.name for path in tmp_path.iterdir()] == ["robot.urdf"]
+
+
+@pytest.mark.slow
 def test_spellings_move_alike_where_no_tensor_is_discarded(tmp_path: Path) -> None:
     """As URDF, PyBullet's default import breaks the law, its recommended import and DART's obey it."""
     done = run_bodycheck(tmp_path, "audit", "--spellings", "--engine", "pybullet,dart", "--quiet")
