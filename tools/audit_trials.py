@@ -26,7 +26,7 @@ from bodycheck.adapters.importers import ImportRequest, importer
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reports.audit.audit import SINGLE, Body, Difference
 from bodycheck.runs.audit_run import AuditOptions, audit, checked_engines, import_once, imported_audit
-from bodycheck.scenarios.model_files.model_reader import read_model
+from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.model_files.rewriting import text_without_meshes
 from bodycheck.scenarios.model_files.xml_file import read_bytes
 

@@ -255,10 +255,10 @@ def explain(
     The reference runs the one-step map of the method with each fault that it knows, alone and in pairs, and
     compares the result with the motion of the engine from sample to sample.
     """
+    from bodycheck.reports.diagnosis.explain import explain_run
     from bodycheck.reports.document import answer, json_text
     from bodycheck.reports.document import markdown as as_markdown
     from bodycheck.reports.render.progress import status_line
-    from bodycheck.runs.explain_run import explain_run
 
     check_explanation_files(out)
     with status_line("comparing the motions with each fault", quiet=quiet):

@@ -17,7 +17,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.integrators.dormand_prince import A, B, RotationState, combined, plus
+from bodycheck.reference_impl.integrators.dop853 import A, B, RotationState, combined, plus
 from bodycheck.reference_impl.kernels.jit import inlined_kernel, kernel, long_kernel
 
 BatchMethod: TypeAlias = Literal["m1", "rk4", "dop853"]

@@ -37,8 +37,8 @@ from bodycheck.reports.audit.audit import (
 )
 from bodycheck.reports.audit.causes import body_causes, joint_causes, with_issue
 from bodycheck.reports.audit.lint import lint
+from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink
-from bodycheck.scenarios.model_files.model_reader import read_model
 from bodycheck.scenarios.model_files.rewriting import Change, changed_text, text_without_meshes
 
 TIMEOUT_S = 60.0

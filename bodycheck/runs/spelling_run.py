@@ -26,7 +26,7 @@ from bodycheck.runs.audit_spins import (
     orientation_error,
     truth_of,
 )
-from bodycheck.scenarios.model_files.model_reader import read_model
+from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.model_files.rewriting import text_without_meshes
 from bodycheck.scenarios.model_files.spellings import Spelling, body, spellings
 

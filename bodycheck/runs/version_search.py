@@ -34,6 +34,7 @@ from bodycheck.runs.run_options import ProgressFactory, RunOptions, no_progress
 from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import Selection, checked_scenarios
 from bodycheck.scenarios.model import Scenario
+from bodycheck.scenarios.model_files import read_model
 
 if TYPE_CHECKING:
     from bodycheck.reports.audit.audit import Audit
@@ -203,8 +204,6 @@ def audit_versions(
     announce: called with each release before it imports the file. Raises InputError if the input is
     wrong or no release can be run.
     """
-    from bodycheck.scenarios.model_files.model_reader import read_model  # imported here: it imports lxml
-
     reads = importer(engine)
     model = read_model(file)
     if reads is None or model.format not in reads.FLAGS:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from dataclasses import dataclass
 from functools import cached_property
+from hashlib import sha256
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
@@ -24,6 +27,8 @@ from pydantic import (
     model_validator,
 )
 
+from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import suggestion
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import MassProperties, Overlap, known_shape, primitive
 from bodycheck.reference_impl.scene import Link
@@ -38,7 +43,7 @@ from bodycheck.scenarios.fields import (
     finite_numbers,
     rows,
 )
-from bodycheck.scenarios.model_files.link_of_file import MODEL_FORMATS, LinkOfFile, link_of_file
+from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.shapes import MeshSolid, Unit, mesh_solid
 
 _TENSOR_TOLERANCE = 1e-12  # relative: for symmetry and the triangle inequality
@@ -191,6 +196,22 @@ class ShapeBody(_Solid):
         return primitive(self.shape, self.size_m).at_density(self.density_kg_m3)
 
 
+MODEL_FORMATS = ("urdf", "mjcf")
+"""The formats, as keys of [body]."""
+
+
+@dataclass(frozen=True)
+class LinkOfFile:
+    """Name, SHA-256 of the file, mass in kg, centre in m, tensor about it in link axes in kg m^2."""
+
+    name: str
+    sha256: str
+    mass: float
+    centre: tuple[float, ...]
+    inertia: tuple[tuple[float, ...], ...]
+    notes: tuple[str, ...] = ()
+
+
 def _of_file(value: Any, info: ValidationInfo) -> LinkOfFile:
     """Read the link of this name from the model file that the table names."""
     if value is not None and not isinstance(value, str):
@@ -200,9 +221,47 @@ def _of_file(value: Any, info: ValidationInfo) -> LinkOfFile:
         raise ValueError("needs either urdf or mjcf, the name of a model file")
     folder = (info.context or {}).get("folder", Path())
     kind = MODEL_FORMATS[0] if named[0] is not None else MODEL_FORMATS[1]
-    found = link_of_file(folder, str(info.data[kind]), kind, value)
+    found = _link_of_file(folder, str(info.data[kind]), kind, value)
     _physical_tensor(np.array(found.inertia))
     return found
+
+
+def _link_of_file(folder: Traversable, file: str, kind: str, name: str | None) -> LinkOfFile:
+    """Return a link of a model file in a folder; name None: the only one with an inertia.
+
+    Raises InputError with one line if the file, its format or the link is wrong.
+    """
+    from bodycheck.scenarios.model_files.exact import doubles  # imports mpmath
+
+    path = Path(str(folder)) / file
+    model = read_model(path)
+    if model.format != kind:
+        raise InputError(f"{path}: is {model.format.upper()}; write {model.format} = {file!r}")
+    known = [link.name for link in model.links if link.stated is not None]
+    if name is None:
+        if len(known) != 1:
+            raise InputError(
+                f"{path}: has {len(known)} links with inertia; name one by link{suggestion('', known)}"
+            )
+        (name,) = known
+    link = model.by_name.get(name)
+    if link is None:
+        raise InputError(f"{path}: has no link {name!r}{suggestion(name, known)}")
+    if link.unread:
+        raise InputError(f"{path}:{link.line}: {name}: {link.unread}")
+    if link.stated is None or not link.stated.inertia.mass > 0:
+        raise InputError(f"{path}:{link.line}: link {name!r} has no mass and inertia")
+    body = link.stated.in_link
+    tensor = doubles(0.5 * (body.tensor + body.tensor.T))
+    derived = f"inertia {link.stated.derived}" if link.stated.derived else ""
+    return LinkOfFile(
+        name,
+        sha256(path.read_bytes()).hexdigest(),
+        float(body.mass),
+        tuple(doubles(body.centre).tolist()),
+        tuple(tuple(row) for row in tensor.tolist()),
+        tuple(filter(None, (derived, *(f"also read {other}" for other in model.outside())))),
+    )
 
 
 def _link_facts(link: LinkOfFile) -> dict[str, str]:

@@ -10,10 +10,9 @@ from pydantic import ValidationError
 
 from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.mass_properties.solid import MassProperties
-from bodycheck.scenarios.body import FileBody, MeshBody, ShapeBody
+from bodycheck.scenarios.body import MODEL_FORMATS, FileBody, LinkOfFile, MeshBody, ShapeBody
 from bodycheck.scenarios.mesh_files.decimation import read_obj_text
 from bodycheck.scenarios.model import Scenario
-from bodycheck.scenarios.model_files.link_of_file import MODEL_FORMATS, LinkOfFile
 from bodycheck.scenarios.reader import fault_lines
 from bodycheck.scenarios.shapes import MeshSolid
 

@@ -18,7 +18,7 @@ from bodycheck.reference_impl.dynamics import angular_momentum, rotational_energ
 from bodycheck.reference_impl.free_rotation import FreeRotation
 from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.integrators import splitting as splitting_module
-from bodycheck.reference_impl.integrators.dormand_prince import NODES, ROWS, WEIGHTS
+from bodycheck.reference_impl.integrators.dop853 import NODES, ROWS, WEIGHTS
 from bodycheck.reference_impl.integrators.facts import Integrator
 from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
 from bodycheck.reference_impl.kernels.small_vectors import principal_frame

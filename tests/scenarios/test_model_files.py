@@ -12,9 +12,9 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from bodycheck._util.errors import InputError
+from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.model_files.exact import composite, doubles
 from bodycheck.scenarios.model_files.model_file import ModelFile
-from bodycheck.scenarios.model_files.model_reader import read_model
 from bodycheck.scenarios.model_files.rewriting import changed_text, excerpt
 from bodycheck.scenarios.model_files.spellings import Spelling, body, spellings
 from bodycheck.scenarios.model_files.urdf import resolved

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.integrators.dormand_prince import TABLEAU
+from bodycheck.reference_impl.integrators.dop853 import TABLEAU
 from bodycheck.reference_impl.integrators.facts import Tableau
 from bodycheck.reference_impl.integrators.right_hand_sides import (
     acceleration,

@@ -12,7 +12,7 @@ from typing import cast
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.integrators.dormand_prince import TABLEAU as _DOP853
+from bodycheck.reference_impl.integrators.dop853 import TABLEAU as _DOP853
 from bodycheck.reference_impl.one_step_maps.first_order import CARRIED, Carried, gyroscopic, momentum_of
 from bodycheck.reference_impl.one_step_maps.one_step_map import (
     Attitude,

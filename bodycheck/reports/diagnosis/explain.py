@@ -1,20 +1,24 @@
-"""Which cases of a run are diagnosed, and the rows of diagnoses.csv."""
+"""Which cases of a run are diagnosed, the wrong ones or those of a pattern; the rows of diagnoses.csv."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bodycheck._util.formatting import setting
+from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import setting, suggestion
+from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.diagnosis.diagnosis import Diagnosis, diagnosed
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measures import IDENTITY
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.verdicts import QuantityVerdict, most_severe
-from bodycheck.reports.run_files.run_tables import MethodKey, cases_by_method, key_of
+from bodycheck.reports.run_files.run_tables import MethodKey, Run, cases_by_method, key_of
 
 _FINEST_STRIDE = 40
 """Steps between two samples of the finest case that is diagnosed: few enough for a quick answer."""
@@ -168,3 +172,78 @@ def diagnosis_row(one: ExplainedCase) -> dict[str, Any]:
 
 def _is_missing(value: Any) -> bool:
     return isinstance(value, float) and not np.isfinite(value)
+
+
+@dataclass(frozen=True)
+class _CasePattern:
+    """SCENARIO[,ENGINE[:METHOD][,STEP]]."""
+
+    scenario: str
+    engine: str = "*"
+    method: str = "*"
+    step: float | None = None
+
+    @classmethod
+    def of(cls, text: str) -> _CasePattern:
+        """Parse the option; raises InputError where it has another form."""
+        scenario, *others = (part.strip() for part in text.split(","))
+        try:
+            step = float(others[1]) if len(others) > 1 else None
+        except ValueError:
+            raise InputError(f"--case {text}: {others[1]!r} is not a step in s") from None
+        if not scenario or len(others) > 2:
+            raise InputError(f"--case {text}: must be SCENARIO[,ENGINE[:METHOD][,STEP]]")
+        engine, _, method = (others[0] if others else "*").partition(":")
+        return cls(scenario, engine or "*", method or "*", step)
+
+    def fits(self, case: CaseResult) -> bool:
+        """Whether a case is one of those named."""
+        columns = case.columns
+        named = ((self.scenario, "scenario"), (self.engine, "engine"), (self.method, "method"))
+        same = all(fnmatchcase(columns[column], pattern) for pattern, column in named)
+        return same and self.step in (None, case.setting.fineness)
+
+
+def explain_run(folder: Path, case: str | None, *, allow_code: bool = False) -> list[ExplainedCase]:
+    """Return the diagnoses of a run: of every wrong method, or of the cases of a pattern.
+
+    case: SCENARIO[,ENGINE[:METHOD][,STEP]]. Raises InputError where the run cannot be read, or has no such
+    case.
+    """
+    from bodycheck.reports.run_files.run_reader import read_run  # imported here: runs diagnose without it
+
+    pattern = None if case is None else _CasePattern.of(case)
+    run = read_run(folder, allow_code=allow_code, cache=Cache.default())
+    if pattern is None:
+        rows: list[Any] = run.methods.to_dict("records")
+        return explained_cases(run.problems, run.cases, rows, _orders(run))
+    found = list(_named(run, pattern))
+    if not found:
+        known = dict.fromkeys(
+            f"{one.columns['scenario']},{':'.join(key_of(one.columns))}" for one in run.cases if one.ok
+        )
+        raise InputError(f"--case {case}: no such case with outcome ok{suggestion(str(case), known)}")
+    return found
+
+
+def _orders(run: Run) -> dict[MethodKey, int | None]:
+    """Return the theoretical orders of the methods, as the manifest has them."""
+    return {
+        (engine, method): facts.get("order")
+        for engine, entry in run.manifest["engines"].items()
+        for method, facts in entry.get("methods", {}).items()
+    }
+
+
+def _named(run: Run, pattern: _CasePattern) -> Iterator[ExplainedCase]:
+    """Yield the diagnoses of the cases of a pattern: one of each method, unless the step is named."""
+    rows: list[Any] = run.methods.to_dict("records")
+    wrong, orders = wrong_verdicts(rows), _orders(run)
+    by_method = cases_by_method(case for case in run.cases if pattern.fits(case))
+    for problem in run.problems:
+        name = problem.scenario.name
+        for key, cases in by_method.get(name, {}).items():
+            chosen = diagnosed_case(cases, problem.scenario.scene.sample_interval_s)
+            if chosen is not None:
+                verdicts = wrong.get((name, key), ())
+                yield explained(problem, chosen, order=orders.get(key), wrong=verdicts)
