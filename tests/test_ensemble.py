@@ -36,7 +36,7 @@ from bodycheck.runs.ensemble_cases import measured, replay_of, truth_of
 from bodycheck.runs.ensemble_merge import merge_ensembles
 from bodycheck.runs.ensemble_result import EnsembleRequest
 from bodycheck.runs.ensemble_run import run_ensemble
-from bodycheck.runs.hunt_run import HuntRequest, hunt
+from bodycheck.runs.hunt_run import HuntRequest, hunt, write_hunt
 from bodycheck.runs.run_options import no_progress
 from bodycheck.scenarios.ensemble import Ensemble, default_distribution
 from bodycheck.scenarios.library import load_scenario
@@ -500,7 +500,10 @@ def test_merge_command_puts_ensembles_together(shards: Path, tmp_path: Path) -> 
         ({"samples": 1}, "--samples"),
         ({"spin_rad_s": (2.0, 1.0)}, "--spin-rad-s"),
         ({"trace_kg_m2": (0.0, 1.0)}, "--trace-kg-m2"),
+        ({"trace_kg_m2": (1e-300, 1e300)}, "--trace-kg-m2"),
         ({"dt_s": [0.3]}, "--dt"),
+        ({"dt_s": [0.01, 0.01]}, "--dt"),
+        ({"tolerances": [1e-6, 1e-6]}, "--tolerance"),
         ({"scenario": "body-torque", "n": 10_001}, "--n"),
         ({"shard": "4/3"}, "--shard"),
         ({"shard": "1/11"}, "--shard"),
@@ -525,6 +528,32 @@ def test_hunt_finds_the_separatrix_for_m1() -> None:
     assert found.value > 8.0 * found.typical
     assert found.bodies.separatrix_distance[0] < 0.01
     assert found.worst >= found.uniform
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("names", [("euler", "lie-euler"), ("lie-euler", "euler")])
+def test_hunt_reports_a_breakdown_of_either_method(names: tuple[str, str], tmp_path: Path) -> None:
+    """At fast spins quaternion Euler diverges: that start is the worst, whichever method is named first."""
+    first, second = (f"reference:{name}" for name in names)
+    requested = EnsembleRequest(
+        scenario="intermediate-axis", engines=[first], n=1, dt_s=[0.1], spin_rad_s=(100.0, 1000.0)
+    )
+    found = hunt(HuntRequest(ensemble=requested, against=second, evaluations=240), no_progress)
+    assert found.path.outcomes[found.worst] == "unstable"
+    assert found.ratio is None
+    assert found.typical_of == np.sum(np.isfinite(found.path.values[: found.uniform]))
+    write_hunt(found, tmp_path / "found")
+    assert json.loads((tmp_path / "found/manifest.json").read_text())["typical"] is None
+
+
+@pytest.mark.slow
+def test_hunt_without_errors_has_no_ratio(tmp_path: Path) -> None:
+    """A method has no distance from itself, and the median is 0."""
+    requested = EnsembleRequest(scenario="intermediate-axis", engines=["reference:rk4"], n=1, dt_s=[0.02])
+    found = hunt(HuntRequest(ensemble=requested, against="reference:rk4", evaluations=240), no_progress)
+    assert (found.value, found.typical, found.typical_of, found.ratio) == (0.0, 0.0, found.uniform, None)
+    write_hunt(found, tmp_path / "found")
+    assert "times the median" not in (tmp_path / "found/worst.toml").read_text()
 
 
 @pytest.mark.slow

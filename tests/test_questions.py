@@ -288,6 +288,8 @@ def test_a_table_is_printed_or_written(command: Command) -> None:
     )
     assert command("table", "run", "--format", "md", "--columns", "scenario", "--out", "t.md")[:2] == (0, "")
     assert Path("t.md").read_text().startswith("| scenario |\n| --- |\n| free |\n")
+    assert command("table", "run", "--columns", "scenario", "--out", "u.json")[0] == 0
+    assert json.loads(Path("u.json").read_text())[0] == {"scenario": "free"}
 
 
 @pytest.mark.slow
@@ -345,7 +347,11 @@ WRONG = {
         "--spin-rad-s: |omega| must be from",
     ),
     "two errors": (["advise", "--error", "1", "--error", "2"], "--error: given 2 times"),
-    "a row as JSON": (["ensemble", "free-flight", "--row", "5", "--json"], "--out and --json do not apply"),
+    "a row as JSON": (["ensemble", "free-flight", "--row", "5", "--json"], "--json does not apply"),
+    "a row of a shard": (
+        ["ensemble", "free-flight", "--row", "5", "--shard", "1/2"],
+        "--shard does not apply",
+    ),
     "a horizon in the past": (
         ["advise", "--error", "1", "--run", "run", "--horizon-s=-1"],
         "--horizon-s -1.0: must be a positive number",
@@ -361,6 +367,8 @@ WRONG = {
         ["table", "run", "--columns", "beauty"],
         "results has no beauty (available: run_id",
     ),
+    "a column twice": (["table", "run", "--columns", "dt_s,dt_s"], "has a column twice"),
+    "two formats": (["table", "run", "--format", "md", "--out", "t.json"], "--out t.json: has the suffix of"),
     "an unknown table": (["table", "run", "beauty"], "'beauty' is not one of"),
     "parquet as text": (
         ["table", "run", "--format", "parquet"],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -62,11 +63,28 @@ def test_names_may_come_from_an_iterator() -> None:
     assert [method.name for _, method in found.methods] == ["m1", "rk4"]
 
 
-@pytest.mark.parametrize("at", [5.0, [[0.0, 1.0]], "1", ["soon"]])
+@pytest.mark.parametrize("at", [5.0, [[0.0, 1.0]], "1", ["soon"], [1j], [None]])
 def test_times_are_a_list_of_numbers(at: Any) -> None:
     """A single number, a table or a text is refused."""
     with pytest.raises(bodycheck.InputError):
         bodycheck.truth("intermediate-axis", at)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: bodycheck.truth(3, [0.0]),  # type: ignore[arg-type]
+        lambda: bodycheck.load_scenario(None),  # type: ignore[arg-type]
+        lambda: bodycheck.judge(None, "sphere"),  # type: ignore[arg-type]
+        lambda: bodycheck.judge("a.csv", "sphere", column_map=3),  # type: ignore[arg-type]
+        lambda: bodycheck.judge("a.csv", "sphere", column_map={3: "q*"}),  # type: ignore[dict-item]
+    ],
+    ids=["truth", "load_scenario", "judge", "column_map", "key"],
+)
+def test_names_and_maps_of_a_wrong_type_are_refused(call: Callable[[], object]) -> None:
+    """The error is that of any other wrong input."""
+    with pytest.raises(bodycheck.InputError):
+        call()
 
 
 @pytest.mark.slow

@@ -180,8 +180,9 @@ def ensemble(
         allow_code=allow_code,
     )
     if row is not None:
-        if out is not None or json:
-            raise InputError("--row: prints the scenario file of one body; --out and --json do not apply")
+        given = {"--out": out, "--json": json, "--engine": engine, "--shard": shard, "--first-row": first_row}
+        if unused := [option for option, value in given.items() if value]:
+            raise InputError(f"--row: prints the scenario file of one body; {unused[0]} does not apply")
         print(row_text(request, row), end="")
         return
     if not request.engines:

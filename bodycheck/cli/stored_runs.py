@@ -325,9 +325,13 @@ def table(
         ),
     ] = "results",
     as_: Annotated[
-        Literal["csv", "json", "md", "parquet"],
-        typer.Option("--format", help="Output format; parquet requires --out."),
-    ] = "csv",
+        Literal["csv", "json", "md", "parquet"] | None,
+        typer.Option(
+            "--format",
+            help="Output format; parquet requires --out.",
+            show_default="that of the suffix of --out, else csv",
+        ),
+    ] = None,
     columns: Annotated[
         str | None, typer.Option(help="Columns to print, like scenario,dt_s.", show_default="all")
     ] = None,
@@ -343,6 +347,10 @@ def table(
 
     if as_ == "parquet" and out is None:
         raise InputError("--format parquet: is a binary format; name a file with --out")
+    suffix = "" if out is None else out.suffix.lower().removeprefix(".")
+    if as_ is not None and suffix in FORMATS and suffix != as_:
+        raise InputError(f"--out {out}: has the suffix of another format than --format {as_}")
+    format_name = as_ or (suffix if suffix in FORMATS else "csv")
     tables = read_tables(run)
     found = {
         "results": tables.results,
@@ -358,8 +366,10 @@ def table(
         if unknown := [name for name in requested if name not in found.columns]:
             known = suggestion(unknown[0], found.columns)
             raise InputError(f"--columns {columns}: {which} has no {', '.join(unknown)}{known}")
+        if len(set(requested)) < len(requested):
+            raise InputError(f"--columns {columns}: has a column twice")
         found = found[requested]
-    content = FORMATS[as_](found)
+    content = FORMATS[format_name](found)
     if out is None:
         print(content.decode(), end="")
     else:

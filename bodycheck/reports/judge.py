@@ -70,7 +70,17 @@ class Ranking:
         """The answer as plain data: the columns of a single file, else the files, their rank and orders."""
         if len(self.rows) == 1 and not self.orders:
             return {name: value for name, value in self.rows[0].items() if name != "file"}
-        return {"ranked_by": self.quantity, "files": self.rows, "orders": self.orders}
+        files = [{"rank": rank, **row} for rank, row in zip(self.ranks, self.rows, strict=True)]
+        return {"ranked_by": self.quantity, "files": files, "orders": self.orders}
+
+    @property
+    def ranks(self) -> list[int | None]:
+        """The rank of each file; equal ones share it, and a file that did not end well has none."""
+        resolved = [_resolved(row, self.quantity) for row in self.rows]
+        return [
+            resolved.index(error) + 1 if row["outcome"] == "ok" else None
+            for row, error in zip(self.rows, resolved, strict=True)
+        ]
 
 
 def judge_files(
@@ -109,15 +119,6 @@ def _resolved(row: Mapping[str, Any], quantity: str) -> float:
     """Return the error of a file, but at least what the truth resolves: smaller ones are not ranked."""
     floor = FLOOR_BOUNDS * row["truth_bound_rad"] if quantity == ORIENTATION else 0.0
     return max(float(row.get(quantity, 0.0)), floor)
-
-
-def _ranks(ranking: Ranking) -> list[str]:
-    """Return the rank of each file; equal ones share it, and a file that did not end well has none."""
-    resolved = [_resolved(row, ranking.quantity) for row in ranking.rows]
-    return [
-        str(resolved.index(error) + 1) if row["outcome"] == "ok" else ""
-        for row, error in zip(ranking.rows, resolved, strict=True)
-    ]
 
 
 def _check_spans(ends_s: Mapping[str, float]) -> None:
@@ -328,13 +329,13 @@ def judgement_document(ranking: Ranking) -> Document:
     )
     rows = tuple(
         (
-            rank,
+            "" if rank is None else str(rank),
             row["file"],
             *(step(row[name]) for name in steps),
             *(scientific(row[name]) if name in row else "" for name in measures),
             row["outcome"] + f": {row['message']}" * bool(row["message"]),
         )
-        for rank, row in zip(_ranks(ranking), ranking.rows, strict=True)
+        for rank, row in zip(ranking.ranks, ranking.rows, strict=True)
     )
     by = f"ranked by {ranking.quantity}" if ranking.quantity else "not ranked: no measure in common"
     head = Sentence(f"{ranking.rows[0]['scenario']}: {len(rows)} files, {by}")

@@ -86,12 +86,14 @@ def hunt_document(result: HuntResult, folder: Path) -> Document:
     """Return the worst start next to the typical one, and the command that repeats it."""
     names, measure = " against ".join(key_text(key) for key in result.keys), result.request.measure
     outcome = str(result.path.outcomes[result.worst])
-    ratio = result.value / result.typical
-    found = f"{_error(result.value)}, {ratio:.3g} times the median" if math.isfinite(ratio) else outcome
+    found = scientific(result.value) if math.isfinite(result.value) else outcome
+    found += "" if result.ratio is None else f", {result.ratio:.3g} times the median"
+    of = count(result.typical_of, "start")
+    median = f"{scientific(result.typical)} ({of})" if result.typical_of else "none of them has a value"
     body, moments = result.bodies, result.bodies.moments[0]
     rows = (
         (f"{measure} of {names}", found),
-        ("median of the uniform starts", f"{scientific(result.typical)} ({result.uniform} starts)"),
+        ("median of the uniform starts", median),
         ("found by evaluation", f"{result.worst + 1} of {len(result.path.scores)}"),
         ("principal moments (kg m^2)", ", ".join(f"{moment:.4g}" for moment in moments)),
         ("|2 E I2 / L^2 - 1|, 0 on the separatrix", f"{body.separatrix_distance[0]:.3g}"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -15,12 +14,11 @@ from bodycheck._util.formatting import setting as setting_words
 from bodycheck._util.shard import Shard
 from bodycheck.adapters.contract import Engine, Method, Setting
 from bodycheck.adapters.programs import with_method
-from bodycheck.reference_impl.wrench import steps_per_sample
 from bodycheck.reports.run_files.sentinels import Sentinel
 from bodycheck.reports.summary.quantiles import Quantile, QuantileSketch
 from bodycheck.runs.ensemble_cases import ROTATION_MEASURES, BatchResult, BatchTruth, settings_of
 from bodycheck.runs.run_options import TIMEOUT_S
-from bodycheck.runs.selection import select
+from bodycheck.runs.selection import select, step_faults, tolerance_faults
 from bodycheck.scenarios.ensemble import Ensemble, default_distribution
 from bodycheck.scenarios.library import load_scenario
 
@@ -30,6 +28,9 @@ STEPS = 1000
 
 SENTINELS = 16
 """Number of bodies that are stepped alone, together and in reverse order."""
+
+_SMALLEST, _LARGEST = 1e-50, 1e50
+"""Of a trace in kg m^2, a spin in rad/s or a torque in N m: products of squares stay finite."""
 
 FLOORS = ("bound_rad", "round_off_rad")
 """The sketched quantities of the truth itself."""
@@ -98,8 +99,11 @@ class EnsembleRequest:
             ("--spin-rad-s", self.spin_rad_s),
             ("--torque-n-m", self.torque_n_m),
         ):
-            if ends is not None and not 0.0 < ends[0] <= ends[1] < math.inf:
-                faults.append(f"{option} {ends[0]:g},{ends[1]:g}: must be two positive numbers, LOW,HIGH")
+            if ends is not None and not _SMALLEST <= ends[0] <= ends[1] <= _LARGEST:
+                faults.append(
+                    f"{option} {ends[0]:g},{ends[1]:g}: must be two numbers LOW,HIGH "
+                    f"from {_SMALLEST:g} to {_LARGEST:g}"
+                )
         if faults:
             raise InputError("\n".join(faults))
         self.rows  # noqa: B018 - refuses a wrong shard
@@ -116,12 +120,13 @@ class EnsembleRequest:
         selection = select([self.scenario], list(self.engines), allow_code=self.allow_code)
         stride = max(round(STEPS / (self.samples - 1)), 1)
         steps = list(self.dt_s or [template.duration_s / (stride * (self.samples - 1))])
-        faults = []
-        for step in steps:
-            try:
-                steps_per_sample(template.sample_interval_s, step)
-            except ValueError as error:
-                faults.append(f"--dt {step:g} with --samples {self.samples}: {error}")
+        faults = [
+            *(
+                f"--dt with --samples {self.samples}: {fault}"
+                for fault in step_faults(template.sample_interval_s, steps)
+            ),
+            *(f"--tolerance: {fault}" for fault in tolerance_faults(self.tolerances or ())),
+        ]
         if faults:
             raise InputError("\n".join(faults))
         return [

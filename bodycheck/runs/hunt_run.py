@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from bodycheck._util.errors import InputError, StoppedError, UnavailableError
 from bodycheck._util.formatting import count
 from bodycheck._util.untrusted import shell_join
+from bodycheck.adapters.batches import BatchAnswer
 from bodycheck.adapters.programs import with_method
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.random_bodies import COORDINATES, Bodies, bodies_at
@@ -95,13 +96,15 @@ class Evaluations:
 class HuntResult:
     """The worst start, and how it was found.
 
-    typical: the median of the measure over the uniform starts. path: every evaluation in order.
+    typical: the median of the measure over those uniform starts that have one, `typical_of` in number; NaN
+    for none. path: every evaluation in order.
     """
 
     request: HuntRequest
     ensemble: Ensemble
     keys: list[Key]
     typical: float
+    typical_of: int
     uniform: int
     path: Evaluations
 
@@ -120,6 +123,13 @@ class HuntResult:
     def value(self) -> float:
         """The measure at the worst start; infinite or NaN where the method broke down."""
         return float(self.path.values[self.worst])
+
+    @property
+    def ratio(self) -> float | None:
+        """The measure at the worst start over the typical one; None where either is missing or 0."""
+        if not (self.typical > 0.0 and math.isfinite(self.value)):
+            return None
+        return self.value / self.typical
 
     @property
     def improvements(self) -> list[int]:
@@ -178,13 +188,24 @@ class _Search:
         template, bodies = self._ensemble.template, bodies_at(self._ensemble.distribution, points)
         answer = self._engine_pools.motions(template, bodies, *self._keys[0])
         if len(self._keys) == 1:
-            truth = truth_of(template, bodies, free=self._free)
-        else:
-            other = self._engine_pools.motions(template, bodies, *self._keys[1])
-            ended_well, nothing = np.array(other.endings) == "ok", np.zeros(len(bodies))
-            truth = BatchTruth(other.quaternion, other.omega_body, nothing, nothing, ended_well)
-        found = measured(template, bodies, truth, answer)
-        return np.asarray(found.measures[self._request.measure]), found.endings
+            found = measured(template, bodies, truth_of(template, bodies, free=self._free), answer)
+            return np.asarray(found.measures[self._request.measure]), found.endings
+        other = self._engine_pools.motions(template, bodies, *self._keys[1])
+        # each against the other, as either may break down
+        found = measured(template, bodies, _as_truth(other), answer)
+        reverse = measured(template, bodies, _as_truth(answer), other)
+        own = ~np.isin(found.endings, ("ok", "chaotic"))
+        outcomes = np.where(own, found.endings, np.where(reverse.endings == "chaotic", "ok", reverse.endings))
+        values = np.where(outcomes == "ok", found.measures[self._request.measure], np.nan)
+        return np.where(outcomes == "unstable", np.inf, values), outcomes
+
+
+def _as_truth(answer: BatchAnswer) -> BatchTruth:
+    """Return the motions of a method in the place of the truth, where they ended well."""
+    nothing = np.zeros(len(answer.endings))
+    return BatchTruth(
+        answer.quaternion, answer.omega_body, nothing, nothing, np.array(answer.endings) == "ok"
+    )
 
 
 def hunt(request: HuntRequest, make_progress: ProgressFactory) -> HuntResult:
@@ -210,10 +231,12 @@ def hunt(request: HuntRequest, make_progress: ProgressFactory) -> HuntResult:
             for start in range(_STARTS):
                 budget = search.left // (_STARTS - start)
                 _evolve(search, ensemble, ranked[start], budget, request.ensemble.seed + start, progress)
-        known = search.path.values[:uniform]
-        finite = known[np.isfinite(known)]
+        path = search.path
+        if np.all(path.scores == _UNKNOWN_SCORE):
+            raise InputError(f"no start could be measured; the first one: {path.outcomes[0]}")
+        finite = path.values[:uniform][np.isfinite(path.values[:uniform])]
         typical = float(np.median(finite)) if len(finite) else math.nan
-        return HuntResult(request, ensemble, keys, typical, uniform, search.path)
+        return HuntResult(request, ensemble, keys, typical, len(finite), uniform, path)
     except KeyboardInterrupt:
         engine_pools.stop()
         raise StoppedError("stopped; nothing was written") from None
@@ -274,7 +297,8 @@ def write_hunt(result: HuntResult, out: Path) -> None:
     name = f"{result.ensemble.scenario.name}-worst-of-{'-'.join(key[1].name for key in result.keys)}"
     summary = (
         f"evaluation {result.worst + 1} of {len(result.path.scores)} by bodycheck hunt: "
-        f"{result.request.measure} {result.value:.6g}, {result.value / result.typical:.3g} times the median"
+        f"{result.request.measure} {result.value:.6g}"
+        + ("" if result.ratio is None else f", {result.ratio:.3g} times the median")
     )
     scenario = result.ensemble.scenario_of(result.bodies, name, summary)
     path, bodies = result.path, bodies_at(result.ensemble.distribution, result.path.points)
@@ -296,10 +320,11 @@ def write_hunt(result: HuntResult, out: Path) -> None:
         "bodycheck": version("bodycheck"),
         "request": asdict(result.request),
         "distribution": asdict(result.ensemble.distribution),
-        "typical": result.typical,
+        "typical": result.typical if result.typical_of else None,
         "reproduce": command_of(result, out / "worst.toml"),
     }
     with atomic_folder(out) as folder:
         (folder / "worst.toml").write_text(scenario_text(scenario), encoding="utf-8")
         pd.DataFrame(columns).to_csv(folder / "path.csv", index=False)
-        (folder / "manifest.json").write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+        text = json.dumps(manifest, indent=2, allow_nan=False) + "\n"
+        (folder / "manifest.json").write_text(text, encoding="utf-8")

@@ -249,7 +249,7 @@ def truth(scenario: str | Path, at: Sequence[float], *, allow_code: bool = False
         if times.ndim != 1:
             raise ValueError(f"at must be a list of times in s, like [0.0, 1.0], not {at!r}")
         solved = known_truth(scene, times, Cache.default())
-    except ValueError as error:
+    except (TypeError, ValueError) as error:
         raise InputError(str(error)) from None
     known = np.isfinite(solved.bounds).all(axis=0)
     if not known.all():
@@ -292,6 +292,8 @@ def rank(
 
     steps_s: the step of each file. The others: as for `judge`. Raises InputError if a file or a map is wrong.
     """
+    if unnamed := [one for one in trajectories if not isinstance(one, str | Path)]:
+        raise InputError(f"a trajectory must be the path of a file, not {unnamed[0]!r}")
     paths = [Path(trajectory) for trajectory in trajectories]
     if steps_s is not None and (
         len(steps_s) != len(paths) or not all(0.0 < dt_s < math.inf for dt_s in steps_s)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -216,29 +216,35 @@ def checked_scenarios(
     Raises InputError with one line per error: unknown names, wrong files, steps that do not fit.
     """
     loaded = load_scenarios(scenarios, allow_code=allow_code)
-    faults = [*_step_faults(loaded, dt_s or ()), *_tolerance_faults(tolerances or ())]
+    faults = [
+        *(
+            f"{scenario.name}: {fault}"
+            for _, scenario in loaded
+            for fault in step_faults(scenario.scene.sample_interval_s, dt_s or ())
+        ),
+        *tolerance_faults(tolerances or ()),
+    ]
     if faults:
         raise InputError("\n".join(faults))
     return loaded
 
 
-def _step_faults(loaded: Sequence[tuple[str, Scenario]], dt_s: Sequence[float]) -> list[str]:
-    faults = []
-    for _, scenario in loaded:
-        strides: set[int] = set()
-        for step in dt_s:
-            try:
-                stride = steps_per_sample(scenario.scene.sample_interval_s, step)
-            except ValueError as error:
-                faults.append(f"{scenario.name}: {error}")
-                continue
-            if stride in strides:
-                faults.append(f"{scenario.name}: the step of {step!r} s is given twice")
-            strides.add(stride)
-    return faults
+def step_faults(sample_interval_s: float, dt_s: Sequence[float]) -> Iterator[str]:
+    """Yield one line per step that does not divide the interval between samples, or is given twice."""
+    strides: set[int] = set()
+    for step in dt_s:
+        try:
+            stride = steps_per_sample(sample_interval_s, step)
+        except ValueError as error:
+            yield str(error)
+            continue
+        if stride in strides:
+            yield f"the step of {step!r} s is given twice"
+        strides.add(stride)
 
 
-def _tolerance_faults(tolerances: Sequence[float]) -> list[str]:
+def tolerance_faults(tolerances: Sequence[float]) -> list[str]:
+    """Return one line per tolerance that is out of range, or is given twice."""
     faults = [
         f"a tolerance must be a number between 0 and 1, not {tolerance!r}"
         for tolerance in tolerances

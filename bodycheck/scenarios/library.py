@@ -69,6 +69,8 @@ def load_scenario(name: str | Path, *, allow_code: bool = False) -> Scenario:
 
     Raises InputError if there is no such name or file, or the file is wrong.
     """
+    if not isinstance(name, str | Path):
+        raise InputError(f"a scenario must be a name or a path, not {name!r}")
     if members := suites().get(str(name)):
         raise InputError(f"{name}: is a suite; name one of its scenarios: {', '.join(members)}")
     found = _members(name, allow_code=allow_code)

@@ -20,11 +20,17 @@ from bodycheck.adapters.registry import registered
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.diagnosis.diagnosis import Diagnosis, bases_for, diagnosed
 from bodycheck.reports.diagnosis.engine_model import Grid
-from bodycheck.reports.diagnosis.explanation_document import similar_issues, upstream_issues
+from bodycheck.reports.diagnosis.explain import explain_run
+from bodycheck.reports.diagnosis.explanation_document import (
+    explanation_document,
+    similar_issues,
+    upstream_issues,
+)
 from bodycheck.reports.diagnosis.faults import FAULTS, FaultContext
 from bodycheck.reports.diagnosis.fit import planted
 from bodycheck.reports.diagnosis.flow import BASES
 from bodycheck.reports.diagnosis.transitions import Transitions
+from bodycheck.reports.document import markdown as as_markdown
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import Run
@@ -317,6 +323,19 @@ def test_a_factor_near_one_is_written_as_a_difference(factor: float, text: str) 
     """Five digits would show a factor of 1."""
     (fault,) = (fault for fault in FAULTS if fault.name == "torque")
     assert fault.text([factor]).endswith(f"multiplied by {text}")
+
+
+@pytest.mark.slow
+def test_methods_that_broke_down_are_listed_without_a_diagnosis(tmp_path: Path) -> None:
+    """Explicit Euler diverges at 20 rad per step; nothing can be compared, but it is not healthy."""
+    scenario = tmp_path / "fast.toml"
+    scenario.write_text(tumbling("fast", omega_body_rad_s=(300.0, 400.0, 500.0)))
+    run = bodycheck.run([scenario], engines=["reference:euler"], dt_s=[0.05], speed=False)
+    assert {*run.results["outcome"]} == {"unstable"}
+    write_run(run, tmp_path / "run")
+    cases = explain_run(tmp_path / "run", None)
+    assert [(one.case.columns["outcome"], one.diagnosis) for one in cases] == [("unstable", None)]
+    assert "unstable: " in as_markdown(explanation_document(cases))
 
 
 @pytest.mark.slow

@@ -168,7 +168,9 @@ def test_files_within_the_bound_of_the_truth_share_a_rank(tmp_path: Path) -> Non
         table = truth_table()
         table["qx"] += angle
         files.append(write(table, tmp_path / f"{name}.csv"))
-    (_, table, _) = judgement_document(rank(files[::-1], "boxes")).parts
+    ranking = rank(files[::-1], "boxes")
+    (_, table, _) = judgement_document(ranking).parts
+    assert [row["rank"] for row in ranking.data["files"]] == ranking.ranks == [1, 1, 3]
     assert isinstance(table, Table)
     assert [(row[0], Path(str(row[1])).stem) for row in table.rows] == [
         ("1", "as-right"),

@@ -84,6 +84,14 @@ def test_equal_methods_are_one_line_with_all_names(figure: str, run: Run) -> Non
     }
 
 
+@pytest.mark.parametrize("figure", ["order", "drift"])
+def test_methods_that_only_failed_are_no_figure(figure: str, run: Run) -> None:
+    """A legend without a line would come with axes of made-up ranges."""
+    only_failed = Appearance(engines=("reference:exact",))
+    with pytest.raises(InputError):
+        drawn_figure(run, figure, "forced, and a mesh", "orientation_error_rad", only_failed)
+
+
 @pytest.mark.parametrize("columns", [1, 2])
 @pytest.mark.parametrize("figure", ["order", "polhode", "motion"])
 def test_a_figure_is_as_wide_as_its_columns(figure: str, columns: int, run: Run) -> None:

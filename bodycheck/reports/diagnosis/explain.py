@@ -17,7 +17,7 @@ from bodycheck.reports.diagnosis.diagnosis import Diagnosis, diagnosed
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measures import IDENTITY
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.measurement.verdicts import QuantityVerdict, most_severe
+from bodycheck.reports.measurement.verdicts import FAULTS, QuantityVerdict, most_severe
 from bodycheck.reports.run_files.run_tables import MethodKey, Run, cases_by_method, key_of
 
 _FINEST_STRIDE = 40
@@ -207,7 +207,8 @@ class _CasePattern:
 def explain_run(folder: Path, case: str | None, *, allow_code: bool = False) -> list[ExplainedCase]:
     """Return the diagnoses of a run: of every wrong method, or of the cases of a pattern.
 
-    case: SCENARIO[,ENGINE[:METHOD][,STEP]]. Raises InputError where the run cannot be read, or has no such
+    Methods without any case that ended well are listed without a diagnosis. case:
+    SCENARIO[,ENGINE[:METHOD][,STEP]]. Raises InputError where the run cannot be read, or has no such
     case.
     """
     from bodycheck.reports.run_files.run_reader import read_run  # imported here: runs diagnose without it
@@ -216,7 +217,7 @@ def explain_run(folder: Path, case: str | None, *, allow_code: bool = False) -> 
     run = read_run(folder, allow_code=allow_code, cache=Cache.default())
     if pattern is None:
         rows: list[Any] = run.methods.to_dict("records")
-        return explained_cases(run.problems, run.cases, rows, _orders(run))
+        return [*explained_cases(run.problems, run.cases, rows, _orders(run)), *_broken_down(run)]
     found = list(_named(run, pattern))
     if not found:
         known = dict.fromkeys(
@@ -224,6 +225,16 @@ def explain_run(folder: Path, case: str | None, *, allow_code: bool = False) -> 
         )
         raise InputError(f"--case {case}: no such case with outcome ok{suggestion(str(case), known)}")
     return found
+
+
+def _broken_down(run: Run) -> Iterator[ExplainedCase]:
+    """Yield the last case of each method all of whose cases failed or were unstable, without a diagnosis."""
+    by_method = cases_by_method(run.cases)
+    for problem in run.problems:
+        for key, cases in by_method.get(problem.scenario.name, {}).items():
+            last = cases[-1]
+            if last.columns["outcome"] in FAULTS and not any(case.ok for case in cases):
+                yield ExplainedCase(problem, key, last, (), None)
 
 
 def _orders(run: Run) -> dict[MethodKey, int | None]:

@@ -150,8 +150,11 @@ def _facts(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
         more = len(one.wrong) - 1
         others = f"; other quantities that are wrong: {more}" if more else ""
         yield "wrong", one.wrong[0].text + others
+    if not one.case.ok:
+        yield "outcome", Span(f"{one.case.columns['outcome']}: {one.case.columns['message']}", "bad")
     if found is None:
-        yield "diagnosis", Span(f"not examined: {_NOT_EXAMINED}", "open")
+        reason = _NOT_EXAMINED if one.case.ok else "no case of the method ended well"
+        yield "diagnosis", Span(f"not examined: {reason}", "open")
         return
     tint = {"explained": "bad", "healthy": "good"}.get(found.verdict, "open")
     yield "diagnosis", Span(found.sentence, tint)
@@ -220,6 +223,7 @@ def explanation_data(cases: Sequence[ExplainedCase]) -> list[dict[str, Any]]:
                 "scenario": one.problem.scenario.name,
                 "method": ":".join(one.key),
                 "dt_s": one.case.dt_s,
+                "outcome": one.case.columns["outcome"],
                 "wrong": [verdict.text for verdict in one.wrong],
                 "diagnosis": None if diagnosis is None else replace(diagnosis, fit=None, circumstances=None),
                 "evidence": [] if diagnosis is None else evidence_of(diagnosis),

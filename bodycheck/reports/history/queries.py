@@ -45,18 +45,21 @@ def recorded_cases(runs: Sequence[Path]) -> pd.DataFrame:
 
 
 def query(runs: Sequence[Path], sql: str) -> pd.DataFrame:
-    """Run one SQL statement over the views nights, results, methods, stability and changes.
+    """Run one SELECT over the views nights, results, methods, stability and changes.
 
     runs: folders of nightly runs. Raises InputError if the statement is invalid or a file cannot be read.
     """
     with _connection() as database:
+        import duckdb
+
+        # other statements write files, such as those of the runs
+        kinds = [statement.type for statement in database.extract_statements(sql)]
+        if kinds != [duckdb.StatementType.SELECT]:
+            raise InputError(f"{sql!r}: must be one SELECT")
         database.register("nights", history_table(runs))
         for table in TABLES:
             database.read_parquet(_files(runs, table), union_by_name=True).create_view(table)
-        found = database.sql(sql)
-        if found is None:
-            raise InputError(f"{sql}: returns no table; a query must be a SELECT")
-        table = found.df()
+        table = database.sql(sql).df()
     for name in table.columns:
         if table[name].dtype == object or str(table[name].dtype) in ("str", "string"):
             table[name] = table[name].map(escaped, na_action="ignore")

@@ -11,7 +11,6 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
-from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -41,6 +40,9 @@ _KINDS = (
 )
 KINDS = {target: kind for targets, kind in _KINDS for target in targets}
 """What a product can give -> its kind, in SI units."""
+
+_ARRAYS = {column: array for array, columns in COLUMNS.items() for column in columns}
+"""Column -> the array that has it, as in "wx_body_rad_s" -> "omega_body_rad_s"."""
 
 _POWERS = {
     "a time": (1, 0, 0),
@@ -290,16 +292,10 @@ class ColumnMap:
     ignore: tuple[str, ...] = ()
 
     def ignores(self, column: str) -> bool:
-        """Whether a column of the file is left out."""
+        """Whether a column of the file is left out, by its name or that of its array."""
+        names = (column, column.partition("[")[0], _ARRAYS.get(column, column))
         patterns = (pattern for pattern in self.ignore if pattern != "*" or column not in KINDS)
-        return any(column == pattern or fnmatchcase(column, pattern) for pattern in patterns)
-
-    @cached_property
-    def is_empty(self) -> bool:
-        """Whether the file is read as it stands."""
-        changes = self.products, self.ignore, self.euler
-        is_turned = self.attitude != "body-to-world" or self.world is not None or self.body is not None
-        return not any(changes) and not is_turned and self.time_origin == "file"
+        return any(name == pattern or fnmatchcase(name, pattern) for pattern in patterns for name in names)
 
 
 MapSpec: TypeAlias = str | Path | Mapping[str, Any]
@@ -336,8 +332,10 @@ def read_map(specs: Sequence[MapSpec], like: str | None = None) -> ColumnMap:
 def _pairs(spec: MapSpec) -> Iterator[tuple[str, Any]]:
     """Yield the keys and values of a map."""
     if isinstance(spec, Mapping):
-        yield from spec.items()
+        yield from ((str(key), value) for key, value in spec.items())
         return
+    if not isinstance(spec, str | Path):
+        raise InputError(f"a column map must be text, a path or a mapping, not {spec!r}")
     path = Path(spec)
     if path.suffix == ".toml":
         yield from parse_toml(read_text(path), str(path)).items()

@@ -30,7 +30,7 @@ from bodycheck.reports.recordings.column_map import (
     source_names,
 )
 from bodycheck.reports.recordings.recording import Recording, read_recording
-from bodycheck.reports.run_files.trajectory_files import COLUMNS, checked_arrays, read_npz
+from bodycheck.reports.run_files.trajectory_files import COLUMNS, checked_arrays
 
 ACCEPTED = "t_s, x_m, y_m, z_m, qw, qx, qy, qz, r00 to r22, vx_m_s ..., wx_body_rad_s ..., wx_world_rad_s ..."
 """The columns that need no map."""
@@ -138,13 +138,6 @@ def recorded_arrays(path: Path, column_map: ColumnMap) -> dict[str, Array]:
 
     Raises InputError with one line that names the file and the fault.
     """
-    if path.suffix == ".npz" and column_map.is_empty:
-        try:
-            arrays = read_npz(path, ("t_s", *COLUMNS))
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-        if "t_s" in arrays and len(arrays) > 1:
-            return checked_arrays(path, arrays)
     recording = read_recording(path, column_map.topic)
     found = _vectors(recording, _targets(recording, column_map))
     if column_map.time_origin == "first-sample" and "t_s" in found:

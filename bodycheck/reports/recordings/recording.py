@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -89,7 +90,7 @@ def read_recording(path: Path, topic: str) -> Recording:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     if not found.rows:
-        raise InputError(f"{path}: has no rows")
+        raise InputError(f"{path}: {next(iter(found.faults.values()), 'has no rows')}")
     if len(found.columns) > _MAX_COLUMNS:
         raise InputError(f"{path}: has more than {_MAX_COLUMNS} columns")
     return found
@@ -120,7 +121,13 @@ def _read_csv(path: Path) -> Recording:
         column = table.iloc[:, number]
         if not columns.setdefault(name, column).equals(column):
             faults[name] = f"has two different columns {name}"
-    return Recording(path, columns, len(table), lambda row: f"line {row + 2}", faults)
+    return Recording(path, columns, len(table), lambda row: f"line {_line(content, row + 1)}", faults)
+
+
+def _line(content: bytes, row: int) -> int:
+    """Return the number of the line of a row, 0 for the header; blank lines are not rows."""
+    filled = (number for number, line in enumerate(content.splitlines(), 1) if line.strip())
+    return next(islice(filled, row, None))
 
 
 def _read_npz(path: Path) -> Recording:

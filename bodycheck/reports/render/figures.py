@@ -194,7 +194,7 @@ def drawn_figure(
         _stability(axes, rows[np.array(is_shown, dtype=bool)], drawn)
     elif lines:
         FIGURES[figure](axes, lines, drawn, quantity)
-    if not axes.lines:
+    if not any(len(line.get_xdata()) for line in axes.lines):  # type: ignore[arg-type]
         raise InputError(f"--figure {figure}: nothing to draw for {scenario}")
     if figure != STABILITY:
         _legend(page, axes, appearance.columns)

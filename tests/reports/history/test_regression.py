@@ -631,9 +631,21 @@ def test_history_is_queried_in_sql(nightly_run: Run, one_worse: History) -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("sql", ["SELECT * FROM absent", "SELEC", ""])
-def test_wrong_query_is_refused_in_one_line(one_worse: History, sql: str) -> None:
-    """The line has the message of the database and nothing else."""
+@pytest.mark.parametrize(
+    "sql",
+    [
+        "SELECT * FROM absent",
+        "SELEC",
+        "",
+        "COPY (SELECT 1) TO '{file}' (FORMAT parquet)",
+        "ATTACH '{file}'",
+        "SELECT 1; SELECT 2",
+        "DROP VIEW results",
+    ],
+)
+def test_wrong_query_is_refused_in_one_line(one_worse: History, sql: str, tmp_path: Path) -> None:
+    """Anything but one SELECT is refused, so that no query can write a file."""
     with pytest.raises(InputError) as refused:
-        query(one_worse.runs(), sql)
+        query(one_worse.runs(), sql.format(file=tmp_path / "written"))
     assert "\n" not in str(refused.value)
+    assert not any(tmp_path.iterdir())

@@ -313,6 +313,33 @@ def test_npz_with_text_is_read_where_the_text_is_not_used(
         recorded_arrays(path, read_map([keys, "z_m=names"]))
 
 
+@pytest.mark.parametrize("pattern", ["rotation", "rotat*", "r??"])
+def test_an_array_is_ignored_by_its_name_or_its_columns(pattern: str, tmp_path: Path) -> None:
+    """The elements of an npz array also have the names of standard columns."""
+    path = tmp_path / "both.npz"
+    times, turned = np.array([0.0, 1.0]), np.array([np.eye(3)] * 2)
+    np.savez(path, t_s=times, quaternion=np.array([[0.6, 0.8, 0.0, 0.0]] * 2), rotation=turned)
+    assert {*recorded_arrays(path, read_map([f"ignore={pattern}"]))} == {"t_s", "quaternion"}
+
+
+def test_a_misspelt_array_of_an_npz_is_refused(tmp_path: Path, expected_message: ExpectedMessage) -> None:
+    """It would not be judged, and nobody would notice."""
+    path = tmp_path / "log.npz"
+    np.savez(path, t_s=[0.0, 1.0], quaternion=np.eye(4)[[0, 0]], omega_bdy_rad_s=np.ones((2, 3)))
+    with expected_message.raises(bodycheck.InputError):
+        recorded_arrays(path, read_map([]))
+
+
+def test_the_line_of_a_wrong_cell_counts_blank_lines(
+    tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
+    """The number is that of the line in the file."""
+    path = tmp_path / "log.csv"
+    path.write_text(f"{RATES}\n\n0,1,2,3\n\n1,1,x,3\n")
+    with expected_message.raises(bodycheck.InputError):
+        recorded_arrays(path, read_map([]))
+
+
 @pytest.mark.parametrize(("pattern", "is_read"), [("q?", False), ("*", True), ("aero", True)])
 def test_a_pattern_ignores_standard_columns_too_except_for_the_star(
     pattern: str, is_read: bool, tmp_path: Path
