@@ -437,17 +437,37 @@ def test_a_verdict_without_an_order_has_its_reason(
         (points((1e-9, 4e-10), (1e-5, 1.1e-9)), LIMIT, ("pre-asymptotic", 2, LIMIT)),
         (points((1e-9, 1.1e-9), (1e-5, 1.2e-9)), LIMIT, ("does-not-converge", 2, LIMIT)),
         (points((1e-4, 1e-6), (1e-2, 9e-6)), 1e-7, ("converges", 1, 1e-7)),
-        (points((1e-4, 1.01e-6), (1e-2, 9e-6)), 1e-7, ("does-not-converge", 2, 1e-7)),
+        (points((1e-4, 1.01e-6), (1e-2, 1.5e-6)), 1e-7, ("does-not-converge", 2, 1e-7)),
+        (points((1e-4, 1.01e-6), (1e-2, 6e-6)), 1e-7, ("pre-asymptotic", 2, 1e-7)),
         (points((1e-6, 0.1), (1e-3, 5e-10)), LIMIT, ("does-not-converge", 2, LIMIT)),
         (points((1e-8, 5e-6), (1e-6, 5e-10), (1e-4, 5e-10)), LIMIT, ("does-not-converge", 1, 5e-10)),
-        (points((1e-4, 0.99e-3), (1e-2, 1e-2)), LIMIT, ("converges", 2, LIMIT)),
-        (points((1e-4, 1.01e-3), (1e-2, 1e-2)), LIMIT, ("does-not-converge", 2, LIMIT)),
-        (points((2.0**-12, 2.0**-8), (2.0**-4, 2.0**-4)), LIMIT, ("does-not-converge", 2, LIMIT)),
-        (points((1.1e-4, 1.2e-3), (1e-2, 1e-2)), LIMIT, ("too-few-points", 2, LIMIT)),
+        (points((1e-4, 1.58e-3), (1e-2, 1e-2)), LIMIT, ("converges", 2, LIMIT)),
+        (points((1e-4, 1.59e-3), (1e-2, 1e-2)), LIMIT, ("pre-asymptotic", 2, LIMIT)),
+        (points((1e-4, 6.3e-3), (1e-2, 1e-2)), LIMIT, ("pre-asymptotic", 2, LIMIT)),
+        (points((1e-4, 6.32e-3), (1e-2, 1e-2)), LIMIT, ("does-not-converge", 2, LIMIT)),
+        (points((2.0**-12, 2.0**-8), (2.0**-4, 2.0**-4)), LIMIT, ("converges", 2, LIMIT)),
+        (points((1.1e-4, 1.7e-3), (1e-2, 1e-2)), LIMIT, ("too-few-points", 2, LIMIT)),
         (points((1e-4, 1.01e-3), (1e-3, None), (1e-2, 1.0)), LIMIT, ("converges", 1, LIMIT)),
+        # only the finest two decades count: a plateau below a large first error, and a flat start
+        (
+            points((1e-8, 6.26e-5), (1e-7, 6.43e-5), (1e-6, 8.6e-5), (1e-5, 4.1e-4), (1e-3, 0.238)),
+            LIMIT,
+            ("does-not-converge", 5, LIMIT),
+        ),
+        (
+            points((1e-6, 1.12e-7), (1e-5, 1.13e-6), (1e-4, 2.82e-6), (1e-3, 2.82e-6)),
+            LIMIT,
+            ("converges", 4, LIMIT),
+        ),
+        (
+            points((1e-6, 0.0034), (1e-5, 0.0107), (1e-4, 0.0331), (1e-3, 0.0978)),
+            LIMIT,
+            ("converges", 4, LIMIT),
+        ),
+        (points((1e-6, 1.0e-4), (1e-5, 1.1e-4), (1e-4, 1e-2)), LIMIT, ("pre-asymptotic", 3, LIMIT)),
     ],
 )
-def test_a_tolerance_is_obeyed_where_errors_fall_with_its_root(
+def test_a_tolerance_is_obeyed_where_errors_fall_with_it(
     some: list[Point], limit: float, reported: tuple[str, int, float]
 ) -> None:
     """Errors at the floor also obey it; a failure is reported only over two decades of tolerance."""

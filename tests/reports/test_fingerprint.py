@@ -315,6 +315,40 @@ def test_a_violation_that_falls_with_the_step_like_the_error_is_a_property(
 
 
 @pytest.mark.slow
+def test_a_limit_that_ends_to_act_at_small_steps_breaks_a_law() -> None:
+    """A largest change of omega per step, in rad/s, is no error that falls as a power of the step."""
+
+    def limited(solid: Solid, motion: Motion, dt: Array, loads: Any) -> Motion:
+        after = MAPS["M1"].step(solid, motion, dt, loads)
+        change = after.omega - motion.omega
+        size = np.linalg.norm(change, axis=-1, keepdims=True)
+        return replace(after, omega=motion.omega + change * np.minimum(1.0, 0.4 / np.maximum(size, 1e-300)))
+
+    assert laws_of(stepping(limited))["scale-time"].verdict == "broken"
+
+
+@pytest.mark.slow
+def test_the_residual_of_a_solver_is_no_violation() -> None:
+    """Implicit midpoint whose iteration stops at 1e-10 is reversible up to that."""
+
+    def inexact(solid: Solid, motion: Motion, dt: Array, loads: Any) -> Motion:
+        after = BY_ALIAS["implicit midpoint"].step(solid, motion, dt, loads)
+        residual = 1e-11 * np.sin(1e3 * motion.omega) * np.linalg.norm(motion.omega)
+        return replace(after, omega=after.omega + residual)
+
+    ask = stepping(inexact)
+    found = fingerprint_of(ENGINE, METHOD, ask)
+    assert found.name == BY_ALIAS["implicit midpoint"].name
+    assert found.reversible
+    assert 1e-12 < found.residual < 1e-9
+    for residual, verdict in ((0.0, "broken"), (found.residual, "property")):
+        checked = check_laws(ENGINE, METHOD, ask, reversible=True, residual=residual)
+        (reverse,) = (one for one in checked if one.law.name == REVERSE)
+        assert reverse.verdict == verdict
+        assert ("loads that are held" in reverse.message) is (verdict == "property")
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("share", "verdict"), [(lambda tol: 1e4 * tol, "property"), (lambda _: 1e-8, "broken")]
 )

@@ -21,8 +21,9 @@ LARGEST_LIMIT = LARGEST_ERROR / 100.0  # largest truth bound or round-off at whi
 LARGEST_ROUND_OFF = 1e-9  # a larger error that stops shrinking is not round-off in double precision
 _MIN_CERTAIN = 1e-12
 _MIN_LIMIT_POINTS = 3  # usable points, where the limit alone shows convergence
-_MIN_FALL = 0.5  # order in the tolerance at which errors must fall
-_PLATEAU_DECADES = 2.0  # of the tolerance, over which they must fall
+_MIN_FALL = 0.4  # power of the tolerance with which errors must fall; of a first-order method it is 1/2
+_PLATEAU = 0.1  # power of the tolerance below which errors stay the same
+_PLATEAU_RATIO = 100.0  # of the tolerances over which they must fall: the finest ones
 _GROWS = 2.0  # ratio of an error to that of a coarser step, above which finer steps do not reduce it
 _TURNED = 100.0  # round-offs, below which an error that finer steps increase is round-off
 
@@ -235,15 +236,32 @@ def tolerance_convergence(points: Sequence[Point], criteria: Criteria) -> Conver
         return Convergence("unstable", 0, criteria.floor)
     floor = round_off_floor(points, criteria.floor)
     found = Convergence("converges", len(usable(points, floor)), floor)
-    (finest, smallest), (coarsest, largest) = ended[0], ended[-1]
+    smallest = ended[0][1]
     if max(error for _, error in ended) <= ABOVE_FLOOR * floor:
         return replace(found, verdict="at-floor")
-    if smallest <= ABOVE_FLOOR * floor or smallest < largest * (finest / coarsest) ** _MIN_FALL:
+    if smallest <= ABOVE_FLOOR * floor:
         return found
-    if math.log10(coarsest / finest) < _PLATEAU_DECADES:
+    # a large error at a coarse tolerance says nothing about the fine ones
+    begin = next((i for i, (tolerance, _) in enumerate(ended) if _is_far(ended[0][0], tolerance)), None)
+    last = len(ended) - 1 if begin is None else begin
+    falls, ends_flat = _power(ended[0], ended[last]), last > 1 and _power(ended[0], ended[1]) < _PLATEAU
+    if falls >= _MIN_FALL and not ends_flat:
+        return found
+    if begin is None:
         return replace(found, verdict="too-few-points")
-    is_wrong = smallest > LARGEST_ROUND_OFF and criteria.judged == "limit"
-    return replace(found, verdict="does-not-converge" if is_wrong else "pre-asymptotic")
+    is_flat = falls < _PLATEAU and smallest > LARGEST_ROUND_OFF and criteria.judged == "limit"
+    return replace(found, verdict="does-not-converge" if is_flat else "pre-asymptotic")
+
+
+def _is_far(finest: float, tolerance: float) -> bool:
+    return tolerance >= _PLATEAU_RATIO * finest * (1.0 - _SAME)
+
+
+def _power(fine: tuple[float, float], coarse: tuple[float, float]) -> float:
+    """log(e / e') / log(t / t') of two pairs of tolerance and error; 0 for the same pair."""
+    if fine[0] == coarse[0] or coarse[1] == 0.0:
+        return 0.0
+    return math.log(coarse[1] / fine[1]) / math.log(coarse[0] / fine[0])
 
 
 def stepless_verdict(points: Sequence[Point], criteria: Criteria) -> Convergence:

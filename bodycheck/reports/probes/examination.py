@@ -116,7 +116,9 @@ def examined(engine: Engine, method: Method, client: EngineClient, *, laws: bool
     rows: dict[str, Any] = {"probes": probe_rows(engine, method, client.ask), "fingerprints": [], "laws": []}
     if laws:
         found = fingerprint_of(engine, method, client.ask)
-        checked = check_laws(engine, method, client.ask, client.replay, reversible=found.reversible)
+        checked = check_laws(
+            engine, method, client.ask, client.replay, reversible=found.reversible, residual=found.residual
+        )
         rows["fingerprints"].append(fingerprint_row(engine, method, found))
         rows["laws"] += law_rows(engine, method, checked)
     return rows

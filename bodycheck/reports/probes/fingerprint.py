@@ -53,6 +53,9 @@ FARTHER = 1000.0
 _LIMITS: Mapping[Precision, float] = {"float64": 1e-9, "float32": 2e-5, "mixed": 2e-5}
 """The largest distance to a known map: a solver inside a step may stop at such a residual."""
 
+_ROUND_OFFS = 1000.0
+"""In eps: a larger distance to a known map is the residual of a solver."""
+
 _ANGLES_RAD = (1.0, 0.5, 0.25, 0.125)
 """|omega| dt of the free cases; those under loads have the first and the third."""
 _STEPS = 4
@@ -179,6 +182,12 @@ class Fingerprint:
     reversible: bool = False
     leading: LeadingError | None = None
     message: str = ""
+
+    @property
+    def residual(self) -> float:
+        """The agreement with a known map where it is above round-off: a solver inside a step stops there."""
+        round_off = _ROUND_OFFS * float(np.finfo(np.float64).eps)
+        return self.agreement if self.agreement is not None and self.agreement > round_off else 0.0
 
     @property
     def digits(self) -> float | None:
