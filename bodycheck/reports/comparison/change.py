@@ -21,7 +21,7 @@ from bodycheck.reports.measurement.verdicts import UNDECIDED, severity
 from bodycheck.reports.run_files.run_tables import study_key
 
 Kind: TypeAlias = Literal[
-    "case", "outcome", "verdict", "order", "stability", "accuracy", "speed", "fingerprint"
+    "case", "outcome", "verdict", "law", "order", "stability", "accuracy", "speed", "fingerprint"
 ]
 Status: TypeAlias = Literal["worse", "missing", "improved", "moved", "new"]
 
@@ -34,10 +34,10 @@ class Change:
     """One quantity of a case, or of a method on a scenario, before and after.
 
     quantity: the measure, or `outcome`, `verdict of <quantity>`, `order of <quantity>`, `dt_stable_s`,
-    `stable step: search`, `relative_cpu`; `case` for a case that only one run has. status: worse or improved
-    beyond the threshold, moved by less, new or missing. control, fineness: the step or the tolerance; None
-    for all of a method's. scenario: None for all scenarios. before, after: None if there is no value.
-    decades: log10(after / before); None for a quantity without a size.
+    `stable step: search`, `relative_cpu`, `law <name>`; `case` for a case that only one run has. status:
+    worse or improved beyond the threshold, moved by less, new or missing. control, fineness: the step or the
+    tolerance; None for all of a method's. scenario: None for all scenarios. before, after: None if there is
+    no value. decades: log10(after / before); None for a quantity without a size.
     """
 
     kind: Kind

@@ -153,6 +153,7 @@ def compare(before: Tables, after: Tables, thresholds: Thresholds = DEFAULT_THRE
         *_stable_steps(before, after, redefined_names, thresholds),
         *errors,
         *_fingerprints(before, after),
+        *_laws(before, after),
         *speed_changes(ratios, noises, thresholds.of("relative_cpu")),
     ]
     return Comparison(
@@ -177,6 +178,20 @@ def _fingerprints(before: Tables, after: Tables) -> Iterator[Change]:
         was, now = old.get((row["engine"], row["method"])), row["fingerprint"]
         if was is not None and was != now and "not measured" not in (was, now):
             yield Change("fingerprint", None, row["engine"], row["method"], "one-step map", was, now, "moved")
+
+
+def _laws(before: Tables, after: Tables) -> Iterator[Change]:
+    """Yield a change where a method breaks a law that it obeyed, or obeys one that it broke."""
+    old, new = (
+        {(row["engine"], row["method"], row["law"]): row["verdict"] for row in tables.laws.to_dict("records")}
+        for tables in (before, after)
+    )
+    for (engine, method, law), now in new.items():
+        was = old.get((engine, method, law))
+        if was is None or "not-measured" in (was, now) or (was == "broken") == (now == "broken"):
+            continue
+        status: Status = "worse" if now == "broken" else "improved"
+        yield Change("law", None, engine, method, f"law {law}", was, now, status)
 
 
 def newly_ended_well(before: Tables, after: Tables) -> Tables:

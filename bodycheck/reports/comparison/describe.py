@@ -42,6 +42,7 @@ _MAX_LINES = 20
 _KINDS: tuple[Kind, ...] = (
     "outcome",
     "verdict",
+    "law",
     "order",
     "stability",
     "accuracy",

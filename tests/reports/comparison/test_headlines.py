@@ -73,6 +73,41 @@ def test_another_one_step_map_is_named() -> None:
     assert "; implicit moved, one-step map M2 -> implicit midpoint; 3 methods moved in the " in headline
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "status"),
+    [
+        ("holds", "broken", "worse"),
+        ("property", "broken", "worse"),
+        ("broken", "holds", "improved"),
+        ("holds", "property", None),
+        ("broken", "broken", None),
+        ("not-measured", "broken", None),
+        (None, "broken", None),
+    ],
+)
+def test_a_law_that_a_method_begins_to_break_is_worse(
+    before: str | None, after: str, status: Status | None
+) -> None:
+    """It fails a comparison even where no error changed; a law measured in one run only is no change."""
+    obeyed, obeying = (
+        replace(
+            OLD,
+            laws=OLD.laws.from_records(
+                [{"engine": "mujoco", "method": "rk4", "law": "boost", "verdict": verdict}]
+                if verdict
+                else [],
+                columns=["engine", "method", "law", "verdict"],
+            ),
+        )
+        for verdict in (before, after)
+    )
+    found = compare(obeyed, obeying)
+    assert [(one.quantity, one.status) for one in found.changes] == [("law boost", status)] * bool(status)
+    if status is not None:
+        assert headlines(found) == [f"mujoco 3.17.0: rk4 {status}, law boost {before} -> {after}."]
+        assert "law boost" in markdown(comparison_document(found))
+
+
 def test_a_change_of_speed_is_a_factor() -> None:
     """A larger relative time is reported as a factor slower, a smaller one as a factor faster."""
     made = partial(Change, "speed", None, "mujoco", quantity="relative_cpu", before=1.0)
