@@ -186,8 +186,9 @@ class Fingerprint:
     @property
     def residual(self) -> float:
         """The agreement with a known map where it is above round-off: a solver inside a step stops there."""
-        round_off = _ROUND_OFFS * float(np.finfo(np.float64).eps)
-        return self.agreement if self.agreement is not None and self.agreement > round_off else 0.0
+        if self.agreement is None or self.name in (NO_KNOWN_MAP, NOT_MEASURED):
+            return 0.0
+        return self.agreement if self.agreement > _ROUND_OFFS * float(np.finfo(np.float64).eps) else 0.0
 
     @property
     def digits(self) -> float | None:

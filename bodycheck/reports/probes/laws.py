@@ -375,8 +375,8 @@ class _NotRunError(Exception):
 class _Bench:
     """One method under test at one fineness: steps per scene, or a tolerance of its own.
 
-    residual: at which a solver inside a step stops. bases: the motions of the states, with which every law
-    compares.
+    residual: at which a solver inside a step stops, which makes its map reversible up to that. bases: the
+    motions of the states, with which every law compares.
     """
 
     engine: Engine
@@ -391,9 +391,9 @@ class _Bench:
 
     @property
     def eps(self) -> float:
-        """The relative error of one step: of the arithmetic or a solver inside it, or the tolerance."""
+        """The relative error of one step: of the arithmetic, or the tolerance."""
         single = self.method.precision != "float64"
-        return max(_SINGLE_EPS if single else _EPS, self.tolerance or 0.0, self.residual)
+        return max(_SINGLE_EPS if single else _EPS, self.tolerance or 0.0)
 
     def state(self, name: str) -> tuple[Scene, float]:
         """Return the scene of a state, and its step in s at this fineness."""
@@ -557,7 +557,8 @@ def _compared(
     gyration = float(np.sqrt(np.trace(scene.body.inertia) / (2.0 * scene.body.mass)))
     speed = max(largest_norm(base.velocity), largest_norm(base.omega) * gyration)
     length = max(largest_norm(base.position - base.position[0]), gyration)
-    noise = _SAFETY * bench.eps * bench.steps * _sensitivity(name)
+    eps = max(bench.eps, bench.residual if law.name == REVERSE else 0.0)
+    noise = _SAFETY * eps * bench.steps * _sensitivity(name)
     reading = base if raw is None else raw
     # a link's origin moves with omega x offset, and a far origin rounds positions
     offset = float(np.linalg.norm(_OFFSET)) if law.variants is _linked else 0.0
