@@ -182,6 +182,7 @@ def _targets(recording: Recording, column_map: ColumnMap) -> dict[str, Array]:
         if name not in used
         and name not in KINDS
         and name not in _IGNORED
+        and name not in recording.metadata
         and name.partition("[")[0] not in COLUMNS
         and not column_map.ignores(name)
     ]

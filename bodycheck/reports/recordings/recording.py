@@ -6,7 +6,7 @@ import glob
 import io
 import json
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
@@ -36,6 +36,7 @@ class Recording:
     """The columns of a file by name; a column is read as numbers when it is used.
 
     row_name: row -> what a message calls it, such as "line 2". faults: column -> why it cannot be used.
+    metadata: those of them that are no series over time, such as the inertia of the body.
     """
 
     path: Path
@@ -43,6 +44,7 @@ class Recording:
     rows: int
     row_name: Callable[[int], str] = lambda row: f"row {row + 1}"
     faults: Mapping[str, str] = field(default_factory=dict)
+    metadata: Collection[str] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -148,7 +150,7 @@ def _read_npz(path: Path) -> Recording:
         columns = {name: column for name, column in columns.items() if len(column) > 1 or name in COLUMNS}
     short = {name: len(column) for name, column in columns.items() if len(column) < rows}
     faults |= {name: f"{name} has {length} values, not {rows}" for name, length in short.items()}
-    return Recording(path, columns, rows, faults=faults)
+    return Recording(path, columns, rows, faults=faults, metadata=faults.keys())
 
 
 def _member(name: str, index: int, shape: tuple[int, ...]) -> str:

@@ -313,6 +313,16 @@ def test_npz_with_text_is_read_where_the_text_is_not_used(
         recorded_arrays(path, read_map([keys, "z_m=names"]))
 
 
+def test_metadata_of_an_npz_is_left_out(tmp_path: Path, expected_message: ExpectedMessage) -> None:
+    """Text and arrays of another length are no columns, and are refused only where a map uses them."""
+    path = tmp_path / "log.npz"
+    series = {"t_s": np.arange(5.0), "quaternion": np.tile(np.eye(4)[0], (5, 1))}
+    np.savez(path, inertia=np.eye(3), mass=2.0, author=np.array(["me"]), **series)
+    assert {*recorded_arrays(path, read_map([]))} == {*series}
+    with expected_message.raises(bodycheck.InputError):
+        recorded_arrays(path, read_map(["x_m=inertia[0]"]))
+
+
 @pytest.mark.parametrize("pattern", ["rotation", "rotat*", "r??"])
 def test_an_array_is_ignored_by_its_name_or_its_columns(pattern: str, tmp_path: Path) -> None:
     """The elements of an npz array also have the names of standard columns."""
