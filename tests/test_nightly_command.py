@@ -95,7 +95,7 @@ def test_nightly_run_fails_on_a_regression(folder: Path) -> None:
     assert [done.exit_code for done in (first, second, moved, third, fourth)] == [3, 0, 0, 1, 0], third.output
     assert "Insufficient history" in first.stdout
     assert "Nothing changed" in second.stdout
-    assert "turned 1: 1 method moved" in moved.stdout
+    assert "turned 1: m1 moved, law permute holds -> broken." in moved.stdout
     assert "turned 1: m1 improved" in fourth.stdout
     reported = (folder / "changes.md").read_text()
     for text in (third.stdout, reported):

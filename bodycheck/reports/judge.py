@@ -272,6 +272,7 @@ def explained_file(
         scene = _sampled_at(scene, t_s, dt_s)
     found = diagnosed(scene, trajectory, problem.scales, dt_s, known=known)
     columns = {"scenario": scenario.name, "control": "none" if dt_s is None else "dt", "dt_s": dt_s}
+    columns |= {"outcome": "ok", "message": ""}
     case = CaseResult({**columns, "engine": path.name, "method": ""}, MeasuredMotion(trajectory))
     return ExplainedCase(problem, (path.name,), case, (), found)
 

@@ -45,10 +45,10 @@ class MethodChanges:
         )
 
     @property
-    def map_change(self) -> str:
-        """The change of the one-step map, like ", one-step map M1 -> M2"; "" if it is the same."""
-        maps = [change for change in self.changes if change.kind == "fingerprint"]
-        return "".join(f", {change.quantity} {change.before} -> {change.after}" for change in maps)
+    def identity_change(self) -> str:
+        """The changes of the one-step map and of laws, like ", one-step map M1 -> M2"; "" without one."""
+        found = [change for change in self.changes if change.kind in ("fingerprint", "law")]
+        return "".join(f", {change.quantity} {change.before} -> {change.after}" for change in found)
 
     @property
     def rank(self) -> tuple[bool, float]:
@@ -99,8 +99,8 @@ def _clauses(methods: Sequence[MethodChanges], thresholds: Thresholds, *, severa
     clauses = [_clause(one, several=several) for one in described[:_MAX_METHODS]]
     rest = [one.net for one in described[_MAX_METHODS:]]
     clauses += [f"{count(rest.count(net), 'more method')} {net}" for net in dict.fromkeys(rest)]
-    renamed = [one for one in methods if one.net in ("moved", "new") and one.map_change]
-    clauses += [f"{one.method} moved{one.map_change}" for one in renamed]
+    renamed = [one for one in methods if one.net in ("moved", "new") and one.identity_change]
+    clauses += [f"{one.method} moved{one.identity_change}" for one in renamed]
     if moved := [one for one in methods if one.net == "moved" and one not in renamed]:
         size = moved_text((change for one in moved for change in one.of("moved")), thresholds)
         clauses.append(f"{count(len(moved), 'method')} moved{size}")
@@ -123,7 +123,7 @@ def _clause(one: MethodChanges, *, several: bool) -> str:
         for status, part in parts.items()
         if part
     ]
-    return f"{one.method} {first}{one.map_change}{''.join(rest)}"
+    return f"{one.method} {first}{one.identity_change}{''.join(rest)}"
 
 
 def _missing(changes: Sequence[Change]) -> str:
