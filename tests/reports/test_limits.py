@@ -61,6 +61,15 @@ def test_a_limit_is_the_truth_if_near_and_approached(distance: float, order: flo
     assert Limit(distance, 0.1, order, is_off=False).is_truth is is_truth
 
 
+@pytest.mark.parametrize(
+    ("distance", "order", "is_doubtful"),
+    [(0.029, 1.0, False), (0.031, 1.0, True), (0.031, 0.5, True), (0.031, 0.49, False)],
+)
+def test_a_limit_far_from_the_truth_is_doubtful(distance: float, order: float, is_doubtful: bool) -> None:
+    """Only differences that shrink have a limit; it must be three uncertainties off."""
+    assert Limit(distance, 0.01, order, is_off=False).is_doubtful is is_doubtful
+
+
 def judged(steps: Sequence[float], motions: Sequence[Array], how: Criteria | None = None) -> str:
     """Return the verdict on a quantity with these motions."""
     points = [
