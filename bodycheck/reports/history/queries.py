@@ -49,9 +49,9 @@ def query(runs: Sequence[Path], sql: str) -> pd.DataFrame:
 
     runs: folders of nightly runs. Raises InputError if the statement is invalid or a file cannot be read.
     """
-    with _connection() as database:
-        import duckdb
+    import duckdb
 
+    with _connection() as database:
         # other statements write files, such as those of the runs
         kinds = [statement.type for statement in database.extract_statements(sql)]
         if kinds != [duckdb.StatementType.SELECT]:

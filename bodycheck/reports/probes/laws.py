@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import pairwise
+from operator import attrgetter
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -43,10 +44,8 @@ LAW_VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 _EPS, _SINGLE_EPS = float(np.finfo(np.float64).eps), float(np.finfo(np.float32).eps)
 _SAFETY = 50.0
 _STEPS = 16
-_REFINEMENTS = (1, 4, 16)
-"""Steps per step of a state, whose violations are compared."""
-_TOLERANCE_RATIO = 100.0
-"""Between the two tolerances whose violations are compared."""
+_STEP_RATIO, _TOLERANCE_RATIO = 4, 100.0
+"""From one of the three steps, or two tolerances, whose violations are compared to the next."""
 _MISSING_ORDER, _MORE_ORDERS = 0.5, 3.0
 """How much more slowly, and faster, than the error of the method a violation may fall."""
 _TOLERANCE_ORDERS = (0.4, 2.0)
@@ -459,28 +458,25 @@ def _checked(bench: _Bench, law: Law, *, reversible: bool) -> Checked:
     breaks = [one for name in STATES for one in _breaks(bench, law, name)]
     violated = [one for one in breaks if not one.ratio <= 1.0]
     if not violated:
-        return Checked(law, "holds", max(breaks, key=_ratio))
+        return Checked(law, "holds", max(breaks, key=attrgetter("ratio")))
     reasons = {name: law.property_of(bench.method, reversible, STATES[name][0]) for name in STATES}
     faults = [one for one in violated if not reasons[one.state]]
-    reason = _vanishing(bench, law) if faults else reasons[max(violated, key=_ratio).state]
-    worst = max(faults or violated, key=_ratio)
+    reason = _vanishing(bench, law) if faults else reasons[max(violated, key=attrgetter("ratio")).state]
+    worst = max(faults or violated, key=attrgetter("ratio"))
     text = f"{worst.quantity} differs by {worst.size:.3g} at t = {worst.t_s:.4g} s; {worst.state}"
     return Checked(law, "property" if reason else "broken", worst, f"{text}; {reason}" if reason else text)
-
-
-def _ratio(one: Break) -> float:
-    return one.ratio
 
 
 def _vanishing(bench: _Bench, law: Law) -> str:
     """Return that every violation falls with the step or the tolerance like the method's error, else ""."""
     method = bench.method
     if method.control == "tolerance" and bench.tolerance is not None and law.name != REPEAT:
-        coarser = replace(bench, tolerance=_TOLERANCE_RATIO * bench.tolerance, bases={}, moved={})
-        levels, ratio, word = [coarser, bench], _TOLERANCE_RATIO, "tolerance"
+        ratio, word = _TOLERANCE_RATIO, "tolerance"
+        levels = [replace(bench, tolerance=ratio * bench.tolerance, bases={}, moved={}), bench]
     elif method.control == "dt" and law.name not in (REVERSE, SPLIT, REPEAT):
-        finer = [replace(bench, steps=n * bench.steps, bases={}, moved={}) for n in _REFINEMENTS[1:]]
-        levels, ratio, word = [bench, *finer], _REFINEMENTS[1] / _REFINEMENTS[0], "step"
+        ratio, word = float(_STEP_RATIO), "step"
+        numbers = (_STEP_RATIO * bench.steps, _STEP_RATIO**2 * bench.steps)
+        levels = [bench, *(replace(bench, steps=n, bases={}, moved={}) for n in numbers)]
     else:
         return ""
     try:
