@@ -55,6 +55,19 @@ def test_arguments_of_a_wrong_type_or_without_an_element_are_refused(
         bodycheck.run(**arguments)
 
 
+@pytest.mark.parametrize(
+    ("method", "settings"),
+    [("reference:rk4", {"tolerances": [1e-6]}), ("reference:taylor", {"dt_s": [0.01]})],
+)
+def test_steps_and_tolerances_that_no_method_has_are_refused(
+    method: str, settings: dict[str, Any], expected_message: ExpectedMessage
+) -> None:
+    """They would be ignored; next to a method that has them, they are not."""
+    with expected_message.raises(bodycheck.InputError):
+        select(["sphere"], [method], **settings)
+    assert select(["sphere"], ["reference:rk4", "reference:taylor"], **settings)
+
+
 def test_names_may_come_from_an_iterator() -> None:
     """They are read once."""
     names = ("sphere", "full-tensor")

@@ -24,6 +24,7 @@ from bodycheck.cli.options import (
     described,
     numbers,
     progress_of,
+    refuse_unused,
 )
 from bodycheck.runs.run_options import TIMEOUT_S
 
@@ -181,8 +182,7 @@ def ensemble(
     )
     if row is not None:
         given = {"--out": out, "--json": json, "--engine": engine, "--shard": shard, "--first-row": first_row}
-        if unused := [option for option, value in given.items() if value]:
-            raise InputError(f"--row: prints the scenario file of one body; {unused[0]} does not apply")
+        refuse_unused("--row: prints the scenario file of one body", given)
         print(row_text(request, row), end="")
         return
     if not request.engines:

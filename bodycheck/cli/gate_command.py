@@ -22,6 +22,7 @@ from bodycheck.cli.options import (
     TimeoutS,
     described,
     progress_of,
+    refuse_unused,
 )
 from bodycheck.runs.run_options import TIMEOUT_S
 
@@ -90,12 +91,17 @@ def gate(
     The exit status is 1 if a gate fails or nothing was measured for it.
     """
     _check(update=update, margin=margin, loosen=loosen)
-    if run is not None and scenarios:
-        raise InputError(
-            f"--run {run}: a stored run has its own scenarios; give --run or scenarios, not both"
-        )
-    if run is not None and out is not None:
-        raise InputError(f"--out {out}: keeps a new run; give --run or --out, not both")
+    if run is not None:
+        of_a_new_run = {
+            "a scenario": scenarios,
+            "--out": out,
+            "--jobs": jobs,
+            "--timeout-s": timeout_s != TIMEOUT_S,
+            "--fresh": fresh,
+            "--reuse": fresh is False,
+            "--allow-code": allow_code,
+        }
+        refuse_unused(f"--run {run}: checks a stored run", of_a_new_run)
     from bodycheck._util.files import check_file, write_file
     from bodycheck.reports.document import answer, print_document
     from bodycheck.reports.gates.gate import read_gates

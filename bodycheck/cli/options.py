@@ -250,6 +250,12 @@ def numbers(text: str | None, option: str) -> list[float] | None:
     return found
 
 
+def refuse_unused(reason: str, given: Mapping[str, object]) -> None:
+    """Raise InputError for the first option with a value; reason: why none of them applies here."""
+    if unused := [option for option, value in given.items() if value]:
+        raise InputError(f"{reason}; {unused[0]} does not apply")
+
+
 def thresholds_of(threshold: float, tolerances: Path | None) -> Thresholds:
     """Return the thresholds of all measures; raises InputError if the option or the file is wrong."""
     if not 0.0 <= threshold < math.inf:

@@ -27,6 +27,7 @@ from bodycheck.runs.ensemble_cases import BatchResult, BatchTruth, EnginePools, 
 from bodycheck.runs.ensemble_files import Dataset, Part, write_summaries
 from bodycheck.runs.ensemble_result import EnsembleRequest, EnsembleResult, Key
 from bodycheck.runs.run_options import ProgressFactory, RunOptions
+from bodycheck.runs.selection import refuse_unused_settings
 from bodycheck.scenarios.ensemble import Ensemble, scenario_text
 
 _MAX_LOADED = 10_000
@@ -55,6 +56,7 @@ def run_ensemble(request: EnsembleRequest, out: Path, make_progress: ProgressFac
     options = RunOptions(jobs=request.jobs, timeout_s=request.timeout_s)
     ensemble = request.ensemble()
     keys = request.keys(ensemble)
+    refuse_unused_settings([key[:2] for key in keys], request.dt_s, request.tolerances)
     free = _checked_loads(ensemble, request.n)
     result = EnsembleResult.empty(request, ensemble, keys)
     try:

@@ -26,6 +26,7 @@ from bodycheck.runs.ensemble_files import SCHEMA_VERSION
 from bodycheck.runs.ensemble_result import EnsembleRequest, Key
 from bodycheck.runs.ensemble_run import is_free_rotation
 from bodycheck.runs.run_options import Progress, ProgressFactory, RunOptions
+from bodycheck.runs.selection import refuse_unused_settings
 from bodycheck.scenarios.ensemble import Ensemble, default_distribution, scenario_text
 
 EVALUATIONS = 2000
@@ -74,6 +75,7 @@ class HuntRequest:
         ensemble = replace(ensemble, distribution=ranges)
         names = [*ensemble_request.engines, *([] if self.against is None else [self.against])]
         keys = [key for name in names for key in replace(ensemble_request, engines=[name]).keys(ensemble)]
+        refuse_unused_settings([key[:2] for key in keys], ensemble_request.dt_s, ensemble_request.tolerances)
         if len(keys) != len(names):
             raise InputError(
                 f"--engine {','.join(names)}: is {count(len(keys), 'method')} with their settings; "

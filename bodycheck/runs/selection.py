@@ -147,6 +147,7 @@ def select(
             methods, unavailable = _methods(names, announcement, by_name=bool(engines))
         else:
             methods, unavailable = _selected_methods(predicate, announcement())
+    refuse_unused_settings(methods, steps, requested_tolerances)
     selection = Selection(tuple(loaded), methods, unavailable, steps or None, requested_tolerances or None)
     off_centre = predicate is None and any(scenario.scene.is_off_centre for _, scenario in loaded)
     return _with_off_centre_methods(selection, names) if off_centre else selection
@@ -252,6 +253,21 @@ def tolerance_faults(tolerances: Sequence[float]) -> list[str]:
     ]
     twice = [tolerance for tolerance, count in Counter(tolerances).items() if count > 1]
     return faults + [f"the tolerance {tolerance!r} is given twice" for tolerance in twice]
+
+
+def refuse_unused_settings(
+    methods: Iterable[tuple[Engine, Method]], dt_s: Sequence[float] | None, tolerances: Sequence[float] | None
+) -> None:
+    """Raise InputError, one line each, if steps or tolerances are given and no method has any."""
+    controls = {method.control for _, method in methods}
+    given = {"dt": ("step", dt_s), "tolerance": ("tolerance", tolerances)}
+    faults = [
+        f"the {word} {values[0]!r} does not apply: no selected method has a {word}"
+        for control, (word, values) in given.items()
+        if values and control not in controls
+    ]
+    if faults:
+        raise InputError("\n".join(faults))
 
 
 def _selected_methods(

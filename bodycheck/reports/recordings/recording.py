@@ -83,6 +83,8 @@ def read_recording(path: Path, topic: str) -> Recording:
 
     topic: of an MCAP file. Raises InputError with one line that names the file and the fault.
     """
+    if topic and path.suffix != ".mcap":
+        raise InputError(f"{path}: topic={topic}: only an .mcap file has topics")
     try:
         reader = _READERS.get(path.suffix, _read_csv)
         if reader is not _read_csv:  # which opens the file itself, and only once

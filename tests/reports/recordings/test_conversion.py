@@ -331,6 +331,14 @@ def test_scenario_of_a_check_case_is_known_by_its_name(
         bodycheck.judge(path.rename(tmp_path / "Atmos_03_sim_09.csv"), like="nesc")
 
 
+def test_topic_of_a_file_without_topics_is_refused(tmp_path: Path, expected_message: ExpectedMessage) -> None:
+    """Only MCAP files have topics: the key would be ignored."""
+    path = tmp_path / "motion.csv"
+    path.write_text("t_s\n0\n")
+    with expected_message.raises(bodycheck.InputError):
+        bodycheck.judge(path, SCENARIO, column_map="topic=/odom")
+
+
 def write_json_odometry(path: Path, messages: Sequence[Mapping[str, Any]]) -> None:
     """Write messages of odometry, and of another topic, as JSON in MCAP."""
     writer_module = pytest.importorskip("mcap.writer", reason="MCAP is an optional format")
