@@ -16,11 +16,11 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.shard import Shard
 from bodycheck.adapters.importers import ImportedLink
 from bodycheck.reports.audit.audit import Audit, Body, Comparison, Difference, read_audit
-from bodycheck.reports.audit.audit_document import audit_data, failures, sarif
+from bodycheck.reports.audit.audit_document import audit_data, audit_document, failures, sarif
 from bodycheck.reports.audit.audit_page import audit_page
 from bodycheck.reports.audit.causes import DISCARDED, body_causes, joint_causes, with_issue
 from bodycheck.reports.audit.lint import lint
-from bodycheck.reports.document import json_text
+from bodycheck.reports.document import Sentence, json_text
 from bodycheck.runs import version_search
 from bodycheck.runs.audit_merge import merge_audits, write_shard
 from bodycheck.runs.audit_run import AuditOptions, audit
@@ -417,6 +417,17 @@ def test_extreme_numbers_are_audited_without_a_fault(size: str, tmp_path: Path) 
     found = audit(_file(tmp_path, inertia, mass=size, more=""), AuditOptions(["pybullet"]))
     assert [one.rule for one in found.findings] == ["number-range"]
     assert {column.outcome for column in found.columns} == {"ok"}
+
+
+def test_file_that_no_importer_reads_counts_against_it(tmp_path: Path) -> None:
+    """No difference was found because nothing was compared, which the first sentence states."""
+    more = f'<inertial><mass value="3"/><inertia {_GOOD}/></inertial>'
+    found = audit(_file(tmp_path, more=more), AuditOptions(["mujoco"]))
+    sentence = audit_document(found).parts[0]
+    assert isinstance(sentence, Sentence)
+    assert sentence.tint == "bad"
+    assert "no link was imported" in sentence.text
+    assert failures(found, ["difference"])
 
 
 # ------------------------------------------------------------------------------------------------ shards

@@ -42,9 +42,12 @@ def _head(audit: Audit) -> list[Sentence]:
     linted = names([count(findings[level], level) for level in reversed(_LEVELS) if findings[level]])
     links = {link.name for link, _, _ in differing}
     summary = count(len(audit.links), "link")
-    if audit.columns:
+    rejected = bool(audit.columns) and not any(link.held for link in audit.links)
+    if rejected:
+        summary += "; no link was imported"
+    elif audit.columns:
         summary += f"; {count(len(links), 'link')} imported with differences"
-    bad = bool(differing) or findings["error"] > 0
+    bad = bool(differing) or rejected or findings["error"] > 0
     found = [
         Sentence(
             f"{summary}; {linted or 'no problem'} found in the file itself.",
