@@ -14,10 +14,13 @@ from types import ModuleType
 import numpy as np
 import pandas as pd
 import pytest
+from typer.testing import CliRunner
 
 import bodycheck
 from bodycheck.__main__ import main as bodycheck_main
+from bodycheck._util.errors import InputError
 from bodycheck.adapters import registry
+from bodycheck.cli.commands import app
 from bodycheck.reports.run_files.tables import METHOD_COLUMNS, RESULT_COLUMNS
 from bodycheck.runs.selection import select
 from tests.helpers.expected_messages import ExpectedMessage
@@ -177,6 +180,57 @@ def test_wrong_input_ends_with_status_2_and_one_clear_line(
     expected_message(done.stderr.strip())
     left = sorted(path.name for path in tmp_path.iterdir() if path.name != "__pycache__")
     assert left == before
+
+
+UNUSED = [
+    ("audit --spellings --no-spins", "--no-spins"),
+    ("audit --spellings --fail-on error", "--fail-on"),
+    ("audit mine.toml --lint --engine mujoco", "--engine"),
+    ("audit mine.toml --lint --shard 1/2 --out x", "--shard"),
+    ("audit mine.toml --no-spins --shard 1/2 --out x", "--shard"),
+    ("ensemble mine.toml --row 1 --first-row 0", "--first-row"),
+    ("ensemble mine.toml --row 1 --jobs 2", "--jobs"),
+    ("gate standard --tolerances t.toml --run used", "SCENARIOS"),
+    ("gate --tolerances t.toml --run used --reuse", "--reuse"),
+    ("gate --tolerances t.toml --run used --out x", "--out"),
+    ("merge used --out x --threshold 0.1", "--threshold"),
+    ("nightly mine.toml --shard 1/2 --part x --json", "--json"),
+    ("nightly mine.toml --shard 1/2 --part x --history h", "--history"),
+    ("report used --markdown --allow-code", "--allow-code"),
+    ("run standard --resume x", "SCENARIOS"),
+    ("run --resume x --timeout-s 120", "--timeout-s"),
+    ("versions mujoco --since 3.6 --audit mine.toml --dt x", "--dt"),
+]
+
+
+@pytest.mark.parametrize(("words", "option"), UNUSED)
+def test_options_that_would_be_ignored_are_refused(
+    words: str, option: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where the value is the default, because it was given."""
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, words.split())
+    assert isinstance(done.exception, InputError)
+    assert str(done.exception).endswith(f"; {option} does not apply")
+    assert not list(tmp_path.iterdir())
+
+
+TIMED = [
+    "check-adapter reference",
+    "fingerprint reference:rk4",
+    "hunt mine.toml --engine reference:rk4",
+    "laws reference:rk4",
+    "audit mine.toml",
+]
+
+
+@pytest.mark.parametrize("seconds", ["0", "-1", "nan", "inf"])
+@pytest.mark.parametrize("command", TIMED)
+def test_time_limit_is_a_positive_number_in_every_command(command: str, seconds: str) -> None:
+    """Otherwise every case would count as a timeout, and an engine as broken."""
+    done = CliRunner().invoke(app, [*command.split(), "--timeout-s", seconds])
+    assert isinstance(done.exception, InputError)
+    assert str(done.exception).startswith("--timeout-s")
 
 
 def test_truth_is_printed_as_csv_with_its_bound(tmp_path: Path) -> None:

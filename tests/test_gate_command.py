@@ -216,21 +216,6 @@ WRONG = {
     "no file": (["--tolerances", "no.toml"], "no.toml: cannot be read"),
     "no gates": (["--tolerances", "mine.toml"], "gate: needs at least one [[gate]] table"),
     "no run": (["--tolerances", "kept.toml", "--run", "."], "not a run folder"),
-    "run and suite": (["smoke", "--tolerances", "kept.toml", "--run", "."], "a scenario does not apply"),
-    "run and out": (
-        ["--tolerances", "kept.toml", "--run", ".", "--out", "other"],
-        "--run .: checks a stored run; --out does not apply",
-    ),
-    "run and jobs": (["--tolerances", "kept.toml", "--run", ".", "--jobs", "2"], "--jobs does not apply"),
-    "run and limit": (
-        ["--tolerances", "kept.toml", "--run", ".", "--timeout-s", "5"],
-        "--timeout-s does not apply",
-    ),
-    "run and reuse": (["--tolerances", "kept.toml", "--run", ".", "--reuse"], "--reuse does not apply"),
-    "run and code": (
-        ["--tolerances", "kept.toml", "--run", ".", "--allow-code"],
-        "--allow-code does not apply",
-    ),
     "unknown scenario": (["nope", "--tolerances", "kept.toml"], "nope: is neither"),
     "margin alone": (
         ["--tolerances", "kept.toml", "--margin", "1"],

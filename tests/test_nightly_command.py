@@ -23,7 +23,7 @@ from bodycheck.adapters.registry import registered
 from bodycheck.cli import commands
 from bodycheck.reference_impl.rotations import quaternion_product
 from bodycheck.reference_impl.scene import Scene
-from bodycheck.reports.document import Document, Sentence
+from bodycheck.reports.document import Document, Sentence, markdown
 from bodycheck.runs.run_options import TIMEOUT_S
 from tests.helpers.scenario_texts import SCENARIO
 
@@ -130,10 +130,6 @@ def test_history_is_listed_queried_and_pruned(folder: Path) -> None:
         (("nightly", "tumble.toml"), "--history: required"),
         (("nightly", "tumble.toml", "--part", "x"), "--part: requires --shard"),
         (("nightly", "tumble.toml", "--shard", "1/2"), "--shard 1/2: requires --part"),
-        (
-            ("nightly", "tumble.toml", "--shard", "1/2", "--part", "x", "--history", "kept"),
-            "requires --part, no --history",
-        ),
         (("history", "list", "kept"), "no nightly runs"),
         (("history", "query", "absent", "SELECT 1"), "no nightly runs"),
     ],
@@ -243,7 +239,6 @@ def test_status_and_files_are_those_of_the_judgement(
     """The last line is the path of the page, and each file has the format of its suffix and valid links."""
     run = folder / "kept" / "a night"
     run.mkdir(parents=True)
-    (run / "night.md").write_text("a text\n")
     judged = SimpleNamespace(status=status)
     module = "bodycheck.reports.history.history_output"
     monkeypatch.setattr("bodycheck.runs.nightly_run.run_nightly", lambda *_: (judged, run))
@@ -263,7 +258,7 @@ def test_status_and_files_are_those_of_the_judgement(
         assert done.stdout.splitlines()[-1] == str(run / "night.html")
     assert (folder / "changes.html").read_text() == f"{status}: kept/a night/report.html"
     assert (folder / "public/page.html").read_text() == f"{status}: ../kept/a night/report.html"
-    assert (folder / "changes.md").read_text() == "a text\n"
+    assert (folder / "changes.md").read_text() == markdown(Document(status, (Sentence("Done."),)))
     assert (folder / "changes.json").read_text().endswith("}\n")
     assert json.loads((folder / "changes.json").read_text()) == data
 

@@ -8,11 +8,13 @@ from typing import Annotated
 import typer
 
 from bodycheck._util.errors import InputError
-from bodycheck.cli.options import MEASURE, OUTPUT, Json, Quiet, described
+from bodycheck.cli.options import MEASURE, OUTPUT, Json, Quiet, TimeoutS, described, refuse_others
 
 auditing = typer.Typer()
 
 _TIMEOUT_S = 60.0
+_OF_SPELLINGS = ("spellings", "engine", "timeout_s", "json", "quiet")
+_OF_LINT = ("model", "lint", "fail_on", "html", "sarif", "json", "quiet")
 _FAIL_ON = ("never", "note", "warning", "error", "difference")
 
 
@@ -27,6 +29,7 @@ _FAIL_ON = ("never", "note", "warning", "error", "difference")
     ),
 )
 def audit(
+    context: typer.Context,
     model: Annotated[
         Path | None,
         typer.Argument(help="A URDF, MJCF or SDFormat file; not with --spellings.", show_default=False),
@@ -82,7 +85,7 @@ def audit(
             rich_help_panel=OUTPUT,
         ),
     ] = None,
-    timeout_s: Annotated[float, typer.Option(help="Time limit of one import in s.", min=1e-3)] = _TIMEOUT_S,
+    timeout_s: TimeoutS = _TIMEOUT_S,
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -108,13 +111,16 @@ def audit(
     if spellings == (model is not None):
         raise InputError("audit: give either a model file or --spellings")
     if model is None:
+        refuse_others(context, "--spellings: spins a built-in body", _OF_SPELLINGS)
         _spellings(engine, timeout_s, as_json=json, quiet=quiet)
         return
     levels = fail_on.split(",")
     if unknown := [word for word in levels if word not in _FAIL_ON]:
         raise InputError(f"--fail-on {unknown[0]!r}: unknown (available: {', '.join(_FAIL_ON)})")
-    if lint and engine is not None:
-        raise InputError("--lint: uses no engines; give --lint or --engine, not both")
+    if lint:
+        refuse_others(context, "--lint: uses no engines", _OF_LINT)
+    if no_spins and shard is not None:
+        raise InputError("--no-spins: leaves nothing to divide; --shard does not apply")
     if (shard is None) != (out is None):
         raise InputError("--shard and --out: give both, to audit a shard")
     if out is not None:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from bodycheck._util.errors import InputError
 from bodycheck.cli._app import run_app
 from bodycheck.cli.audit_command import auditing
 from bodycheck.cli.engine_commands import adapter_commands, identity_commands
@@ -38,6 +37,7 @@ from bodycheck.cli.options import (
     described,
     numbers,
     progress_of,
+    refuse_others,
 )
 from bodycheck.cli.stored_runs import questions
 from bodycheck.cli.versions_command import environment_commands, versioning
@@ -87,6 +87,7 @@ def _before_any_command(
     ),
 )
 def run(
+    context: typer.Context,
     scenarios: Scenarios = None,
     engine: Engines = None,
     dt: Annotated[
@@ -164,10 +165,9 @@ def run(
         allow_code=allow_code,
     )
     if resume is not None:
-        if request != RunRequest() or out is not None:
-            raise InputError(
-                "--resume: continues a run with its original settings; cannot be combined with other options"
-            )
+        refuse_others(
+            context, "--resume: continues a run with its original settings", ("resume", "json", "quiet")
+        )
         measured, report = go_on(resume, make_progress)
     else:
         measured, report = run_to_folder(request, out, make_progress)

@@ -24,7 +24,7 @@ from bodycheck.cli.options import (
     described,
     numbers,
     progress_of,
-    refuse_unused,
+    refuse_others,
 )
 from bodycheck.runs.run_options import TIMEOUT_S
 
@@ -67,6 +67,19 @@ _Torque = Annotated[
 ]
 
 
+_OF_A_BODY = (
+    "scenario",
+    "row",
+    "seed",
+    "samples",
+    "trace_kg_m2",
+    "spin_rad_s",
+    "torque_n_m",
+    "allow_code",
+    "quiet",
+)
+
+
 def _range(text: str | None, option: str) -> tuple[float, float] | None:
     ends = numbers(text, option)
     if ends is None:
@@ -87,6 +100,7 @@ def _range(text: str | None, option: str) -> tuple[float, float] | None:
     ),
 )
 def ensemble(
+    context: typer.Context,
     scenario: _Template,
     engine: Annotated[
         str | None,
@@ -181,8 +195,7 @@ def ensemble(
         allow_code=allow_code,
     )
     if row is not None:
-        given = {"--out": out, "--json": json, "--engine": engine, "--shard": shard, "--first-row": first_row}
-        refuse_unused("--row: prints the scenario file of one body", given)
+        refuse_others(context, "--row: prints the scenario file of one body", _OF_A_BODY)
         print(row_text(request, row), end="")
         return
     if not request.engines:

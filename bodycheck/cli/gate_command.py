@@ -22,7 +22,7 @@ from bodycheck.cli.options import (
     TimeoutS,
     described,
     progress_of,
-    refuse_unused,
+    refuse_others,
 )
 from bodycheck.runs.run_options import TIMEOUT_S
 
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 gating = typer.Typer()
 
 _FAILED = 1
+_OF_A_STORED_RUN = ("tolerances", "run", "junit", "update", "margin", "loosen", "json", "quiet")
 _MAX_MARGIN = 300.0  # decades; a larger margin would overflow the bound
 
 
@@ -49,6 +50,7 @@ _MAX_MARGIN = 300.0  # decades; a larger margin would overflow the bound
     ),
 )
 def gate(
+    context: typer.Context,
     tolerances: Annotated[Path, typer.Option(help="TOML file with the gates, see docs/gates.md.")],
     scenarios: Scenarios = None,
     run: Annotated[
@@ -92,16 +94,7 @@ def gate(
     """
     _check(update=update, margin=margin, loosen=loosen)
     if run is not None:
-        of_a_new_run = {
-            "a scenario": scenarios,
-            "--out": out,
-            "--jobs": jobs,
-            "--timeout-s": timeout_s != TIMEOUT_S,
-            "--fresh": fresh,
-            "--reuse": fresh is False,
-            "--allow-code": allow_code,
-        }
-        refuse_unused(f"--run {run}: checks a stored run", of_a_new_run)
+        refuse_others(context, f"--run {run}: checks a stored run", _OF_A_STORED_RUN)
     from bodycheck._util.files import check_file, write_file
     from bodycheck.reports.document import answer, print_document
     from bodycheck.reports.gates.gate import read_gates

@@ -17,11 +17,14 @@ from bodycheck.cli.options import (
     Threshold,
     Tolerances,
     described,
+    refuse_others,
     thresholds_of,
 )
 from bodycheck.reports.gates.thresholds import THRESHOLD
 
 merging = typer.Typer()
+
+_OF_A_WHOLE = ("parts", "out", "json")
 
 
 @merging.command(
@@ -33,6 +36,7 @@ merging = typer.Typer()
     ),
 )
 def merge(
+    context: typer.Context,
     parts: Annotated[
         list[Path],
         typer.Argument(metavar="PART...", help="Folders of all shards of one run, ensemble or audit."),
@@ -78,6 +82,9 @@ def merge(
         raise InputError("--out or --history: give one of them")
     thresholds = thresholds_of(threshold, tolerances)
     if out is not None:
+        refuse_others(
+            context, f"--out {out}: compares the whole with no other run", (*_OF_A_WHOLE, "allow_code")
+        )
         check_output(out)
     if out is None and (any(map(is_ensemble, parts)) or any(map(is_audit, parts))):
         raise InputError("--history: stores runs, not ensembles or audits; give --out")
@@ -86,6 +93,7 @@ def merge(
         answer(ensemble_document(result, out), ensemble_data(result, out), as_json=json)
         return
     if out is not None and any(map(is_audit, parts)):
+        refuse_others(context, "an audit runs no scenario", _OF_A_WHOLE)
         audit, findings = merge_audits(parts, out)
         answer(audit_document(audit, findings), {**audit_data(audit), "machines": findings}, as_json=json)
         return

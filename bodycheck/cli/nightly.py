@@ -29,6 +29,7 @@ from bodycheck.cli.options import (
     check_out_files,
     described,
     progress_of,
+    refuse_others,
     thresholds_of,
     write_out_files,
 )
@@ -37,8 +38,6 @@ from bodycheck.runs.run_options import TIMEOUT_S
 
 if TYPE_CHECKING:
     from bodycheck.reports.history.regression import Judgement
-    from bodycheck.runs.directory import RunRequest
-    from bodycheck.runs.run_options import ProgressFactory
 
 nightly = typer.Typer()
 history = typer.Typer(help="List, query and prune a history of nightly runs.", no_args_is_help=True)
@@ -47,6 +46,18 @@ nightly.add_typer(history, name="history", rich_help_panel=WATCH)
 _EXITS = {"no regression": 0, "regression": 1, "nothing measured": 1, "insufficient history": 3}
 
 _LEFT_OUT = 1
+
+_OF_A_SHARD = (
+    "scenarios",
+    "engine",
+    "jobs",
+    "timeout_s",
+    "no_speed",
+    "shard",
+    "part",
+    "allow_code",
+    "quiet",
+)
 
 _Folder = Annotated[Path, typer.Argument(metavar="HISTORY", help="Folder of a history.")]
 
@@ -57,6 +68,7 @@ _Folder = Annotated[Path, typer.Argument(metavar="HISTORY", help="Folder of a hi
     **described(WATCH, "bodycheck nightly --history nights --engine mujoco,reference:rk4"),
 )
 def nightly_(
+    context: typer.Context,
     history: Annotated[
         Path | None,
         typer.Option(
@@ -86,7 +98,7 @@ def nightly_(
     The exit status is 1 on a regression or if nothing was measured, and 3 if the history is insufficient to
     compare with.
     """
-    from bodycheck.runs.directory import RunRequest
+    from bodycheck.runs.directory import RunRequest, run_to_folder
     from bodycheck.runs.nightly_run import SPEED_PASSES, run_nightly
 
     thresholds = thresholds_of(threshold, tolerances)
@@ -103,7 +115,12 @@ def nightly_(
         allow_code=allow_code,
     )
     if shard is not None:
-        _run_shard(request, part, history, progress_of(quiet=quiet))
+        reason = f"--shard {shard}: `bodycheck merge --history` stores and compares the whole run"
+        refuse_others(context, reason, _OF_A_SHARD)
+        if part is None:
+            raise InputError(f"--shard {shard}: requires --part, the folder of this shard")
+        _, report = run_to_folder(request, part, progress_of(quiet=quiet))
+        print(report)
         return
     if history is None or part is not None:
         raise InputError(
@@ -116,23 +133,9 @@ def nightly_(
     print_judgement(judged, run_folder, out, json=json)
 
 
-def _run_shard(
-    request: RunRequest, part: Path | None, history: Path | None, make_progress: ProgressFactory
-) -> None:
-    """Run one shard of a nightly run into a folder of its own; `merge --history` judges all of them."""
-    from bodycheck.runs.directory import run_to_folder
-
-    if part is None or history is not None:
-        raise InputError(
-            f"--shard {request.shard}: requires --part, no --history (`bodycheck merge --history` stores it)"
-        )
-    _, report = run_to_folder(request, part, make_progress)
-    print(report)
-
-
 def print_judgement(judged: Judgement, run_folder: Path, out: Sequence[Path] | None, *, json: bool) -> None:
     """Print the judgement of a stored nightly run, write the files of --out, and exit with its status."""
-    from bodycheck.reports.document import answer, json_text
+    from bodycheck.reports.document import answer, json_text, markdown
     from bodycheck.reports.history.history_output import nightly_data, nightly_document, nightly_page
 
     data = {**nightly_data(judged), "folder": run_folder}
@@ -143,7 +146,7 @@ def print_judgement(judged: Judgement, run_folder: Path, out: Sequence[Path] | N
         out,
         {
             ".html": lambda path: nightly_page(judged, relpath(run_folder, path.parent) + "/"),
-            ".md": lambda _: (run_folder / "night.md").read_text(),
+            ".md": lambda _: markdown(nightly_document(judged)),
             ".json": lambda _: json_text(data) + "\n",
         },
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
@@ -160,7 +160,14 @@ Jobs: TypeAlias = Annotated[
         help="Number of cases to run in parallel.", show_default="one per core", rich_help_panel=HOW
     ),
 ]
-TimeoutS: TypeAlias = Annotated[float, typer.Option(help="Time limit of one case in s.", rich_help_panel=HOW)]
+TimeoutS: TypeAlias = Annotated[
+    float,
+    typer.Option(
+        help="Time limit of one case in s.",
+        callback=lambda value: _positive_seconds(value),
+        rich_help_panel=HOW,
+    ),
+]
 Fresh: TypeAlias = Annotated[
     bool | None,
     typer.Option(
@@ -250,10 +257,22 @@ def numbers(text: str | None, option: str) -> list[float] | None:
     return found
 
 
-def refuse_unused(reason: str, given: Mapping[str, object]) -> None:
-    """Raise InputError for the first option with a value; reason: why none of them applies here."""
-    if unused := [option for option, value in given.items() if value]:
-        raise InputError(f"{reason}; {unused[0]} does not apply")
+def refuse_others(context: typer.Context, reason: str, applicable: Collection[str]) -> None:
+    """Raise InputError for the first given option or argument that is not applicable; reason: why."""
+    for parameter in context.command.params:
+        name = str(parameter.name)
+        source = context.get_parameter_source(name)
+        if name not in applicable and source is not None and source.name == "COMMANDLINE":
+            negated = parameter.secondary_opts and context.params[name] is False
+            written = (parameter.secondary_opts if negated else parameter.opts)[0]
+            shown = written if isinstance(parameter, TyperOption) else written.upper()
+            raise InputError(f"{reason}; {shown} does not apply")
+
+
+def _positive_seconds(value: float) -> float:
+    if not 0.0 < value < math.inf:
+        raise InputError(f"--timeout-s {value}: must be a positive number of seconds")
+    return value
 
 
 def thresholds_of(threshold: float, tolerances: Path | None) -> Thresholds:

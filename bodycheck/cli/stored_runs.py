@@ -25,6 +25,7 @@ from bodycheck.cli.options import (
     described,
     numbers,
     progress_of,
+    refuse_others,
     thresholds_of,
     write_explanations,
     write_out_files,
@@ -284,6 +285,7 @@ def explain(
     **described(ASK, "bodycheck report first", "bodycheck report first --markdown"),
 )
 def report(
+    context: typer.Context,
     run: _Run,
     markdown: Annotated[
         bool, typer.Option("--markdown", help="Print a Markdown summary for a pull request instead.")
@@ -294,6 +296,7 @@ def report(
     from bodycheck.reports.run_files.run_reader import read_run, read_tables
 
     if markdown:
+        refuse_others(context, "--markdown: measures nothing again", ("run", "markdown"))
         from bodycheck.reports.document import markdown as as_markdown
         from bodycheck.reports.summary.sentences import run_document
 

@@ -24,12 +24,15 @@ from bodycheck.cli.options import (
     described,
     numbers,
     progress_of,
+    refuse_others,
     thresholds_of,
 )
 from bodycheck.reports.gates.thresholds import THRESHOLD
 from bodycheck.runs.run_options import TIMEOUT_S
 
 versioning = typer.Typer()
+
+_OF_AN_AUDIT = ("engine", "since", "until", "audit", "every", "timeout_s", "json", "quiet")
 
 
 @versioning.command(
@@ -42,6 +45,7 @@ versioning = typer.Typer()
     ),
 )
 def versions(
+    context: typer.Context,
     engine: Annotated[str, typer.Argument(help="An engine that is installed from a package, like mujoco.")],
     since: Annotated[str, typer.Option(help="The first release to consider, like 3.6.")],
     until: Annotated[
@@ -90,6 +94,7 @@ def versions(
 
     announce = partial(_announce, quiet=quiet)
     if audit is not None:
+        refuse_others(context, "--audit: runs no scenario", _OF_AN_AUDIT)
         found = audit_versions(
             engine, since, until, audit, every=every, timeout_s=timeout_s, announce=announce
         )
