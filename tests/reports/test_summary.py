@@ -7,11 +7,14 @@ from dataclasses import replace
 import pytest
 
 from bodycheck._util.formatting import names, number, scientific, step
+from bodycheck.reports.document import Span, Table
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.verdicts import STATES
+from bodycheck.reports.probes.fingerprint import NO_KNOWN_MAP, NOT_MEASURED
 from bodycheck.reports.run_files.run_tables import Run, common_step
 from bodycheck.reports.run_files.tables import LAW_COLUMNS, as_table
 from bodycheck.reports.summary.cells import Cell, summary_cells
+from bodycheck.reports.summary.method_identity import fingerprint_document, map_text
 from bodycheck.reports.summary.sentences import Summary, verdict_sentences
 from bodycheck.reports.summary.worst_results import worst_results
 from tests.helpers.gate_tables import make_tables
@@ -26,10 +29,10 @@ def test_the_verdict_names_what_is_sound_and_what_is_open(run: Run) -> None:
     reported = " ".join(verdict_sentences({**cells, "forced": {**forced, **odd}}, []))
     pairs = sum(len(methods) for methods in cells.values())
     assert f"No verdict for 1 of {pairs} pairs of method and scenario, in forced" in reported
-    assert "methods converge in all quantities" in reported
+    assert "methods converge, or are at the floor, in all quantities" in reported
     one = {"forced": {("reference", "rk3"): Cell("unsupported"), ("reference", "rk4"): Cell("at-floor")}}
     first = verdict_sentences(one, [])[0]
-    assert first.startswith("reference:rk4 converges in all quantities")
+    assert first.startswith("reference:rk4 converges, or is at the floor, in all quantities")
 
 
 def test_too_few_steps_do_not_read_as_a_failure() -> None:
@@ -95,3 +98,17 @@ def test_a_wrong_limit_of_any_measure_reaches_the_headline(run: Run) -> None:
     assert summary.cells["forced"]["reference", "rk4"].state == "does-not-converge"
     assert "reference:rk4" in summary.sentences[0]
     assert summary_cells(run)["forced"]["reference", "rk4"].state == "converges"
+
+
+@pytest.mark.parametrize(
+    ("fingerprint", "tint"),
+    [("no gyroscopic term, linear attitude", "good"), (NO_KNOWN_MAP, "open"), (NOT_MEASURED, "open")],
+)
+def test_only_a_method_without_a_known_map_counts_as_unknown(fingerprint: str, tint: str) -> None:
+    """The names of some known maps begin with "no"."""
+    row = {"engine": "e", "method": "m", "fingerprint": fingerprint, "message": "why", "description": ""}
+    row |= {"digits": 9.0, "agreement": None, "runner_up": "m1", "runner_up_distance": 1.0}
+    table = fingerprint_document([row]).parts[0]
+    assert isinstance(table, Table)
+    assert table.rows[0][1] == Span(fingerprint, tint)
+    assert ("9 digits" in map_text(row)) == (tint == "good")

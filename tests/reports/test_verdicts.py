@@ -124,6 +124,16 @@ def test_a_cell_says_the_most_severe_of_all_quantities() -> None:
     assert summary_cell(unstable, FOUND, 0.5).error is None
 
 
+def test_a_cell_names_the_undecided_quantity_that_makes_it_undecided() -> None:
+    """A sound orientation does not hide a velocity that is not shown to converge."""
+    velocity = {**ROW, "quantity": "velocity_error", "verdict": "pre-asymptotic", "finest_error": 0.15}
+    cell = summary_cell([case()], {**FOUND, "velocity_error": velocity}, 0.01)
+    assert (cell.state, cell.is_sound) == ("pre-asymptotic", False)
+    assert cell.notes == ["velocity_error cannot be judged: still 0.15 of its scale at dt 0.01 s"]
+    orientation = {**ROW, "verdict": "pre-asymptotic", "finest_error": 0.15}
+    assert summary_cell([case()], {ERROR: orientation}, 0.01).notes == []
+
+
 def test_a_sound_cell_tells_what_its_order_rests_on() -> None:
     """A sound cell gives the interval, points and floor, and reports a load that switches inside a step."""
     cell = summary_cell([case()], FOUND, 0.01)
@@ -152,7 +162,7 @@ def test_an_order_is_lower_where_its_whole_interval_is(high: float, expected: fl
 
 
 def test_a_method_is_judged_by_its_worst_quantity() -> None:
-    """Wrong limits come first, then lower orders, by size; else the orientation counts unless one is open."""
+    """Wrong limits come first, then lower orders, then undecided errors, by size; then the orientation."""
     lower = verdict("omega_error", order=1.0, order_high=1.1)
     flat = verdict("velocity_error", **FLAT)
     sound = verdict()
@@ -160,10 +170,33 @@ def test_a_method_is_judged_by_its_worst_quantity() -> None:
     assert method_verdict({ERROR: sound, "omega_error": lower}) == lower
     assert method_verdict({ERROR: sound}) == sound
     open_one = verdict("position_error", verdict="pre-asymptotic", finest_error=0.9)
-    small = verdict("position_error", verdict="pre-asymptotic", finest_error=1e-3)
-    assert method_verdict({ERROR: sound, "position_error": open_one}) == open_one
-    assert method_verdict({ERROR: sound, "position_error": small}) == sound
+    small = verdict("velocity_error", verdict="too-few-points", finest_error=1e-3)
+    assert method_verdict({ERROR: sound, "velocity_error": small}) == small
+    assert method_verdict({ERROR: sound, "velocity_error": small, "position_error": open_one}) == open_one
     assert method_verdict({}) is None
+
+
+def test_an_undecided_orientation_counts_before_smaller_undecided_errors() -> None:
+    """Unless the other error is as large as the motion."""
+    chaotic = verdict(verdict="chaotic", finest_error=1e-6)
+    for size, counts in ((1e-3, False), (0.9, True)):
+        other = verdict("position_error", verdict="pre-asymptotic", finest_error=size)
+        assert method_verdict({ERROR: chaotic, "position_error": other}) == (other if counts else chaotic)
+
+
+@pytest.mark.parametrize(
+    "harmless",
+    [
+        {"quantity": "position_error", "finest_error": 9e-10},
+        {"quantity": "position_error", "finest_error": 9e-7, "floor": 1e-7},
+        {"quantity": "quaternion_norm_error", "finest_error": 0.9},
+    ],
+)
+def test_undecided_errors_at_round_off_and_properties_do_not_count(harmless: dict[str, Any]) -> None:
+    """They leave a sound orientation as the verdict of the method."""
+    sound = verdict()
+    other = verdict(**{"verdict": "pre-asymptotic", **harmless})
+    assert method_verdict({ERROR: sound, other.quantity: other}) == sound
 
 
 @pytest.mark.parametrize("state", STATES)

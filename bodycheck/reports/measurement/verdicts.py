@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bodycheck._util.formatting import number, setting
-from bodycheck.reports.measurement.convergence import ABOVE_FLOOR, LARGEST_ERROR
+from bodycheck.reports.measurement.convergence import ABOVE_FLOOR, LARGEST_ERROR, LARGEST_ROUND_OFF
 from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION
 
 
@@ -125,8 +125,10 @@ class QuantityVerdict:
 
     @property
     def is_open(self) -> bool:
-        """Whether it is undecided and as large as the motion itself."""
-        return self.state == "pre-asymptotic" and (self.size or 0.0) >= LARGEST_ERROR
+        """Whether it is undecided and above round-off: nothing shows that finer steps reduce it."""
+        undecided = self.state in ("pre-asymptotic", "too-few-points")
+        above = (self.size or 0.0) > max(ABOVE_FLOOR * self.floor, LARGEST_ROUND_OFF)
+        return undecided and above and MEASURES[self.quantity].judged == "limit"
 
     @property
     def amount(self) -> str:
@@ -164,10 +166,18 @@ def most_severe(verdicts: Iterable[QuantityVerdict]) -> list[QuantityVerdict]:
 def method_verdict(verdicts: Mapping[str, QuantityVerdict]) -> QuantityVerdict | None:
     """Return the verdict of a method on a scenario: the most severe of its quantities; None if it has none.
 
-    Where none is wrong, return the verdict of the orientation, unless another quantity is undecided and as
-    large as the motion itself.
+    Where none is wrong, return the largest undecided one, or that of the orientation if there is none. An
+    undecided orientation counts before others, unless these are as large as the motion itself.
     """
     if wrong := most_severe(verdicts.values()):
         return wrong[0]
-    open_ones = (one for one in verdicts.values() if one.is_open)
-    return next(open_ones, verdicts.get(ORIENTATION))
+    orientation = verdicts.get(ORIENTATION)
+    largest = max((one for one in verdicts.values() if one.is_open), key=_size, default=orientation)
+    if largest is None or orientation is None:
+        return largest
+    counts = severity(orientation.state) < UNDECIDED or _size(largest) >= LARGEST_ERROR
+    return largest if counts else orientation
+
+
+def _size(verdict: QuantityVerdict) -> float:
+    return verdict.size or 0.0

@@ -12,7 +12,6 @@ from bodycheck.reports.measurement.case import SWITCH_NOTE, CaseResult
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.verdicts import (
     FAULTS,
-    STATES,
     QuantityVerdict,
     method_verdict,
     most_severe,
@@ -27,8 +26,6 @@ from bodycheck.reports.run_files.run_tables import (
     shown_case,
     study_key,
 )
-
-_SEVERITY = ("none", "floor", "good", "open", "bad", "fault")
 
 
 @dataclass(frozen=True)
@@ -56,10 +53,17 @@ class Cell:
 
     @property
     def notes(self) -> list[str]:
-        """The faults, the wrong quantities and the properties of the state, as text."""
+        """The faults, the wrong and undecided quantities and the properties of the state, as text."""
         faults = [f"{amount} of {self.cases} {fault}" for fault, amount in self.faults.items()]
         causes = [f"diagnosis: {self.cause}"] if self.cause else []
-        return [*faults, *(one.text for one in (*self.wrong, *self.properties)), *causes]
+        quantities = (*self.wrong, *self._undecided, *self.properties)
+        return [*faults, *(one.text for one in quantities), *causes]
+
+    @property
+    def _undecided(self) -> tuple[QuantityVerdict, ...]:
+        """The verdict, if it is that of an undecided quantity other than the orientation."""
+        shown = self.verdict
+        return (shown,) if shown is not None and shown.is_open and shown.quantity != ORIENTATION else ()
 
     @property
     def is_sound(self) -> bool:
@@ -84,9 +88,8 @@ def summary_cell(
         worst = next(iter(faults), "unsupported")
         reasons = dict.fromkeys(str(case.columns["message"]) for case in cases)
         return Cell(worst, faults=faults, cases=len(cases), detail="; ".join(reasons))
-    states = [*faults, verdict.state]
     return Cell(
-        max(states, key=lambda state: _SEVERITY.index(STATES[state].tint)),
+        next(iter(faults), verdict.state),
         verdict,
         verdicts[ORIENTATION].order if ORIENTATION in verdicts else None,
         error,

@@ -7,12 +7,15 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from bodycheck._util.formatting import names, number
 from bodycheck.reports.document import Column, Document, Sentence, Span, Table
+from bodycheck.reports.probes.fingerprint import NO_KNOWN_MAP, NOT_MEASURED
 from bodycheck.reports.probes.laws import REPLAY
 from bodycheck.reports.run_files.run_tables import MethodKey, key_of
 
 if TYPE_CHECKING:
     import pandas as pd
 
+
+_UNKNOWN = (NO_KNOWN_MAP, NOT_MEASURED)
 
 RowsByMethod: TypeAlias = Mapping[MethodKey, Sequence[Mapping[str, Any]]]
 
@@ -33,7 +36,7 @@ def known_map_text(rows: RowsByMethod, key: MethodKey) -> str:
 
 def map_text(row: Mapping[str, Any]) -> str:
     """Return a row of fingerprints.csv as text."""
-    if row["fingerprint"].startswith("no"):
+    if row["fingerprint"] in _UNKNOWN:
         return f"{row['fingerprint']}: {row['message']}"
     note = f"; {row['message']}" if _is_text(row["message"]) else ""
     return f"{row['fingerprint']}, to {number(row['digits'], 3)} digits{note}"
@@ -72,9 +75,8 @@ def fingerprint_document(rows: Sequence[Mapping[str, Any]]) -> Document:
     cells = []
     for row in rows:
         known = row["agreement"] is not None
-        unknown = row["fingerprint"].startswith("no")
         runner = f"{row['runner_up']} {number(row['runner_up_distance'], 2)}" if known else ""
-        tint = "open" if unknown else "good"
+        tint = "open" if row["fingerprint"] in _UNKNOWN else "good"
         agreement = number(row["agreement"], 2) if known else ""
         cells.append((":".join(key_of(row)), Span(row["fingerprint"], tint), agreement, runner))
     notes = [

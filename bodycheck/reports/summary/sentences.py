@@ -47,7 +47,7 @@ def verdict_sentences(cells: Mapping[str, Mapping[MethodKey, Cell]], found: list
 
 
 def _as_expected(cells: Mapping[str, Mapping[MethodKey, Cell]], found: list[MethodResults]) -> str:
-    """Name the methods with the expected order, or at the floor, in every quantity wherever supported."""
+    """Name the methods that converge, or are at the floor, in every quantity wherever supported."""
     wrong = {one.method for one in faulty(found)}
     as_expected: dict[str, bool] = {}
     for methods in cells.values():
@@ -58,14 +58,15 @@ def _as_expected(cells: Mapping[str, Mapping[MethodKey, Cell]], found: list[Meth
     good = [method for method, good_so_far in as_expected.items() if good_so_far]
     others = [method for method, good_so_far in as_expected.items() if not good_so_far]
     where = "wherever supported" if len(cells) > 1 else f"in {next(iter(cells))}"
-    qualities = f"in all quantities with the expected order, or at the floor, {where}"
+    qualities = f"in all quantities {where}, with no order below the expected one"
     if not good:
         return ""
     if len(as_expected) == 1:
-        return f"{good[0]} converges {qualities}."
+        return f"{good[0]} converges, or is at the floor, {qualities}."
+    converge = f"methods converge, or are at the floor, {qualities}"
     if not others:
-        return f"All {len(as_expected)} methods converge {qualities}."
-    return f"{len(good)} of {len(as_expected)} methods converge {qualities}: {names(good)}."
+        return f"All {len(as_expected)} {converge}."
+    return f"{len(good)} of {len(as_expected)} {converge}: {names(good)}."
 
 
 def _undecided(cells: Mapping[str, Mapping[MethodKey, Cell]]) -> str:
