@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,7 +16,17 @@ import pytest
 from bodycheck._util.errors import InputError
 from bodycheck._util.shard import Shard
 from bodycheck.adapters.importers import ImportedLink
-from bodycheck.reports.audit.audit import Audit, Body, Comparison, Difference, read_audit
+from bodycheck.reports.audit.audit import (
+    Audit,
+    Body,
+    Column,
+    Comparison,
+    Difference,
+    LinkAudit,
+    Spin,
+    State,
+    read_audit,
+)
 from bodycheck.reports.audit.audit_document import audit_data, audit_document, failures, sarif
 from bodycheck.reports.audit.audit_page import audit_page
 from bodycheck.reports.audit.causes import DISCARDED, body_causes, joint_causes, with_issue
@@ -419,15 +430,57 @@ def test_extreme_numbers_are_audited_without_a_fault(size: str, tmp_path: Path) 
     assert {column.outcome for column in found.columns} == {"ok"}
 
 
+def _head_of(found: Audit) -> Sentence:
+    sentence = audit_document(found).parts[0]
+    assert isinstance(sentence, Sentence)
+    return sentence
+
+
 def test_file_that_no_importer_reads_counts_against_it(tmp_path: Path) -> None:
     """No difference was found because nothing was compared, which the first sentence states."""
     more = f'<inertial><mass value="3"/><inertia {_GOOD}/></inertial>'
     found = audit(_file(tmp_path, more=more), AuditOptions(["mujoco"]))
-    sentence = audit_document(found).parts[0]
-    assert isinstance(sentence, Sentence)
-    assert sentence.tint == "bad"
-    assert "no link was imported" in sentence.text
+    head = _head_of(found)
+    assert head.tint == "bad"
+    assert head.text.startswith("1 link; mujoco:default and mujoco:recommended did not import the file; ")
     assert failures(found, ["difference"])
+
+
+def _audit_of(state: State, outcome: str = "ok", spin: Spin | None = None) -> Audit:
+    """Return the audit of one link in an importer that has it in this state, next to one that agrees."""
+    columns = [Column(engine, "1", "default", "", ended) for engine, ended in (("a", "ok"), ("b", outcome))]
+    held = {"a:default": Comparison("agrees"), "b:default": Comparison(state, causes=("a cause",))}
+    link = LinkAudit("arm", 2, None, "", "", held, {} if spin is None else {"b:default": spin})
+    return Audit("robot.urdf", "urdf", "", columns, [link], [])
+
+
+@pytest.mark.parametrize(
+    ("found", "counts"),
+    [
+        (_audit_of("agrees"), False),
+        (_audit_of("rounded"), False),
+        (_audit_of("merged"), False),
+        (_audit_of("differs"), True),
+        (_audit_of("absent"), True),
+        (_audit_of("agrees", outcome="timeout"), True),
+        (_audit_of("agrees", outcome="unsupported"), False),
+        (_audit_of("agrees", spin=Spin(1e-6, 1e-6, 1e-6)), False),
+        (_audit_of("agrees", spin=Spin(1e-6, 1e-6, 0.5)), True),
+        (_audit_of("agrees", spin=Spin(1e-6, math.nan, None)), True),
+    ],
+)
+def test_headline_and_exit_status_count_the_same_differences(found: Audit, counts: bool) -> None:
+    """Bodies that differ, are absent, or move differently with equal numbers, and imports that failed."""
+    assert _head_of(found).tint == ("bad" if counts else "good")
+    assert bool(failures(found, ["difference"])) == counts
+    assert len(sarif(found, "1")["runs"][0]["results"]) == len(found.differing())
+
+
+def test_links_that_could_not_be_spun_are_named() -> None:
+    """Their motion was not compared."""
+    found = _audit_of("agrees", spin=Spin(1e-6, 1e-6, None, "the excerpt: no"))
+    texts = [part.text for part in audit_document(found).parts if isinstance(part, Sentence)]
+    assert "Not spun: arm in b:default (the excerpt: no)." in texts
 
 
 # ------------------------------------------------------------------------------------------------ shards

@@ -29,6 +29,8 @@ SAME = 1e-9
 SINGLE = 2e-6
 """Relative difference up to which an import agrees as far as single precision can."""
 
+_NOTICEABLE = 3.0  # times the error of the engine itself
+_FLOOR_RAD = 1e-9
 _LARGEST = 1e100  # kg, kg m^2: products of larger numbers leave the range of doubles
 
 
@@ -147,6 +149,17 @@ class Spin:
     excerpt_rad: float | None
     message: str = ""
 
+    def follows(self, error_rad: float | None) -> bool | None:
+        """Return whether an error is about as small as the engine's own; None where one is not known."""
+        if error_rad is None or self.control_rad is None:
+            return None
+        return error_rad <= _NOTICEABLE * self.control_rad + _FLOOR_RAD
+
+    @property
+    def deviates(self) -> bool:
+        """Whether the imported link or its excerpt leaves the motion of the file's body."""
+        return False in (self.follows(self.held_rad), self.follows(self.excerpt_rad))
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -189,14 +202,21 @@ class Audit:
     notes: Sequence[str] = ()
     extra: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
-    def differing(self) -> list[tuple[LinkAudit, str, Comparison]]:
-        """Return (link, importer, comparison) of every difference."""
-        return [
-            (link, name, one)
-            for link in self.links
-            for name, one in link.held.items()
-            if one.state == "differs"
-        ]
+    def differing(self) -> list[tuple[LinkAudit, str, str]]:
+        """Return (link, importer, why) of every body that differs, is absent, or moves differently."""
+        found = []
+        for link in self.links:
+            for name, one in link.held.items():
+                if one.state in ("differs", "absent"):
+                    found.append((link, name, "; ".join(one.causes)))
+                elif one.state == "agrees" and name in link.spins and link.spins[name].deviates:
+                    found.append((link, name, "the numbers agree, but the motion deviates"))
+        return found
+
+    @property
+    def failed(self) -> list[str]:
+        """The importers that should read the file and did not."""
+        return [one.name for one in self.columns if one.outcome not in ("ok", "unsupported")]
 
 
 AUDIT_FILE = "audit.json"

@@ -14,8 +14,6 @@ from bodycheck.reports.document import Cell, Column, Document, Sentence, Span, T
 
 _TINTS = {"error": "bad", "warning": "open", "note": "none"}
 _LEVELS = ("note", "warning", "error")
-_NOTICEABLE = 3.0  # times the error of the engine itself
-_FLOOR_RAD = 1e-9
 
 
 def audit_document(audit: Audit, machines: Sequence[str] = ()) -> Document:
@@ -41,13 +39,13 @@ def _head(audit: Audit) -> list[Sentence]:
     findings = Counter[str](finding.severity for finding in audit.findings)
     linted = names([count(findings[level], level) for level in reversed(_LEVELS) if findings[level]])
     links = {link.name for link, _, _ in differing}
+    compared = any(link.held for link in audit.links)
     summary = count(len(audit.links), "link")
-    rejected = bool(audit.columns) and not any(link.held for link in audit.links)
-    if rejected:
-        summary += "; no link was imported"
-    elif audit.columns:
+    if compared:
         summary += f"; {count(len(links), 'link')} imported with differences"
-    bad = bool(differing) or rejected or findings["error"] > 0
+    if audit.failed:
+        summary += f"; {names(audit.failed)} did not import the file"
+    bad = bool(differing or audit.failed) or findings["error"] > 0
     found = [
         Sentence(
             f"{summary}; {linted or 'no problem'} found in the file itself.",
@@ -64,7 +62,17 @@ def _head(audit: Audit) -> list[Sentence]:
     found += [Sentence(note) for note in audit.notes]
     for name, extra in audit.extra.items():
         found.append(Sentence(f"{name} also has links that the file does not name: {names(list(extra))}."))
-    return found
+    return [*found, *_not_spun(audit)]
+
+
+def _not_spun(audit: Audit) -> list[Sentence]:
+    """Name the links that an importer read, but that could not be spun alone."""
+    links: dict[str, list[str]] = {}
+    for link in audit.links:
+        for name, spin in link.spins.items():
+            if spin.message and name not in audit.failed:
+                links.setdefault(spin.message, []).append(f"{link.name} in {name}")
+    return [Sentence(f"Not spun: {names(where)} ({why}).") for why, where in links.items()]
 
 
 def _importers(audit: Audit) -> Table:
@@ -122,14 +130,6 @@ def tint_of(comparison: Comparison) -> str:
     return "open" if largest < 1e-2 else "bad"
 
 
-def moves_alike(spin: Spin, *, by: str) -> bool | None:
-    """Return whether a spin ("held" or "excerpt") follows the truth as closely as the engine can."""
-    error = spin.held_rad if by == "held" else spin.excerpt_rad
-    if error is None or spin.control_rad is None:
-        return None
-    return error <= _NOTICEABLE * spin.control_rad + _FLOOR_RAD
-
-
 def _spins(audit: Audit) -> Table:
     columns = (
         Column("link", "name"),
@@ -141,16 +141,9 @@ def _spins(audit: Audit) -> Table:
     rows = []
     for link in audit.links:
         for name, spin in link.spins.items():
-            if False in (moves_alike(spin, by="held"), moves_alike(spin, by="excerpt")):
-                rows.append(
-                    (
-                        link.name,
-                        name,
-                        _radians(spin.control_rad),
-                        _spin_cell(spin, "held"),
-                        _spin_cell(spin, "excerpt"),
-                    )
-                )
+            if spin.deviates:
+                cells = (_spin_cell(spin, error) for error in (spin.held_rad, spin.excerpt_rad))
+                rows.append((link.name, name, _radians(spin.control_rad), *cells))
     return Table(columns, tuple(rows), "Free spins that deviate from the truth, rad after 1 s")
 
 
@@ -158,9 +151,8 @@ def _radians(value: float | None) -> str:
     return "" if value is None else scientific(value)
 
 
-def _spin_cell(spin: Spin, by: str) -> Cell:
-    value = spin.held_rad if by == "held" else spin.excerpt_rad
-    return Span(_radians(value), "bad" if moves_alike(spin, by=by) is False else "none")
+def _spin_cell(spin: Spin, error_rad: float | None) -> Cell:
+    return Span(_radians(error_rad), "bad" if spin.follows(error_rad) is False else "none")
 
 
 def _findings(audit: Audit) -> Table:
@@ -251,8 +243,8 @@ def sarif(audit: Audit, version: str) -> dict[str, Any]:
         )
         for one in audit.findings
     ]
-    for link, name, one in audit.differing():
-        message = f"{name} imported a different body: {'; '.join(one.causes)}"
+    for link, name, why in audit.differing():
+        message = f"{name} imported a different body: {why}"
         results.append(
             _sarif_result("import-difference", "warning", audit.file, link.line, message, link.name)
         )
@@ -294,6 +286,5 @@ def failures(audit: Audit, fail_on: Sequence[str]) -> list[str]:
     if "difference" in fail_on:
         differing = audit.differing()
         found += [count(len(differing), "difference")] if differing else []
-        failed = [one.name for one in audit.columns if one.outcome not in ("ok", "unsupported")]
-        found += [f"{names(failed)} did not import the file"] if failed else []
+        found += [f"{names(audit.failed)} did not import the file"] if audit.failed else []
     return found

@@ -11,7 +11,7 @@ from markupsafe import Markup, escape
 from bodycheck._util.formatting import number, scientific
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.audit.audit import Audit, Body, Comparison, LinkAudit
-from bodycheck.reports.audit.audit_document import audit_document, moves_alike, tint_of
+from bodycheck.reports.audit.audit_document import audit_document, tint_of
 from bodycheck.reports.document import page
 
 _VIEW = 110.0  # side of a drawing in px
@@ -71,7 +71,7 @@ def _cell(link: LinkAudit, name: str, outcome: str) -> _Cell:
     if spin is not None:
         texts = {True: "follows the file's body", False: "leaves the file's body"}
         for by, error in (("held", spin.held_rad), ("excerpt", spin.excerpt_rad)):
-            follows = moves_alike(spin, by=by)
+            follows = spin.follows(error)
             if follows is not None and error is not None:
                 details += (f"spin of {by}: {scientific(error)} rad, {texts[follows]}",)
     return _Cell(tint_of(one), text, one.causes, details, _ellipsoids(one))
