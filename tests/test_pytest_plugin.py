@@ -396,6 +396,24 @@ def test_markers_of_module_class_and_function_are_combined(inner: pytest.Pyteste
     run(inner, "--bodycheck-engines", "mujoco:euler").assert_outcomes(passed=2)
 
 
+def test_marked_method_runs_on_each_engine_of_the_option(inner: pytest.Pytester) -> None:
+    """The method of the marker takes precedence over those of the option."""
+    inner.makepyfile(
+        """
+        import pytest
+
+        @pytest.mark.bodycheck(method="rk4")
+        def test_it(bodycheck):
+            assert bodycheck.defaults["engine"] in ("mujoco", "reference")
+            assert bodycheck.defaults["method"] == "rk4"
+        """
+    )
+    options = ("--bodycheck-engines", "mujoco:euler,reference:m1,reference:m2")
+    run(inner, *options).assert_outcomes(passed=2)
+    listed = run(inner, *options, "--collect-only", "-q").stdout.str()
+    assert re.findall(r"::test_it\[(.*?)\]", listed) == ["mujoco", "reference"]
+
+
 @pytest.mark.parametrize(
     ("marker", "options"),
     [

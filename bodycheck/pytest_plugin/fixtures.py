@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cache
@@ -297,8 +297,7 @@ def parametrize_cases(metafunc: pytest.Metafunc) -> None:
     engines = defaults.get("engine", metafunc.config.getoption("--bodycheck-engines"))
     try:
         scenarios = [{"scenario": name} for name in _scenarios(suite)] if suite else [{}]
-        has_methods = isinstance(engines, str) and "method" not in defaults
-        methods = [{"engine": e, "method": m} for e, m in _methods(engines)] if has_methods else [{}]
+        methods = _unset_methods(engines, defaults) if isinstance(engines, str) else [{}]
     except InputError as error:
         _refuse(f"{metafunc.definition.nodeid}: {error}")
     cases = [{**scenario, **method} for scenario in scenarios for method in methods]
@@ -310,6 +309,18 @@ def parametrize_cases(metafunc: pytest.Metafunc) -> None:
 @cache
 def _scenarios(suite: str) -> list[str]:
     return [scenario_spec for scenario_spec, _ in load_scenarios(suite.split(","))]
+
+
+def _unset_methods(engines: str, defaults: Mapping[str, Any]) -> list[dict[str, str]]:
+    """Return the engines and methods that the markers of a test do not set.
+
+    A marked method is run on each engine; a marked engine with a marked method leaves nothing open.
+    """
+    if "method" not in defaults:
+        return [{"engine": engine, "method": method} for engine, method in _methods(engines)]
+    if "engine" in defaults:
+        return [{}]
+    return [{"engine": engine} for engine in dict.fromkeys(engine for engine, _ in _methods(engines))]
 
 
 @cache
