@@ -6,7 +6,7 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
@@ -331,6 +331,19 @@ def test_calls_fail_when_the_connection_is_lost(
     client.status = "closed"
     client.tasks[0].end("cancelled")
     assert "the connection was lost" in str(future.exception(60.0))
+
+
+def test_later_calls_are_refused_after_the_connection_was_lost(
+    client: FakeClient, executor: dask_cluster.DaskExecutor
+) -> None:
+    """The executor is broken, which ends the run; a failed case would stay failed when it is resumed."""
+    future = executor.submit(abs, -1)
+    waited(client)
+    client.status = "closed"
+    client.tasks[0].end("cancelled")
+    assert isinstance(future.exception(60.0), BrokenExecutor)
+    with pytest.raises(BrokenExecutor, match="the connection was lost"):
+        executor.submit(abs, -2)
 
 
 @pytest.fixture(scope="module")

@@ -178,17 +178,19 @@ class DaskExecutor(Executor):
         self._batches: set[_Batch] = set()
         self._step_s: dict[Any, float] = {}
         self._changed = threading.Condition()
-        self._arrived_s, self._closed = 0.0, False
+        self._arrived_s, self._closed, self._lost = 0.0, False, ""
         self._counted_s, self._threads = -math.inf, {"": 1}
         self._silent: dict[str, float] = {}
         self._thread = threading.Thread(target=self._serve, name="bodycheck-cluster", daemon=True)
         self._thread.start()
 
     def submit(self, fn: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs) -> Future[_T]:
-        """Return the future of fn(argument)."""
+        """Return the future of fn(argument); raises BrokenExecutor once the cluster was lost."""
         (argument,) = args
         future: Future[_T] = Future()
         with self._changed:
+            if self._lost:
+                raise BrokenExecutor(self._lost)
             if self._closed or kwargs:
                 raise RuntimeError(
                     "the executor was closed" if self._closed else "takes one positional argument"
@@ -397,16 +399,15 @@ class DaskExecutor(Executor):
                 self._silent = {address: last for address, last in silent if seen_s.get(address) == last}
 
     def _break(self, why: str) -> None:
-        """Fail all calls: the cluster does not answer any more."""
+        """Fail all calls, also later ones: the cluster does not answer any more."""
         with self._changed:
-            self._closed = True
             items = [item for batch in self._batches for item in batch.items]
             items += [item for waiting in self._pending.values() for item in waiting]
+            self._closed = True
+            self._lost = f"{self._option}: {why}; {count(len(items), 'case')} under way"
             self._changed.notify_all()
         for item in items:
-            self._set(
-                item, None, BrokenExecutor(f"{self._option}: {why}; {count(len(items), 'case')} under way")
-            )
+            self._set(item, None, BrokenExecutor(self._lost))
 
 
 def _results_of(task: Any) -> list[tuple[float, Any, Exception | None]] | Exception:
