@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
+import os
 import sys
 import threading
 from importlib.metadata import version
@@ -466,7 +468,39 @@ def test_environments_are_listed_and_removed(tmp_path: Path, monkeypatch: pytest
     assert whole.size == sum(path.stat().st_size for path in whole.folder.rglob("*") if path.is_file())
     environments.remove(whole)
     environments.remove(half)
-    assert list((tmp_path / "environments").iterdir()) == []
+    assert environments.environments() == []
+
+
+@pytest.mark.usefixtures("fake")
+def test_removal_waits_for_the_maker(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An environment that is listed under construction is removed once it is complete."""
+    listed: list[environments.Environment] = []
+
+    def make(_pin: Pin, place: Path) -> None:
+        unfinished = place.with_name(f"{place.name}.part")
+        unfinished.mkdir()
+        listed.extend(environments.environments())
+        with monkeypatch.context() as patch:
+            patch.setattr(environments.fcntl, "LOCK_EX", fcntl.LOCK_EX | fcntl.LOCK_NB)
+            with pytest.raises(BlockingIOError):
+                environments.remove(listed[0])
+        unfinished.rename(place)
+
+    monkeypatch.setattr(environments, "_make", make)
+    environments.python_of(PIN)
+    environments.remove(listed[0])
+    assert environments.environments() == []
+
+
+@pytest.mark.usefixtures("fake")
+def test_removal_keeps_the_lock() -> None:
+    """A process that waits for the lock and a later one lock the same file."""
+    folder = environments.python_of(PIN).parents[1]
+    (lock,) = folder.parent.glob("*.lock")
+    with lock.open() as waiting:
+        environments.remove(*environments.environments())
+        environments.python_of(PIN)
+        assert os.fstat(waiting.fileno()).st_ino == lock.stat().st_ino
 
 
 @pytest.mark.usefixtures("fake")

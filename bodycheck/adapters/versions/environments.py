@@ -33,6 +33,8 @@ _NEEDED = ("numpy", "numba", "pydantic")
 """The worker's imports, installed in the versions of the current environment if the engine allows it."""
 _FACTS = "bodycheck.json"
 """File in an environment: its engine and version, and the sources of its packages."""
+_UNFINISHED = ".part"
+"""End of the name of a folder that is not an environment yet."""
 _NEVER = b"bodycheck ; python_version < '0'\n"
 """Overrides an adapter's requirement of bodycheck, because the worker uses the running bodycheck."""
 _PACKAGE = re.compile(r"@?[A-Za-z0-9._/-]+")
@@ -111,7 +113,7 @@ def _made(pin: Pin) -> Path:
         return place
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
-        with _locked(place.with_name(f"{place.name}.lock")):
+        with _locked(place):
             if not _is_complete(place):  # another process may have made it meanwhile
                 # always reported, because downloading about 100 MB takes a while
                 print(f"creating an environment for {pin.name.replace('==', ' ')} ...", file=sys.stderr)
@@ -148,16 +150,19 @@ def _other_python(pin: Pin) -> str:
 
 
 @contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    """Wait until no other process makes the same environment; the lock is released if its process dies."""
-    with path.open("w") as file:
+def _locked(place: Path) -> Iterator[None]:
+    """Wait until no other process makes the same environment; the lock is released if its process dies.
+
+    The file stays, because a process that waits for a deleted one would not exclude later processes.
+    """
+    with place.with_name(f"{place.name}.lock").open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
 
 
 def _make(pin: Pin, place: Path) -> None:
     """Make the environment under a temporary name, so that an incomplete one is never used."""
-    unfinished = place.with_name(f"{place.name}.part")
+    unfinished = place.with_name(f"{place.name}{_UNFINISHED}")
     shutil.rmtree(unfinished, ignore_errors=True)
     try:
         if _is_javascript(stated_by(pin.engine)):
@@ -230,10 +235,10 @@ def _environment(folder: Path) -> Environment:
 
 def remove(environment: Environment) -> None:
     """Remove an environment, after waiting for a process that is making it; raises OSError."""
-    lock = environment.folder.with_name(f"{environment.folder.name}.lock")
-    with _locked(lock):
-        shutil.rmtree(environment.folder)
-        lock.unlink()
+    folder = environment.folder
+    place = folder.with_name(folder.name.removesuffix(_UNFINISHED))
+    with _locked(place):
+        shutil.rmtree(folder if folder.exists() else place)  # it may have been completed meanwhile
 
 
 def _install(pin: Pin, environment: Path, constraints: Sequence[str]) -> None:
