@@ -421,6 +421,29 @@ def test_merging_reports_machines_that_differ(shards: Path, tmp_path: Path) -> N
     assert reported["merged"] == {"shards": ["1/3", "2/3", "3/3"], "findings": [version, sentinel]}
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("replays", "merged"),
+    [
+        (("same bits", "", "same bits"), ""),
+        (("", "same bits", "same bits"), ""),
+        (("other bits", "", "same bits"), "other bits"),
+        (("same bits", "same bits", "other bits"), "other bits"),
+    ],
+)
+def test_merged_replay_is_that_of_the_worst_shard(
+    replays: tuple[str, ...], merged: str, shards: Path, tmp_path: Path
+) -> None:
+    """Other bits in one shard are other bits of the ensemble; else one unknown replay makes it unknown."""
+    parts = parts_of(shards, tmp_path)
+    for part, replay in zip(parts, replays, strict=True):
+        manifest = json.loads((part / "manifest.json").read_text())
+        manifest["methods"][0]["statistics"]["replay"] = replay
+        (part / "manifest.json").write_text(json.dumps(manifest))
+    found = [statistics.replay for _, statistics in merge_ensembles(parts, tmp_path / "merged").statistics]
+    assert found == [merged, "same bits"]
+
+
 def _without_a_part(parts: list[Path]) -> None:
     parts.pop()
 

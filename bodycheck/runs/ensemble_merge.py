@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -16,7 +16,7 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.shard import Shard
 from bodycheck._util.untrusted import escaped, read_json
 from bodycheck.adapters.contract import Engine, Method, Setting
-from bodycheck.reports.probes.examination import OTHER_BITS
+from bodycheck.reports.probes.examination import OTHER_BITS, SAME_BITS
 from bodycheck.reports.run_files.sentinels import (
     Sentinel,
     differing_facts,
@@ -157,10 +157,14 @@ def _different(one: _Manifest, other: _Manifest) -> Iterator[tuple[str, Any, Any
 
 def _merged(parts: Sequence[_Part], *, allow_code: bool) -> EnsembleResult:
     request = replace(parts[0].manifest.request, shard=None, allow_code=allow_code)
-    keys = [_key(methods) for methods in zip(*(part.manifest.methods for part in parts), strict=True)]
-    result = EnsembleResult.empty(request, request.ensemble(), keys)
+    methods_of_shards = list(zip(*(part.manifest.methods for part in parts), strict=True))
+    result = EnsembleResult.empty(
+        request, request.ensemble(), [_key(methods) for methods in methods_of_shards]
+    )
     for part in parts:
         _add(result, part)
+    for (_, statistics), methods in zip(result.statistics, methods_of_shards, strict=True):
+        statistics.replay = _joined_replay({one.statistics.replay for one in methods})
     findings = [
         *differing_facts({str(part.shard): part.manifest.facts for part in parts}),
         *disagreements({str(part.shard): part.sentinels for part in parts}),
@@ -174,6 +178,11 @@ def _key(methods: Sequence[_Method]) -> Key:
     return methods[0].model_copy(update={"version": versions}).key
 
 
+def _joined_replay(replays: Container[str]) -> str:
+    """Return the replay of an ensemble from those of its shards; an unknown one, "", makes it unknown."""
+    return next(replay for replay in (OTHER_BITS, "", SAME_BITS) if replay in replays)
+
+
 def _add(result: EnsembleResult, part: _Part) -> None:
     """Add the counts, the sketches and the worst bodies of a shard."""
     known: dict[tuple[Any, ...], MethodStatistics] = {}
@@ -181,7 +190,6 @@ def _add(result: EnsembleResult, part: _Part) -> None:
         known[method.identity], found = statistics, method.statistics
         statistics.endings.update(found.endings)
         statistics.at_floor += found.at_floor
-        statistics.replay = OTHER_BITS if OTHER_BITS in (statistics.replay, found.replay) else found.replay
         statistics.keep(found.worst, result.request.worst)
     path = part.folder / "sketches"
     try:
