@@ -440,6 +440,20 @@ def test_user_configuration_precedes_the_systems(
         assert uv._users_configuration() == {"UV_CONFIG_FILE": str(file)}
 
 
+def test_user_without_a_home_has_no_configuration(users: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The configuration of the system still applies."""
+
+    def no_home() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_CONFIG_HOME")
+    monkeypatch.setattr(uv.Path, "home", no_home)
+    assert uv._users_configuration() == {"UV_NO_CONFIG": "1"}
+    system = users.parents[2] / "system.toml"
+    system.touch()
+    assert uv._users_configuration() == {"UV_CONFIG_FILE": str(system)}
+
+
 @pytest.mark.usefixtures("fake")
 def test_another_user_configuration_makes_another_environment(users: Path) -> None:
     """The changed configuration may name another index, so it has its own environment."""

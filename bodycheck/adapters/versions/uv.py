@@ -73,11 +73,18 @@ def _users_configuration() -> dict[str, str]:
     The working directory may belong to someone else's project and name an untrusted index. Naming a file
     replaces all those that uv would search.
     """
-    own = Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config", "uv", "uv.toml")
     named = os.environ.get("UV_CONFIG_FILE")
-    files = (Path(named) if named else None, own, *_SYSTEM_FILES)
+    files = (Path(named) if named else None, _users_file(), *_SYSTEM_FILES)
     found = next((str(file) for file in files if file is not None and file.is_file()), None)
     return {"UV_NO_CONFIG": "1"} if found is None else {"UV_CONFIG_FILE": found}
+
+
+def _users_file() -> Path | None:
+    """Return the path of the user's configuration; None for a user without a home folder."""
+    try:
+        return Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config", "uv", "uv.toml")
+    except RuntimeError:  # neither HOME nor an entry in the user database
+        return None
 
 
 def index_settings() -> list[str]:
