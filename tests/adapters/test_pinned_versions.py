@@ -625,6 +625,18 @@ def test_javascript_engine_is_a_program_of_node(npm: FakeNpm) -> None:
     assert {"--ignore-scripts", "--no-audit", "--no-fund", "--loglevel=error"} <= set(command)
 
 
+def test_environment_of_npm_is_independent_of_python(npm: FakeNpm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Updates of Python and its libraries, and other indexes of uv, install no JavaScript package again."""
+    environments.program_in(CANNON)
+    monkeypatch.setattr(environments, "version", lambda _: "99")
+    monkeypatch.setattr(environments.sys, "version", "another")
+    monkeypatch.setattr(environments, "index_settings", lambda: ["UV_DEFAULT_INDEX=https://one.example"])
+    environments.program_in(CANNON)
+    assert len(npm.commands) == 1
+    environments.program_in(Pin("cannon-es", "0.19.0"))
+    assert len(npm.commands) == 2
+
+
 def test_engine_of_python_packages_is_no_program(fake: FakeUv) -> None:
     """An engine with Python packages has no program, and finding this out creates nothing."""
     assert environments.program_in(PIN) is None

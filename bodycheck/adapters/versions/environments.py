@@ -133,8 +133,10 @@ def _is_complete(place: Path) -> bool:
 
 def _place(pin: Pin) -> Path:
     """Return the folder of an environment, whose name has a hash of all that determines its packages."""
-    rest = [sys.version, sys.base_prefix, *_as_here(), *index_settings()]
-    if hasattr(stated_by(pin.engine), "requires"):
+    stated = stated_by(pin.engine)
+    in_python = [sys.version, sys.base_prefix, *_as_here(), *index_settings()]
+    rest = [] if _is_javascript(stated) else in_python
+    if hasattr(stated, "requires"):
         rest += [_other_python(pin), *requirements_of(pin)]
     digest = sha256("\n".join(rest).encode()).hexdigest()[:12]
     return cache_dir() / "environments" / f"{pin.name.replace('==', '-')}-{digest}"
