@@ -1,14 +1,15 @@
 """PyBullet: one body without a shape, as btMultiBody or, in maximal coordinates, as btRigidBody.
 
-The engine's own frame is the body's principal frame at its centre of mass. A constant rotation converts
-every state to body axes; it is the identity for a diagonal inertia tensor. Bullet clears forces after each
-call of stepSimulation, and rotates torques from body axes into world axes once per call.
+A pivoted body is the only link of a massless base, on a spherical joint. The engine's own frame is the body's
+principal frame at its centre of mass. A constant rotation converts every state to body axes; it is the
+identity for a diagonal inertia tensor. Bullet clears forces after each call of stepSimulation, and rotates
+torques from body axes into world axes once per call.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
@@ -18,9 +19,7 @@ import pybullet
 
 from bodycheck.adapters.contract import DEFAULTS, VARIANT, Method, ReadBack, Reading, Stepping
 from bodycheck.adapters.engine_loads import ZeroOrderHold
-from bodycheck.adapters.frames import EngineAxes, link_frame
-from bodycheck.adapters.pybullet.bullet_calls import powers_of_two, read_back, set_substeps
-from bodycheck.adapters.pybullet.spherical_joint import PivotedPyBulletSimulation
+from bodycheck.adapters.frames import EngineAxes, link_frame, pivot_place
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.rotations import hat, matrix_to_quaternion
@@ -64,6 +63,9 @@ _MAXIMAL = Method(
     changed_defaults=("deactivation off", _REFRESHED),
     snippet=f"{_TIME_STEP}; {_MAXIMAL_BODY}",
 )
+
+_MAX_SUBSTEPS = 2**16  # 50 ms, so that an interrupt is handled soon
+_LINK = 0  # index of a pivoted body, the only link of its base
 
 _SUBSTEPS, _SUBSTEPPED = 4, f"{VARIANT}substeps"
 _SUBSTEP_SETTING = f"p.setPhysicsEngineParameter(fixedTimeStep={{dt_s}}, numSubSteps={_SUBSTEPS})"
@@ -152,18 +154,18 @@ class PyBulletSimulation:
         self._initial = scene.initial
         self._continuous = ZeroOrderHold(scene, dt_s)
         self._is_maximal = method.startswith(_MAXIMAL.name)
-        self._body = _add_body(client, scene, method, moments, axes)
+        self._body = _add_free_body(client, scene, method, moments, axes)
         self.reset()
 
     def read_back(self) -> ReadBack:
         """Return the model as read from the engine."""
-        model = read_back(self._client, self._body, -1, self._axes.matrix, self.read())
+        model = _read_back(self._client, self._body, -1, self._axes.matrix, self.read())
         assert model.dt_s is not None
         return replace(model, dt_s=model.dt_s * self._substeps)
 
     def reset(self) -> None:
         """Restore the initial state, without a wrench, as freshly built."""
-        set_substeps(self._client, self._substep_s, self._substeps)
+        _set_substeps(self._client, self._substep_s, self._substeps)
         if self._is_maximal:
             self._refresh_world_inertia()
         self.apply(NO_WRENCH)
@@ -208,14 +210,14 @@ class PyBulletSimulation:
     def advance(self, steps: int) -> None:
         """Make many steps in one call, unless the wrench rotates with the body and changes at every step."""
         if self._rotates_with_body or self._continuous:
-            set_substeps(self._client, self._substep_s, self._substeps)
+            _set_substeps(self._client, self._substep_s, self._substeps)
             for _ in range(steps):
                 if self._continuous:
                     self._push_continuous_loads()
                 self._step()
         else:
-            for substeps in powers_of_two(steps * self._substeps):
-                set_substeps(self._client, self._substep_s, substeps)
+            for substeps in _powers_of_two(steps * self._substeps):
+                _set_substeps(self._client, self._substep_s, substeps)
                 self._step()
 
     def read(self) -> Reading:
@@ -273,7 +275,7 @@ class PyBulletSimulation:
         pybullet.applyExternalTorque(self._body, -1, torque, world, self._client)
 
 
-def _add_body(client: int, scene: Scene, method: str, moments: Array, axes: Array) -> int:
+def _add_free_body(client: int, scene: Scene, method: str, moments: Array, axes: Array) -> int:
     """Put one body into an empty world, its inertial frame placed relative to the link."""
     frame = {}
     if scene.link is not None:
@@ -306,6 +308,191 @@ def _add_body(client: int, scene: Scene, method: str, moments: Array, axes: Arra
 def _is_uniform(load: ConstantLoad) -> bool:
     """Return whether the load is constant in world axes for any rotation of the body."""
     return load.axes == "world" and not (isinstance(load, PointForce) and bool(np.any(load.at)))
+
+
+class PivotedPyBulletSimulation:
+    """One client's world with one pivoted body; close removes the body and returns the client.
+
+    The body is built in its principal axes, because Bullet rotates a spherical joint in the axes of the
+    link's inertia. The joint's state is the orientation and omega in those axes; getLinkState is accurate to
+    5e-8 only. Loads act as a torque of the joint: a torque in the link's frame would be rotated by the
+    previous step's pose.
+    """
+
+    stepping: Stepping
+
+    def __init__(self, scene: Scene, dt_s: float, client: int, release: Callable[[int], None]) -> None:
+        assert scene.pivot is not None
+        self.stepping = "python" if scene.loads else "native"
+        self._client, self._release, self._closed = client, release, False
+        self._dt_s, self._initial, self._arm = dt_s, scene.initial, -scene.pivot
+        moments, axes = diagonalised(scene.body.inertia)
+        self._axes = EngineAxes(axes)
+        self._continuous = ZeroOrderHold(scene, dt_s)
+        self._body = _add_pivoted_body(client, scene, moments, self._axes.engine_vector(self._arm))
+        pybullet.setGravity(*scene.gravity, physicsClientId=client)
+        self.reset()
+
+    def read_back(self) -> ReadBack:
+        """Return the model as read from the engine."""
+        return _read_back(self._client, self._body, _LINK, self._axes.matrix, self.read())
+
+    def reset(self) -> None:
+        """Restore the initial state, without a wrench."""
+        w, x, y, z = self._axes.engine_quaternion(self._initial.quaternion)
+        omega = self._axes.engine_vector(self._initial.omega_body)
+        pybullet.resetJointStateMultiDof(
+            self._body, _LINK, (x, y, z, w), tuple(omega), physicsClientId=self._client
+        )
+        _set_substeps(self._client, self._dt_s, 1)
+        self._continuous.reset()
+        self.apply(NO_WRENCH)
+
+    def apply(self, wrench: Wrench) -> None:
+        """Store the wrench, whose moment about the pivot is set before each step."""
+        self._wrench = wrench
+
+    def advance(self, steps: int) -> None:
+        """Make many steps in one call, unless a load rotates with the body and is set at every step."""
+        if self._wrench.is_zero and not self._continuous:
+            for substeps in _powers_of_two(steps):
+                _set_substeps(self._client, self._dt_s, substeps)
+                pybullet.stepSimulation(self._client)
+            return
+        _set_substeps(self._client, self._dt_s, 1)
+        for _ in range(steps):
+            self._push()
+            pybullet.stepSimulation(self._client)
+
+    def read(self) -> Reading:
+        """Copy the joint's state; the matrix is getMatrixFromQuaternion of the engine's own quaternion."""
+        (x, y, z, w), omega, *_ = pybullet.getJointStateMultiDof(self._body, _LINK, self._client)
+        rotation = self._axes.body_rotation(_matrix((x, y, z, w)))
+        omega_body = self._axes.body_vector(np.array(omega))
+        arm = rotation @ self._arm
+        place, _ = pybullet.getBasePositionAndOrientation(self._body, self._client)
+        return Reading(
+            position=np.array(place) + arm,
+            velocity=np.cross(rotation @ omega_body, arm),
+            quaternion=self._axes.body_quaternion(np.array((w, x, y, z))),
+            rotation=rotation,
+            omega_body=omega_body,
+        )
+
+    def close(self) -> None:
+        """Remove the body from its world and return the client."""
+        if not self._closed:
+            self._closed = True
+            pybullet.removeBody(self._body, self._client)
+            self._release(self._client)
+
+    def _push(self) -> None:
+        """Set the joint's torque for one step: the moment about the pivot of all loads except gravity."""
+        state = self.read()
+        assert state.rotation is not None
+        assert state.omega_body is not None
+        moment = self._moment(state.rotation)
+        if self._continuous:
+            omega_world = state.rotation @ state.omega_body
+            continuous = self._continuous.next_wrench(
+                state.position, state.rotation, state.velocity, omega_world
+            )
+            moment += state.rotation.T @ continuous[3:] + np.cross(
+                self._arm, state.rotation.T @ continuous[:3]
+            )
+        pybullet.setJointMotorControlMultiDof(
+            self._body,
+            _LINK,
+            pybullet.TORQUE_CONTROL,
+            force=tuple(self._axes.engine_vector(moment)),
+            physicsClientId=self._client,
+        )
+
+    def _moment(self, rotation: Array) -> Array:
+        """Return the moment (3,) of the wrench about the pivot, in body axes."""
+        wrench = self._wrench
+        force = wrench.force_body + wrench.force_world @ rotation
+        moment = wrench.torque_body + wrench.torque_world @ rotation + np.cross(self._arm, force)
+        for at, push in wrench.point_forces:
+            moment += np.cross(self._arm + at, push @ rotation)
+        return np.asarray(moment)
+
+
+def _add_pivoted_body(client: int, scene: Scene, moments: Array, centre: Array) -> int:
+    """Put a massless base into an empty world, and the body on it."""
+    identity = (0.0, 0.0, 0.0, 1.0)
+    body: int = pybullet.createMultiBody(
+        baseMass=0.0,
+        basePosition=pivot_place(scene),
+        linkMasses=[scene.body.mass],
+        linkCollisionShapeIndices=[-1],
+        linkVisualShapeIndices=[-1],
+        linkPositions=[(0.0, 0.0, 0.0)],
+        linkOrientations=[identity],
+        linkInertialFramePositions=[centre],
+        linkInertialFrameOrientations=[identity],
+        linkParentIndices=[0],
+        linkJointTypes=[pybullet.JOINT_SPHERICAL],
+        linkJointAxis=[(0.0, 0.0, 1.0)],
+        physicsClientId=client,
+    )
+    # Setting a velocity limit with the first inertia makes a link without a shape NaN; setting it with the
+    # mass halves the inertia.
+    pybullet.changeDynamics(body, _LINK, localInertiaDiagonal=moments, physicsClientId=client)
+    pybullet.changeDynamics(
+        body,
+        _LINK,
+        localInertiaDiagonal=moments,
+        linearDamping=0.0,
+        angularDamping=0.0,
+        jointDamping=0.0,
+        maxJointVelocity=math.inf,
+        physicsClientId=client,
+    )
+    pybullet.setJointMotorControlMultiDof(
+        body,
+        _LINK,
+        pybullet.POSITION_CONTROL,
+        targetPosition=identity,
+        force=[0.0, 0.0, 0.0],
+        physicsClientId=client,
+    )
+    return body
+
+
+def _read_back(client: int, body: int, link: int, axes: Array, state: Reading) -> ReadBack:
+    """I = A diag(moments) A^T: read the model from getDynamicsInfo and getPhysicsEngineParameters.
+
+    link: index of the link, -1 for the base. axes A (3, 3): the engine's axes as columns, in body axes.
+    """
+    mass, _, moments, *_ = pybullet.getDynamicsInfo(body, link, client)
+    world = pybullet.getPhysicsEngineParameters(client)
+    return ReadBack(
+        mass=mass,
+        inertia=axes @ np.diag(moments) @ axes.T,
+        dt_s=world["fixedTimeStep"] / world["numSubSteps"],
+        gravity=np.array([world[f"gravityAcceleration{axis}"] for axis in "XYZ"]),
+        state=state,
+    )
+
+
+def _set_substeps(client: int, dt_s: float, count: int) -> None:
+    """Make one call perform `count` steps, a power of two.
+
+    Then count dt_s and count dt_s / count are exact. Bullet makes int(fixedTimeStep / substep) steps, and
+    round-off would cost one of them.
+    """
+    pybullet.setPhysicsEngineParameter(fixedTimeStep=count * dt_s, numSubSteps=count, physicsClientId=client)
+
+
+def _powers_of_two(steps: int) -> Iterator[int]:
+    """Yield powers of two, at most _MAX_SUBSTEPS, whose sum is `steps`."""
+    full_calls, rest = divmod(steps, _MAX_SUBSTEPS)
+    for _ in range(full_calls):
+        yield _MAX_SUBSTEPS
+    for place in reversed(range(rest.bit_length())):
+        if rest >> place & 1:
+            yield 1 << place
 
 
 def _matrix(quaternion: tuple[float, ...]) -> Array:
