@@ -58,8 +58,11 @@ class Answer:
     reused: bool = False
 
 
-def record(adapter: Adapter, case: Case) -> Answer:
-    """Build, read back and step one case through its samples; exceptions of the engine propagate."""
+def record(adapter: Adapter, case: Case, *, again: bool = False) -> Answer:
+    """Build, read back and step one case through its samples; exceptions of the engine propagate.
+
+    again: run the case before it is read back, reset, and return the motion of the second run.
+    """
     scene, method, setting = case.scene, case.method, case.setting
     if method not in adapter.methods:
         return Answer("unsupported", f"no method {method!r}")
@@ -68,6 +71,8 @@ def record(adapter: Adapter, case: Case) -> Answer:
     if setting.dt_s is None:
         solver = cast(SolvingAdapter, adapter).solver(scene, method, setting.tolerance)
         try:
+            if again:
+                solver.solve()
             model = solver.read_back()
             solved = solver.solve()
             return Answer("ok", "", solved, model, "native", solver.steps)
@@ -76,32 +81,11 @@ def record(adapter: Adapter, case: Case) -> Answer:
     plan = plan_steps(scene, setting.dt_s)
     simulation = adapter.build(scene, method, plan.dt_s)
     try:
+        if again:
+            readings_along(simulation, plan.legs())
         model = simulation.read_back()
-        readings = readings_along(simulation, plan.legs())
-        return Answer("ok", "", trajectory_of(scene.sample_times, readings), model, simulation.stepping)
-    finally:
-        simulation.close()
-
-
-def replay(adapter: Adapter, case: Case) -> Answer:
-    """Run one case, read the model back, reset, and return that model and the motion of the second run."""
-    scene, setting = case.scene, case.setting
-    if reason := adapter.unsupported(scene, case.method):
-        return Answer("unsupported", reason)
-    if setting.dt_s is None:
-        solver = cast(SolvingAdapter, adapter).solver(scene, case.method, setting.tolerance)
-        try:
-            solver.solve()
-            model = solver.read_back()
-            return Answer("ok", "", solver.solve(), model, "native", solver.steps)
-        finally:
-            solver.close()
-    plan = plan_steps(scene, setting.dt_s)
-    simulation = adapter.build(scene, case.method, plan.dt_s)
-    try:
-        readings_along(simulation, plan.legs())
-        model = simulation.read_back()
-        simulation.reset()
+        if again:
+            simulation.reset()
         readings = readings_along(simulation, plan.legs())
         return Answer("ok", "", trajectory_of(scene.sample_times, readings), model, simulation.stepping)
     finally:
@@ -209,7 +193,9 @@ class _StepStopwatch:
     def lap(self) -> float:
         self._simulation.reset()
         begin = time.process_time()
-        _step_through(self._simulation, self._legs)
+        for leg in self._legs:
+            self._simulation.apply(leg.wrench)
+            self._simulation.advance(leg.steps)
         return (time.process_time() - begin) * self._scale
 
     def close(self) -> None:
@@ -223,9 +209,3 @@ def _first_steps(plan: StepPlan, steps: int) -> Iterator[Leg]:
             return
         yield Leg(min(leg.steps, steps), leg.wrench, ends_at_sample=False)
         steps -= leg.steps
-
-
-def _step_through(simulation: Simulation, legs: Iterable[Leg]) -> None:
-    for leg in legs:
-        simulation.apply(leg.wrench)
-        simulation.advance(leg.steps)

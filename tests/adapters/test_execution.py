@@ -8,6 +8,8 @@ import pytest
 from bodycheck.adapters.contract import Setting, Simulation, Solver
 from bodycheck.adapters.execution import Case, stopwatch
 from bodycheck.adapters.reference import Reference
+from bodycheck.adapters.workers import case_messages
+from bodycheck.adapters.workers.worker import RequestHandler
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 
 START = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.3, 1.0, 0.2]))
@@ -49,3 +51,11 @@ def test_engine_that_fails_in_the_untimed_pass_is_closed(method: str, dt_s: floa
     with pytest.raises(RuntimeError, match="singular"):
         stopwatch(adapter, Case(SCENE, method, Setting(dt_s)))
     assert adapter.closed == 1
+
+
+@pytest.mark.parametrize("do", ["record", "replay"])
+def test_unknown_method_is_unsupported(do: str) -> None:
+    """A request for a method of another version of the engine is refused in the same way by every request."""
+    case = Case(SCENE, "none", Setting(0.1))
+    answer = RequestHandler(Reference()).answer({"do": do, "case": case_messages.case_message(case)})
+    assert (answer["outcome"], answer["message"]) == ("unsupported", "no method 'none'")

@@ -16,7 +16,7 @@ import pytest
 from bodycheck._util.errors import InputError
 from bodycheck.adapters import registry
 from bodycheck.adapters.contract import Engine, Reading, Setting, Stepping
-from bodycheck.adapters.execution import Answer, Case, record, replay
+from bodycheck.adapters.execution import Answer, Case, record
 from bodycheck.adapters.optional.between_steps import BetweenSteps
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.registry import default_engines, engine_names, optional_engines, stated_by
@@ -141,7 +141,7 @@ def test_loads_between_steps_are_those_of_the_map(loads: tuple[Load, ...]) -> No
     case = Case(scene, "m1", Setting(dt_s=0.02))
     expected = by_the_reference(scene)
     assert_same(record(_M1Engine(), case), expected)
-    assert_same(replay(_M1Engine(), case), expected)
+    assert_same(record(_M1Engine(), case, again=True), expected)
 
 
 @pytest.fixture(scope="module")

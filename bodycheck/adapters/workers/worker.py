@@ -20,7 +20,7 @@ from typing import BinaryIO
 from bodycheck._util.errors import BodycheckError, InsideWorkerError, UnavailableError
 from bodycheck.adapters.batches import record_batch
 from bodycheck.adapters.contract import Adapter
-from bodycheck.adapters.execution import Answer, Stopwatch, record, replay, stopwatch
+from bodycheck.adapters.execution import Answer, Stopwatch, record, stopwatch
 from bodycheck.adapters.importers import answered
 from bodycheck.adapters.registry import get_adapter
 from bodycheck.adapters.stable_step import stable_step
@@ -54,10 +54,9 @@ class RequestHandler:
 
     def _done(self, request: Message) -> Message:
         match request.get("do"):
-            case "record":
-                return protocol.answer_message(record(self._adapter, case_messages.case_of(request["case"])))
-            case "replay":
-                return protocol.answer_message(replay(self._adapter, case_messages.case_of(request["case"])))
+            case "record" | "replay" as do:
+                case = case_messages.case_of(request["case"])
+                return protocol.answer_message(record(self._adapter, case, again=do == "replay"))
             case "batch":
                 found = record_batch(self._adapter, case_messages.batch_of(request))
                 return protocol.batch_answer_message(found)
