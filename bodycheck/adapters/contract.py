@@ -169,13 +169,6 @@ class ReadBack:
     gravity: Array
     state: Reading
 
-    @classmethod
-    def of_scene(cls, scene: Scene) -> ReadBack:
-        """Return what a solver without an engine stores: the scene itself."""
-        start = scene.initial
-        state = Reading(start.position, start.velocity, start.quaternion, omega_body=start.omega_body)
-        return cls(scene.body.mass, scene.body.inertia, None, scene.gravity, state)
-
 
 class Simulation(Protocol):
     """One scene in one engine, by one method, at one step size. Close it after use.
@@ -220,6 +213,24 @@ class Solver(Protocol):
 
     def close(self) -> None:
         """Free the engine's resources; a second call does nothing."""
+
+
+class SceneSolver:
+    """The base of a solver without an engine, which solves the equations of the scene itself."""
+
+    steps: int | None = None
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+
+    def read_back(self) -> ReadBack:
+        """Return the scene's own numbers: there is no engine between."""
+        scene, start = self._scene, self._scene.initial
+        state = Reading(start.position, start.velocity, start.quaternion, omega_body=start.omega_body)
+        return ReadBack(scene.body.mass, scene.body.inertia, None, scene.gravity, state)
+
+    def close(self) -> None:
+        """Nothing to free."""
 
 
 class Adapter(Protocol):

@@ -10,7 +10,7 @@ from typing import cast, get_args
 import numpy as np
 
 from bodycheck.adapters.batches import Batch, BatchAnswer
-from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, Solver, Stepping
+from bodycheck.adapters.contract import Method, ReadBack, Reading, SceneSolver, Simulation, Solver, Stepping
 from bodycheck.reference_impl.batch import BatchMethod, advance_checked
 from bodycheck.reference_impl.closed_forms.exact_motion import closed_form_of
 from bodycheck.reference_impl.continuous_loads import packed_continuous_loads
@@ -176,51 +176,35 @@ def _method_of(integrator: Integrator) -> Method:
     )
 
 
-class ClosedForm:
+class ClosedForm(SceneSolver):
     """A scene by its exact solution: set up once when built, then any sample at the same cost."""
-
-    steps: int | None = None
 
     def __init__(self, scene: Scene) -> None:
         motion = closed_form_of(scene)
         if motion is None:
             raise ValueError(_NO_CLOSED_FORM)
-        self._scene, self._motion = scene, motion
-
-    def read_back(self) -> ReadBack:
-        """Return the scene's own numbers: there is no engine between."""
-        return ReadBack.of_scene(self._scene)
+        super().__init__(scene)
+        self._motion = motion
 
     def solve(self) -> Trajectory:
         """Solve for all samples in one call."""
         return self._motion.at(self._scene.sample_times)
 
-    def close(self) -> None:
-        """Nothing to free."""
 
-
-class Series:
+class Series(SceneSolver):
     """A scene by the Taylor integrator: packed once when built, its samples from the series' dense output."""
-
-    steps: int | None = None
 
     def __init__(self, scene: Scene, tolerance: float) -> None:
         from bodycheck.reference_impl.taylor.prepared_motion import TaylorMotion  # imported here: needs numba
 
-        self._scene, self._motion = scene, TaylorMotion.of(scene, tolerance)
-
-    def read_back(self) -> ReadBack:
-        """Return the scene's own numbers: there is no engine between."""
-        return ReadBack.of_scene(self._scene)
+        super().__init__(scene)
+        self._motion = TaylorMotion.of(scene, tolerance)
 
     def solve(self) -> Trajectory:
         """Follow the motion through all samples."""
         solved = self._motion.solve(self._scene.sample_times)
         self.steps = solved.steps
         return solved.trajectory
-
-    def close(self) -> None:
-        """Nothing to free."""
 
 
 class Reference:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bodycheck.adapters.contract import Method, ReadBack, Simulation, Solver
+from bodycheck.adapters.contract import Method, SceneSolver, Simulation, Solver
 from bodycheck.adapters.optional.scipy_solvers import (
     by_tolerance,
     segments,
@@ -58,20 +58,14 @@ class Heyoka:
         return _HeyokaSolver(scene, tolerance)
 
 
-class _HeyokaSolver:
-    steps: int | None = None
-
+class _HeyokaSolver(SceneSolver):
     def __init__(self, scene: Scene, tolerance: float) -> None:
         import heyoka
 
-        self._scene = scene
+        super().__init__(scene)
         self._integrator = heyoka.taylor_adaptive(
             _equations(scene), start_of(scene), tol=tolerance, pars=[0.0] * 21
         )
-
-    def read_back(self) -> ReadBack:
-        """Return the scene's own numbers: there is no engine between."""
-        return ReadBack.of_scene(self._scene)
 
     def solve(self) -> Trajectory:
         """Propagate from switch to switch through the samples."""
@@ -86,9 +80,6 @@ class _HeyokaSolver:
             self.steps += outcome[3]
             samples[inside] = outcome[-1][np.searchsorted(grid, t[inside])]
         return trajectory_of_states(t, samples)
-
-    def close(self) -> None:
-        """Nothing to free."""
 
 
 def _equations(scene: Scene) -> list[tuple[Any, Any]]:

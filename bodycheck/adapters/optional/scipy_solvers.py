@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from bodycheck.adapters.contract import Method, ReadBack, Simulation, Solver
+from bodycheck.adapters.contract import Method, SceneSolver, Simulation, Solver
 from bodycheck.adapters.engine_loads import StageLoads
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import quaternion_product, quaternion_to_matrix
@@ -78,22 +78,17 @@ class SciPy:
         return _SciPySolver(scene, _FORMULAS[method][0], tolerance)
 
 
-class _SciPySolver:
+class _SciPySolver(SceneSolver):
     """The motion from sample to sample, restarted wherever a load switches."""
-
-    steps: int | None = None
 
     def __init__(self, scene: Scene, solver: str, tolerance: float) -> None:
         import scipy.integrate
 
-        self._scene, self._tolerance = scene, tolerance
+        super().__init__(scene)
+        self._tolerance = tolerance
         self._make = getattr(scipy.integrate, solver)
         self._loads = StageLoads(scene)
         self._inverse = np.linalg.inv(scene.body.inertia)
-
-    def read_back(self) -> ReadBack:
-        """Return the scene's own numbers: there is no engine between."""
-        return ReadBack.of_scene(self._scene)
 
     def solve(self) -> Trajectory:
         """Solve from switch to switch, and evaluate the dense output at the samples."""
@@ -114,9 +109,6 @@ class _SciPySolver:
                 raise RuntimeError("the solver cannot meet its tolerance")
             y = solver.y
         return trajectory_of_states(t, samples)
-
-    def close(self) -> None:
-        """Nothing to free."""
 
     def _rate(self, t: float, y: Array) -> Array:
         velocity, q, omega = y[3:6], y[6:10], y[10:]
