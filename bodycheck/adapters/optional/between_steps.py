@@ -19,6 +19,18 @@ NO_LINK = "the engine's own frame of the body is at the centre of mass"
 _ZERO = np.zeros(3)
 
 
+class FreeBodiesOnly:
+    """The base of an adapter without pivots and link frames."""
+
+    def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
+        """Refuse pivots and link frames."""
+        if scene.pivot is not None:
+            return NO_PIVOT
+        return (
+            "the engine's own frame of the body is at the centre of mass" if scene.link is not None else None
+        )
+
+
 class Body(Protocol):
     """One free body in an engine under gravity."""
 
@@ -106,10 +118,3 @@ def scalar_first(quaternion: Any) -> Array:
 def scalar_last(quaternion: Array) -> Array:
     """(w, x, y, z) -> (x, y, z, w)."""
     return np.roll(quaternion, -1)
-
-
-def only_free(scene: Scene) -> str | None:
-    """Return why a scene cannot be represented by a free body at its centre of mass; None if it can."""
-    if scene.pivot is not None:
-        return NO_PIVOT
-    return NO_LINK if scene.link is not None else None

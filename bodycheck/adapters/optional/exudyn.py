@@ -16,7 +16,7 @@ import numpy as np
 
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, Stepping
 from bodycheck.adapters.engine_loads import StageLoads
-from bodycheck.adapters.optional.between_steps import array, only_free
+from bodycheck.adapters.optional.between_steps import FreeBodiesOnly, array
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import log_quaternion
 from bodycheck.reference_impl.scene import Scene
@@ -64,7 +64,7 @@ def _method_of(name: str, solver: _Solver) -> Method:
     )
 
 
-class Exudyn:
+class Exudyn(FreeBodiesOnly):
     """Exudyn (Gerstmayr)."""
 
     name = "exudyn"
@@ -77,10 +77,6 @@ class Exudyn:
         import exudyn.itemInterface  # noqa: F401 - before any case
 
         self.version = version(self.distribution)
-
-    def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
-        """Refuse pivots and link frames."""
-        return only_free(scene)
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Build a system of one body."""

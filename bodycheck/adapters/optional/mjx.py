@@ -12,7 +12,7 @@ import numpy as np
 
 from bodycheck.adapters.batches import Batch, BatchAnswer
 from bodycheck.adapters.contract import VARIANT, Method, Simulation
-from bodycheck.adapters.optional.between_steps import array, only_free
+from bodycheck.adapters.optional.between_steps import FreeBodiesOnly, array
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 
@@ -60,7 +60,7 @@ def _double(method: Method) -> Method:
     )
 
 
-class Mjx:
+class Mjx(FreeBodiesOnly):
     """MuJoCo XLA (Google DeepMind)."""
 
     name = "mjx"
@@ -72,10 +72,6 @@ class Mjx:
         from mujoco import mjx  # noqa: F401 - before any case, as it takes seconds
 
         self.version = version(self.distribution)
-
-    def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
-        """Refuse pivots and link frames."""
-        return only_free(scene)
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Put MuJoCo's model of one body into JAX."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from bodycheck.adapters.batches import Batch, BatchAnswer
 from bodycheck.adapters.contract import Method, Simulation
-from bodycheck.adapters.optional.between_steps import array, only_free
+from bodycheck.adapters.optional.between_steps import FreeBodiesOnly, array
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 
@@ -49,7 +49,7 @@ def _of_integrator(method: Method, name: str) -> Method:
     return replace(method, name=name, snippet=method.snippet.replace("EULER", name.upper()))
 
 
-class MuJoCoWarp:
+class MuJoCoWarp(FreeBodiesOnly):
     """MuJoCo Warp (Google DeepMind and NVIDIA)."""
 
     name = "mujoco-warp"
@@ -68,10 +68,6 @@ class MuJoCoWarp:
 
         warp.config.quiet = True
         self.version = version(self.distribution)
-
-    def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
-        """Refuse pivots and link frames."""
-        return only_free(scene)
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Put MuJoCo's model of one body into Warp."""

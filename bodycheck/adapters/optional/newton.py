@@ -16,8 +16,8 @@ import numpy as np
 from bodycheck.adapters.contract import DEFAULTS, Method, Reading, Simulation, Stepping
 from bodycheck.adapters.optional.between_steps import (
     BetweenSteps,
+    FreeBodiesOnly,
     array,
-    only_free,
     scalar_first,
     scalar_last,
 )
@@ -93,7 +93,7 @@ def _words(options: Mapping[str, Any]) -> str:
     return "".join(f", {name}={value!r}" for name, value in options.items())
 
 
-class Newton:
+class Newton(FreeBodiesOnly):
     """Newton (Linux Foundation) on Warp."""
 
     name = "newton"
@@ -108,10 +108,6 @@ class Newton:
         warp.config.quiet = True
         self._newton: Any = newton
         self.version = version(self.distribution)
-
-    def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
-        """Refuse pivots and link frames."""
-        return only_free(scene)
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Build a model of one body."""

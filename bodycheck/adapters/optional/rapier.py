@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from bodycheck.adapters.contract import DEFAULTS, Method, Reading, Simulation, Stepping
-from bodycheck.adapters.optional.between_steps import BetweenSteps, array, only_free
+from bodycheck.adapters.optional.between_steps import BetweenSteps, FreeBodiesOnly, array
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.rotations import matrix_to_quaternion, quaternion_to_matrix
@@ -37,7 +37,7 @@ _STEP = Method(
 _DEFAULTS = replace(_STEP, name=f"{_STEP.name}{DEFAULTS}", changed_defaults=())
 
 
-class Rapier:
+class Rapier(FreeBodiesOnly):
     """Rapier (dimforge) in Python."""
 
     name = "rapier"
@@ -49,10 +49,6 @@ class Rapier:
         import rapier3d  # noqa: F401 - fails here where it is missing
 
         self.version = version(self.distribution)
-
-    def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
-        """Refuse pivots and link frames."""
-        return only_free(scene)
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Build a world of one body."""

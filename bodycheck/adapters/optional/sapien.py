@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from bodycheck.adapters.contract import DEFAULTS, Method, Reading, Simulation, Stepping
-from bodycheck.adapters.optional.between_steps import BetweenSteps, array, only_free
+from bodycheck.adapters.optional.between_steps import BetweenSteps, FreeBodiesOnly, array
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.rotations import matrix_to_quaternion, quaternion_to_matrix
@@ -44,7 +44,7 @@ _DEFAULTS = replace(
 _UNLIMITED = 1e15
 
 
-class Sapien:
+class Sapien(FreeBodiesOnly):
     """SAPIEN 3 (Xiang et al. 2020) with PhysX 5."""
 
     name = "sapien"
@@ -58,10 +58,6 @@ class Sapien:
             import sapien  # noqa: F401
 
         self.version = version(self.distribution)
-
-    def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
-        """Refuse pivots and link frames."""
-        return only_free(scene)
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Build a scene of one entity."""
