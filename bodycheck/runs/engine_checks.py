@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from itertools import groupby
 from typing import Any
 
@@ -64,33 +63,21 @@ def check_adapter(name: str, *, timeout_s: float, allow_code: bool = False) -> C
 
     Raises InputError for an unknown or unavailable engine.
     """
-    selection = select(PROBES[:1], [name], allow_code=allow_code)
-    if not selection.methods:
-        raise InputError(f"{name}: no method to check")
-    engine = selection.methods[0][0]
-    answers, pool = Answers(None, None, timeout_s), EnginePool()
-    try:
+    with _methods([name], timeout_s, allow_code=allow_code) as (methods, client):
         results = [
             result
-            for engine, method in selection.methods
+            for engine, method in methods
             for check in CHECKS
-            for result in _results(
-                Bench(engine, method, partial(answers.ask, pool), partial(answers.replay, pool)), check
-            )
+            for result in _results(Bench(engine, method, client.ask, client.replay), check)
         ]
-    finally:
-        pool.close()
+    engine = methods[0][0]
     return Conformance(engine.name, engine.version, tuple(results))
 
 
 def _results(bench: Bench, check: Check) -> Iterator[Result]:
     found = list(check.findings(bench)) or [Finding("", message="it fails in the checks above")]
-    for finding in found:
-        yield _result(bench.method, check, finding)
-
-
-def _result(method: Method, check: Check, found: Finding) -> Result:
-    return Result(method.name, check.name, check.requirement, found.check, found.verdict, found.message)
+    for one in found:
+        yield Result(bench.method.name, check.name, check.requirement, one.check, one.verdict, one.message)
 
 
 _VERDICT_TEXTS = {
@@ -161,7 +148,7 @@ def fingerprints(
     all_loads: also under loads that vary with time and motion, whose kernels may have to be compiled.
     """
     loads = {**CONSTANT_LOADS, **continuous_loads()} if all_loads else CONSTANT_LOADS
-    with _methods(engines, timeout_s, allow_code=allow_code) as (methods, client):
+    with _methods(engines.split(","), timeout_s, allow_code=allow_code) as (methods, client):
         return [
             fingerprint_row(engine, method, fingerprint_of(engine, method, client.ask, loads))
             for engine, method in methods
@@ -171,7 +158,7 @@ def fingerprints(
 def laws(engines: str, *, timeout_s: float, allow_code: bool = False) -> list[dict[str, Any]]:
     """Return the rows of laws.csv, without run_id, of NAME[==VERSION][:METHOD],..."""
     rows: list[dict[str, Any]] = []
-    with _methods(engines, timeout_s, allow_code=allow_code) as (methods, client):
+    with _methods(engines.split(","), timeout_s, allow_code=allow_code) as (methods, client):
         for engine, of_engine in groupby(methods, key=lambda pair: pair[0]):
             own = [method for _, method in of_engine]
             replays = replayed(engine, own, client)
@@ -182,12 +169,12 @@ def laws(engines: str, *, timeout_s: float, allow_code: bool = False) -> list[di
 
 @contextmanager
 def _methods(
-    engines: str, timeout_s: float, *, allow_code: bool
+    engines: Sequence[str], timeout_s: float, *, allow_code: bool
 ) -> Iterator[tuple[Sequence[tuple[Engine, Method]], EngineClient]]:
     """Yield the methods, and what answers their cases."""
-    selection = select(PROBES[:1], engines.split(","), allow_code=allow_code)
+    selection = select(PROBES[:1], engines, allow_code=allow_code)
     if not selection.methods:
-        raise InputError(f"{engines}: no method to compare")
+        raise InputError(f"{','.join(engines)}: no method to check")
     pool = EnginePool()
     try:
         yield selection.methods, EngineClient(Answers(None, None, timeout_s), pool)
