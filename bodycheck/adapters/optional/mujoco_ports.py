@@ -23,36 +23,14 @@ from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 
 
-class Port(Protocol):
-    """A model and a state on the port's side."""
-
-    def model(self) -> Any:
-        """Return an object with body_mass, body_inertia, body_iquat and opt, as the port holds them."""
-
-    def put(self, **state: Array) -> None:
-        """Set qpos (7,), qvel (6,), ctrl (nu,), qfrc_applied (6,) or xfrc_applied (2, 6)."""
-
-    def put_gear(self, gear: Array) -> None:
-        """Set actuator_gear (nu, 6)."""
-
-    def step(self, steps: int) -> None:
-        """Make the steps."""
-
-    def get(self) -> tuple[Array, Array]:
-        """Return copies of qpos (7,) and qvel (6,)."""
-
-
-def mj_model(scene: Scene, integrator: str, dt_s: float) -> mujoco.MjModel:
-    """Compile the scene's body without geometry."""
-    found = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
-    return compiled(scene, found, dt_s, loaded_points(scene), (), "aligned")
-
-
 class Worlds(Protocol):
     """m free bodies with models of one shape, stepped together by a port."""
 
     def model(self) -> Any:
-        """Return an object like that of `Port.model`, with a first axis of length m for the bodies."""
+        """Return an object with body_mass, body_inertia, body_iquat and opt, as the port holds them.
+
+        Each field has a first axis of length m, or none if it is that of all bodies.
+        """
 
     def put(self, **state: Array) -> None:
         """Set qpos (m, 7) and qvel (m, 6)."""
@@ -62,6 +40,22 @@ class Worlds(Protocol):
 
     def get(self) -> tuple[Array, Array]:
         """Return copies of qpos (m, 7) and qvel (m, 6)."""
+
+
+class Port(Worlds, Protocol):
+    """One body on the port's side, whose states have no first axis.
+
+    It also takes the state's ctrl (nu,), qfrc_applied (6,) and xfrc_applied (2, 6).
+    """
+
+    def put_gear(self, gear: Array) -> None:
+        """Set actuator_gear (nu, 6)."""
+
+
+def mj_model(scene: Scene, integrator: str, dt_s: float) -> mujoco.MjModel:
+    """Compile the scene's body without geometry."""
+    found = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
+    return compiled(scene, found, dt_s, loaded_points(scene), (), "aligned")
 
 
 OF_BODY = (
