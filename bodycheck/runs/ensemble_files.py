@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -34,26 +34,27 @@ SCHEMA_VERSION = 1
 _ROWS = 1 << 17  # per file
 
 
-@dataclass(frozen=True)
-class Part:
-    """The folder of some rows of a table: its name, then KEY=VALUE for each partition."""
-
-    folders: tuple[str, ...]
-
-    @classmethod
-    def of_method(cls, engine: str, method: str, setting: str) -> Part:
-        """Return the cases of a method at a step or tolerance; values are percent-encoded where needed."""
-        keys = {"engine": engine, "method": method, "setting": setting}
-        return cls(("cases", *(f"{key}={quote(value, safe='@.+-')}" for key, value in keys.items())))
+def cases_folder(key: Key) -> tuple[str, ...]:
+    """Return the folder of the cases of a method at a step or tolerance: KEY=VALUE, percent-encoded."""
+    engine, method, setting = key
+    values = {
+        "engine": engine.name,
+        "method": method.name,
+        "setting": "none" if setting.fineness is None else repr(setting.fineness),
+    }
+    return "cases", *(f"{name}={quote(value, safe='@.+-')}" for name, value in values.items())
 
 
 class Dataset:
-    """Collects columns of rows, and writes a file when there are enough."""
+    """Collects columns of rows, and writes a file when there are enough.
+
+    part: the folder of some rows of a table: its name, then KEY=VALUE for each partition.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._waiting: dict[Part, list[Mapping[str, Any]]] = {}
-        self._files: dict[Part, int] = {}
+        self._waiting: dict[tuple[str, ...], list[Mapping[str, Any]]] = {}
+        self._files: dict[tuple[str, ...], int] = {}
         self._connection: DuckDBPyConnection | None = None
 
     def __enter__(self) -> Dataset:
@@ -73,14 +74,14 @@ class Dataset:
         finally:
             self._connection.close()
 
-    def add(self, part: Part, columns: Mapping[str, Any]) -> None:
+    def add(self, part: tuple[str, ...], columns: Mapping[str, Any]) -> None:
         """Add rows given by their columns, (n,) each."""
         waiting = self._waiting.setdefault(part, [])
         waiting.append(columns)
         if sum(len(next(iter(one.values()))) for one in waiting) >= _ROWS:
             self._write(part)
 
-    def _write(self, part: Part) -> None:
+    def _write(self, part: tuple[str, ...]) -> None:
         import pandas as pd
 
         waiting = self._waiting.pop(part, [])
@@ -89,7 +90,7 @@ class Dataset:
         table = pd.DataFrame({name: _joined([one[name] for one in waiting]) for name in waiting[0]})
         if "schema_version" not in table:
             table.insert(0, "schema_version", SCHEMA_VERSION)
-        folder = self._folder.joinpath(*part.folders)
+        folder = self._folder.joinpath(*part)
         folder.mkdir(parents=True, exist_ok=True)
         number = self._files.get(part, 0)
         self._files[part] = number + 1
@@ -129,7 +130,7 @@ def write_summaries(result: EnsembleResult, folder: Path, out: Path) -> None:
         pd.DataFrame(tables[name]).to_csv(folder / f"{name}.csv", index=False)
     with Dataset(folder) as dataset:
         sketches = pd.DataFrame(tables["sketches"])
-        dataset.add(Part(("sketches",)), {name: sketches[name].to_numpy() for name in sketches.columns})
+        dataset.add(("sketches",), {name: sketches[name].to_numpy() for name in sketches.columns})
     write_sentinels(result.sentinels, folder)
     manifest = {
         "schema_version": SCHEMA_VERSION,

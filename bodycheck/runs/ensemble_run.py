@@ -24,7 +24,7 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.run_files.sentinels import Sentinel
 from bodycheck.reports.run_files.writer import atomic_folder, check_output
 from bodycheck.runs.ensemble_cases import BatchResult, BatchTruth, EnginePools, measured, replay_of, truth_of
-from bodycheck.runs.ensemble_files import Dataset, Part, write_summaries
+from bodycheck.runs.ensemble_files import Dataset, cases_folder, write_summaries
 from bodycheck.runs.ensemble_result import EnsembleRequest, EnsembleResult, Key
 from bodycheck.runs.run_options import ProgressFactory, RunOptions
 from bodycheck.runs.selection import refuse_unused_settings
@@ -180,11 +180,11 @@ def _add(result: EnsembleResult, found: _Rows, dataset: Dataset) -> None:
     rows = np.arange(found.first, found.first + len(bodies))
     for name, sketch in result.floors.items():
         sketch.add(getattr(truth, name))
-    dataset.add(Part(("bodies", f"seed={seed}")), _body_columns(rows, bodies, truth))
+    dataset.add(("bodies", f"seed={seed}"), _body_columns(rows, bodies, truth))
     for (key, statistics), one in zip(result.statistics, found.results, strict=True):
         statistics.add(found.first, one, truth, result.request.worst)
         columns = {"row": rows, **one.measures, "outcome": one.endings, "message": one.messages}
-        dataset.add(Part.of_method(*_names(key)), {**_setting_columns(key, len(rows)), **columns})
+        dataset.add(cases_folder(key), {**_setting_columns(key, len(rows)), **columns})
 
 
 def _body_columns(rows: NDArray[np.int64], bodies: Bodies, truth: BatchTruth) -> dict[str, Any]:
@@ -210,12 +210,6 @@ def _setting_columns(key: Key, rows: int) -> dict[str, Any]:
         name: np.full(rows, np.nan if value is None else value)
         for name, value in (("dt_s", setting.dt_s), ("tolerance", setting.tolerance))
     }
-
-
-def _names(key: Key) -> tuple[str, str, str]:
-    engine, method, setting = key
-    setting_text = "none" if setting.fineness is None else repr(setting.fineness)
-    return engine.name, method.name, setting_text
 
 
 # ------------------------------------------------------------------------------------------------ one row
