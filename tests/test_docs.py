@@ -21,7 +21,7 @@ import yaml
 
 import bodycheck
 from bodycheck._util.formatting import scientific
-from bodycheck.adapters.programs import named_programs
+from bodycheck.adapters.engine_names import named_programs
 from bodycheck.adapters.registry import get_adapter, optional_engines, registered, stated_by
 from bodycheck.cli.commands import app
 from bodycheck.reports.gates.gate import read_gates, read_thresholds

@@ -145,8 +145,8 @@ def make(
 
     The exit status is 1 if an environment cannot be created.
     """
+    from bodycheck.adapters.engine_names import engine_fault
     from bodycheck.adapters.registry import optional_engines
-    from bodycheck.adapters.versions.pins import engine_fault
     from bodycheck.adapters.workers.engine_pool import announced
 
     if every == bool(names):

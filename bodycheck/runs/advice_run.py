@@ -18,7 +18,7 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.files import write_file
 from bodycheck._util.formatting import number, suggestion, vector
 from bodycheck.adapters.contract import Method
-from bodycheck.adapters.programs import with_method
+from bodycheck.adapters.engine_names import with_method
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.case import CaseResult, measured_by, scenario_spec
 from bodycheck.reports.measurement.measures import Motion

@@ -14,6 +14,7 @@ import numpy as np
 from bodycheck._util.errors import InputError, UnavailableError, WorkerLostError
 from bodycheck._util.formatting import suggestion
 from bodycheck._util.shard import Shard
+from bodycheck.adapters.engine_names import engine_fault, pin_of
 from bodycheck.adapters.importers import (
     ImportedLink,
     ImportRequest,
@@ -21,7 +22,6 @@ from bodycheck.adapters.importers import (
     imported_link,
     importer,
 )
-from bodycheck.adapters.versions.pins import engine_fault, pin_of
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reports.audit.audit import (

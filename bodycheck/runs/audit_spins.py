@@ -11,9 +11,9 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck.adapters.contract import Setting
+from bodycheck.adapters.engine_names import pin_of
 from bodycheck.adapters.execution import Case
 from bodycheck.adapters.importers import ImportRequest, SpinRequest
-from bodycheck.adapters.versions.pins import pin_of
 from bodycheck.adapters.workers import protocol, received_messages
 from bodycheck.adapters.workers.case_messages import case_message
 from bodycheck.adapters.workers.engine_pool import EnginePool

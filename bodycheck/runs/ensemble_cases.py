@@ -13,8 +13,8 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import number
 from bodycheck.adapters.batches import Batch, BatchAnswer, record_batch, scene_of, stacked
 from bodycheck.adapters.contract import Engine, Method, Setting
+from bodycheck.adapters.engine_names import is_program
 from bodycheck.adapters.execution import Answer, Case
-from bodycheck.adapters.programs import is_program
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.stable_step import MAX_ENERGY
 from bodycheck.adapters.workers import protocol, received_messages

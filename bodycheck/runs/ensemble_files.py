@@ -15,7 +15,7 @@ from urllib.parse import quote
 import numpy as np
 
 from bodycheck._util.untrusted import shell_join
-from bodycheck.adapters.programs import with_method
+from bodycheck.adapters.engine_names import with_method
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.render.figures import figure_bytes, rendering
 from bodycheck.reports.run_files.sentinels import write_sentinels

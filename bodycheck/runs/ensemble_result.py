@@ -13,7 +13,7 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import setting as setting_words
 from bodycheck._util.shard import Shard
 from bodycheck.adapters.contract import Engine, Method, Setting
-from bodycheck.adapters.programs import with_method
+from bodycheck.adapters.engine_names import with_method
 from bodycheck.reports.run_files.sentinels import Sentinel
 from bodycheck.reports.summary.quantiles import Quantile, QuantileSketch
 from bodycheck.runs.ensemble_cases import ROTATION_MEASURES, BatchResult, BatchTruth, settings_of

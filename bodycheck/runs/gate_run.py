@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from bodycheck.adapters.programs import is_program
+from bodycheck.adapters.engine_names import is_program
 from bodycheck.adapters.registry import default_engines, engine_names, optional_engines
 from bodycheck.reports.gates.gate import Gate
 from bodycheck.reports.run_files.run_tables import Run

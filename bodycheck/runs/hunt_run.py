@@ -17,7 +17,7 @@ from bodycheck._util.errors import InputError, StoppedError, UnavailableError
 from bodycheck._util.formatting import count
 from bodycheck._util.untrusted import shell_join
 from bodycheck.adapters.batches import BatchAnswer
-from bodycheck.adapters.programs import with_method
+from bodycheck.adapters.engine_names import with_method
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.random_bodies import COORDINATES, Bodies, bodies_at
 from bodycheck.reports.run_files.writer import atomic_folder

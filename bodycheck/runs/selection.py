@@ -13,10 +13,9 @@ from bodycheck._util.errors import InputError, InsideWorkerError
 from bodycheck._util.formatting import suggestion
 from bodycheck._util.shard import Shard
 from bodycheck.adapters.contract import Engine, Method, Setting
-from bodycheck.adapters.programs import is_program, split_method
+from bodycheck.adapters.engine_names import engine_fault, is_program, split_method
 from bodycheck.adapters.registry import default_engines, register_adapter, registered_adapter
 from bodycheck.adapters.step_function import StepModule
-from bodycheck.adapters.versions.pins import engine_fault
 from bodycheck.adapters.workers.engine_pool import Announcement, announcing
 from bodycheck.adapters.workers.launcher import RUN_PID
 from bodycheck.reference_impl.wrench import steps_per_sample

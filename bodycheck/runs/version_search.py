@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import names, number, suggestion
 from bodycheck.adapters.contract import Engine, Method
+from bodycheck.adapters.engine_names import Pin
 from bodycheck.adapters.importers import importer
-from bodycheck.adapters.versions.pins import Pin
 from bodycheck.adapters.versions.uv import releases
 from bodycheck.adapters.workers.engine_pool import EnginePool, announced
 from bodycheck.reports.comparison.compare import renamed

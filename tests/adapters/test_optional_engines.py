@@ -16,12 +16,12 @@ import pytest
 from bodycheck._util.errors import InputError
 from bodycheck.adapters import registry
 from bodycheck.adapters.contract import Engine, Reading, Setting, Stepping
+from bodycheck.adapters.engine_names import Pin
 from bodycheck.adapters.execution import Answer, Case, record
 from bodycheck.adapters.optional.between_steps import BetweenSteps
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.registry import default_engines, engine_names, optional_engines, stated_by
 from bodycheck.adapters.versions import environments
-from bodycheck.adapters.versions.pins import Pin
 from bodycheck.adapters.workers import received_messages
 from bodycheck.adapters.workers.case_messages import case_message
 from bodycheck.adapters.workers.engine_pool import announced

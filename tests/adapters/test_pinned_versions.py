@@ -15,10 +15,10 @@ from types import SimpleNamespace
 import pytest
 
 from bodycheck._util.errors import UnavailableError
+from bodycheck.adapters.engine_names import Pin, engine_fault, pin_of
 from bodycheck.adapters.mujoco.mj_model import methods_of
 from bodycheck.adapters.registry import stated_by
 from bodycheck.adapters.versions import environments, uv
-from bodycheck.adapters.versions.pins import Pin, engine_fault, pin_of
 from bodycheck.adapters.versions.uv import UvError, pip_settings
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.in_process_cli import run_bodycheck

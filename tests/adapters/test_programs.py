@@ -14,9 +14,8 @@ import pytest
 
 import bodycheck
 from bodycheck._util.errors import InputError
-from bodycheck.adapters.programs import program_of, split_method, with_method
+from bodycheck.adapters.engine_names import pin_of, program_of, split_method, with_method
 from bodycheck.adapters.registry import registered
-from bodycheck.adapters.versions.pins import pin_of
 from bodycheck.runs.selection import select
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.scenario_texts import tumbling

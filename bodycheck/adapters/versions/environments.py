@@ -24,9 +24,8 @@ from urllib.parse import unquote, urlsplit
 from bodycheck._util.cache_dir import cache_dir
 from bodycheck._util.errors import UnavailableError
 from bodycheck._util.file_digests import files_below
-from bodycheck.adapters.programs import Program
+from bodycheck.adapters.engine_names import Pin, Program, pin_of
 from bodycheck.adapters.registry import distribution_of, plug_in_of, stated_by
-from bodycheck.adapters.versions.pins import Pin, pin_of
 from bodycheck.adapters.versions.uv import UvError, in_one_line, index_settings, uv
 
 _NEEDED = ("numpy", "numba", "pydantic")

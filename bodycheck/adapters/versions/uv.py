@@ -13,8 +13,8 @@ from importlib import import_module
 from pathlib import Path
 
 from bodycheck._util.errors import InputError, UnavailableError
+from bodycheck.adapters.engine_names import engine_fault, is_version
 from bodycheck.adapters.registry import distribution_of
-from bodycheck.adapters.versions.pins import engine_fault, is_version
 
 _REFUSED = 1  # uv's status if there is no such package or version, as opposed to wrong usage or no network
 _LONGEST = 400

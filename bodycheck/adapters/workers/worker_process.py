@@ -15,7 +15,7 @@ from typing import Any
 
 from bodycheck._util.errors import UnavailableError, WorkerLostError
 from bodycheck.adapters.contract import Engine
-from bodycheck.adapters.programs import Program
+from bodycheck.adapters.engine_names import Program
 from bodycheck.adapters.workers import launcher, protocol, received_messages, worker_bootstrap
 from bodycheck.adapters.workers.launcher import RUN_PID
 from bodycheck.adapters.workers.protocol import Message

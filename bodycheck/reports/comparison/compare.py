@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from bodycheck.adapters.versions.pins import pin_of
+from bodycheck.adapters.engine_names import pin_of
 from bodycheck.reports.comparison.change import (
     FAILING,
     Change,

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from bodycheck._util.formatting import count, names, number, setting
+from bodycheck.adapters.engine_names import is_version, pin_of
 from bodycheck.adapters.registry import distribution_of
-from bodycheck.adapters.versions.pins import is_version, pin_of
 from bodycheck.reports.comparison.change import FAILING, Change, Kind, Status
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.comparison.environment_diff import BUILD_OF

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from bodycheck._util.formatting import count, number, setting
-from bodycheck.adapters.versions.pins import pin_of
+from bodycheck.adapters.engine_names import pin_of
 from bodycheck.reports.comparison.change import FAILING, Change, Status
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.gates.thresholds import Thresholds

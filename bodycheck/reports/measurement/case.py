@@ -11,8 +11,8 @@ import numpy as np
 
 from bodycheck._util.untrusted import shell_join, shell_split
 from bodycheck.adapters.contract import Build, Engine, Method, ReadBack, Setting, read_back_mismatch
+from bodycheck.adapters.engine_names import with_method
 from bodycheck.adapters.execution import Answer, Case
-from bodycheck.adapters.programs import with_method
 from bodycheck.adapters.stable_step import energy_blowup, invalid_state, kinetic_limit
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene

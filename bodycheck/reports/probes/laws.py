@@ -21,8 +21,8 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from bodycheck.adapters.contract import Engine, Method
+from bodycheck.adapters.engine_names import with_method
 from bodycheck.adapters.execution import Case
-from bodycheck.adapters.programs import with_method
 from bodycheck.adapters.stable_step import invalid_state
 from bodycheck.reference_impl.arrays import Array, largest_norm
 from bodycheck.reference_impl.rotations import (
