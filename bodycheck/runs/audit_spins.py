@@ -104,15 +104,25 @@ def _error_of_excerpt(
         if model.format == "urdf":
             bare = text_without_meshes(read_urdf(parse_text(text.encode(), str(path)), path))
         request = ImportRequest(str(path), model.format, column.flags, bare)
-        spin = SpinRequest(OMEGA_RAD_S, DT_S, STEPS_PER_SAMPLE, SAMPLES)
-        message = {"do": "import", "import": asdict(request), "spin": asdict(spin)}
-        answer = pool.ask(column.engine, message, timeout_s)
+        rotations, why = spun(pool, column.engine, request, timeout_s)
+    if rotations is None:
+        return None, f"the excerpt: {why}"
+    return orientation_error(rotations, truth), ""
+
+
+def spun(pool: EnginePool, engine: str, request: ImportRequest, timeout_s: float) -> tuple[Array | None, str]:
+    """Return R (n, 3, 3) of the free spin of a file as imported, or why there is none."""
+    spin = SpinRequest(OMEGA_RAD_S, DT_S, STEPS_PER_SAMPLE, SAMPLES)
+    answer = pool.ask(engine, {"do": "import", "import": asdict(request), "spin": asdict(spin)}, timeout_s)
     if answer.get("outcome") != "ok":
-        return None, f"the excerpt: {answer.get('message', '')}"
+        return None, str(answer.get("message", ""))
     try:
-        return orientation_error(np.array(answer["rotation"], dtype=np.float64), truth), ""
+        rotations = np.array(answer["rotation"], dtype=np.float64)
     except (KeyError, TypeError, ValueError) as error:
-        return None, f"the excerpt: {error}"
+        return None, str(error)
+    if rotations.shape != (SAMPLES, 3, 3):
+        return None, f"rotations {rotations.shape}, not {(SAMPLES, 3, 3)}"
+    return rotations, ""
 
 
 def orientation_error(rotations: Array, truth: Array) -> float:

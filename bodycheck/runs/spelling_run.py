@@ -5,27 +5,19 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from bodycheck._util.formatting import count, scientific
-from bodycheck.adapters.importers import ImportRequest, SpinRequest, importer
+from bodycheck.adapters.importers import ImportRequest, importer
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.audit.audit import Audit, Body
 from bodycheck.reports.document import Column, Document, Sentence, Span, Table
 from bodycheck.runs.audit_run import AuditOptions, base_engine, checked_engines, imported_audit
-from bodycheck.runs.audit_spins import (
-    DT_S,
-    OMEGA_RAD_S,
-    SAMPLES,
-    STEPS_PER_SAMPLE,
-    error_of_numbers,
-    orientation_error,
-    truth_of,
-)
+from bodycheck.runs.audit_spins import error_of_numbers, orientation_error, spun, truth_of
 from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.model_files.rewriting import text_without_meshes
 from bodycheck.scenarios.model_files.spellings import Spelling, body, spellings
@@ -49,16 +41,16 @@ def run_spellings(engines: Sequence[str] | None, timeout_s: float) -> list[Spell
             control = error_of_numbers(pool, engine, Body.of(body()), truth, timeout_s)
             for kind, flags in ((kind, flags) for kind, known in reads.FLAGS.items() for flags in known):
                 family = [one for one in spellings() if one.format == kind]
-                spun = [_spun(pool, engine, flags, one, Path(folder), timeout_s) for one in family]
-                found += _results(f"{engine}:{flags}", family, spun, truth, control)
+                spins = [_spun(pool, engine, flags, one, Path(folder), timeout_s) for one in family]
+                found += _results(f"{engine}:{flags}", family, spins, truth, control)
     return found
 
 
 def _results(
-    name: str, family: Sequence[Spelling], spun: Sequence[_Spun], truth: Array, control: float | None
+    name: str, family: Sequence[Spelling], spins: Sequence[_Spun], truth: Array, control: float | None
 ) -> Iterator[SpellingResult]:
-    first = next((one.rotations for one in spun if one.rotations is not None), None)
-    for spelling, one in zip(family, spun, strict=True):
+    first = next((one.rotations for one in spins if one.rotations is not None), None)
+    for spelling, one in zip(family, spins, strict=True):
         error = deviation = None
         if one.rotations is not None and first is not None:
             error, deviation = (
@@ -77,17 +69,12 @@ def _spun(
     path.write_text(spelling.text, encoding="utf-8")
     model = read_model(path)
     request = ImportRequest(str(path), model.format, flags, text_without_meshes(model))
-    spin = SpinRequest(OMEGA_RAD_S, DT_S, STEPS_PER_SAMPLE, SAMPLES)
-    message = {"do": "import", "import": asdict(request), "spin": asdict(spin)}
-    answer = pool.ask(engine, message, timeout_s)
+    rotations, why = spun(pool, engine, request, timeout_s)
     audited = imported_audit(pool, model, [engine], AuditOptions(spins=False, timeout_s=timeout_s))
     causes = _causes(audited, f"{engine}:{flags}")
-    if answer.get("outcome") != "ok":
-        return _Spun(None, str(answer.get("message", "")), causes)
-    rotations = np.array(answer["rotation"], dtype=np.float64)
-    if rotations.shape != (SAMPLES, 3, 3) or not np.isfinite(rotations).all():
+    if rotations is not None and not np.isfinite(rotations).all():
         return _Spun(None, "the motion is not finite", causes)
-    return _Spun(rotations, "", causes)
+    return _Spun(rotations, why, causes)
 
 
 def _causes(audited: Audit, name: str) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ import pytest
 from bodycheck._util.errors import InputError
 from bodycheck._util.shard import Shard
 from bodycheck.adapters.importers import ImportedLink
+from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reports.audit.audit import (
     Audit,
     Body,
@@ -32,13 +33,14 @@ from bodycheck.reports.audit.audit_page import audit_page
 from bodycheck.reports.audit.causes import DISCARDED, body_causes, joint_causes, with_issue
 from bodycheck.reports.audit.lint import lint
 from bodycheck.reports.document import Sentence, json_text
-from bodycheck.runs import version_search
+from bodycheck.runs import spelling_run, version_search
 from bodycheck.runs.audit_merge import merge_audits, write_shard
 from bodycheck.runs.audit_run import AuditOptions, audit
 from bodycheck.runs.spelling_run import APART_RAD, run_spellings
 from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.model_files.exact import Frame, doubles
 from bodycheck.scenarios.model_files.model_file import Joint, ModelFile
+from bodycheck.scenarios.model_files.spellings import spellings
 from tests.helpers.in_process_cli import run_bodycheck
 from tests.helpers.model_texts import sdf_of
 
@@ -619,6 +621,15 @@ def test_wrong_options_of_an_audit_are_one_line(words: tuple[str, ...], option: 
     assert option in ended.stderr
     assert not ended.stdout
     assert [path.name for path in tmp_path.iterdir()] == ["robot.urdf"]
+
+
+def test_spelling_with_a_wrong_answer_is_not_spun(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An answer without a motion is the reason of one row, not the end of the command."""
+    monkeypatch.setattr(spelling_run, "spellings", lambda: spellings()[:1])
+    monkeypatch.setattr(EnginePool, "ask", lambda *_: {"outcome": "ok"})
+    found = [one for one in run_spellings(["mujoco"], 60.0) if one.format == spellings()[0].format]
+    assert [(one.error_rad, one.message) for one in found] == [(None, "'rotation'")] * len(found)
+    assert found
 
 
 @pytest.mark.slow
