@@ -24,7 +24,7 @@ def printable(text: str, longest: int = LONGEST_LINE) -> str:
     """Return text as one line: escape control characters, and leave out the middle of long text."""
     if len(text) > 2 * longest:  # escaping can only lengthen it
         text = text[:longest] + text[-longest:]
-    line = _escaped(text)
+    line = _escaped(text, "")
     tail = min(_TAIL, longest // 2)
     return line if len(line) <= longest else line[: longest - tail - len(_CUT)] + _CUT + line[-tail:]
 
@@ -34,26 +34,25 @@ def printable_lines(text: str) -> str:
     return "\n".join(printable(line) for line in text.split("\n"))
 
 
-def _escaped(text: str) -> str:
+def _escaped(text: str, kept: str) -> str:
+    """Return text with its control characters escaped, except those that are kept."""
     if text.isprintable():
         return text
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+    return "".join(
+        c if c.isprintable() or c in kept else c.encode("unicode_escape").decode("ascii") for c in text
+    )
 
 
 def escaped(value: Any) -> Any:
-    """Return plain data with the control characters of its strings escaped, so that it can be printed."""
+    """Return plain data with the control characters of its strings escaped, except line breaks."""
     match value:
         case str():
-            return value if value.isprintable() else "".join(_escaped_character(c) for c in value)
+            return _escaped(value, "\n")
         case list():
             return [escaped(part) for part in value]
         case dict():
             return {escaped(name): escaped(part) for name, part in value.items()}
     return value
-
-
-def _escaped_character(c: str) -> str:
-    return c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode("ascii")
 
 
 @contextmanager
