@@ -8,10 +8,10 @@ import platform
 from collections.abc import Iterable
 from fnmatch import fnmatchcase
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 
+from bodycheck._util.distributions import installed
 from bodycheck._util.file_digests import content_digest, files_below
 
 _FOLDERS = {
@@ -95,10 +95,8 @@ def _build(name: str, folders: Iterable[str]) -> str | None:
         for place, file in files_below(str(Path(site, folder))).items()
         if _is_code(place)
     }
-    try:
-        number = version(name)
-    except PackageNotFoundError:
-        number = "of no distribution"
+    found = installed(name)
+    number = "of no distribution" if found is None else found.version
     return f"{number} {content_digest(f'{name} {site}', files)[:16]}"
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bodycheck._util.distributions import installed
 from bodycheck._util.errors import InputError, UnavailableError, WorkerLostError
 from bodycheck._util.formatting import suggestion
 from bodycheck._util.shard import Shard
@@ -22,6 +23,7 @@ from bodycheck.adapters.importers import (
     imported_link,
     importer,
 )
+from bodycheck.adapters.registry import distribution_of
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reports.audit.audit import (
@@ -125,25 +127,13 @@ def checked_engines(requested: Sequence[str] | None) -> list[str]:
     """
     known = engines_with_importers()
     if requested is None:
-        return [name for name in known if _installed(name)]
+        return [name for name in known if installed(distribution_of(name) or name) is not None]
     for name in requested:
         if (fault := engine_fault(name)) is not None:
             raise InputError(f"--engine {fault}")
         if base_engine(name) not in known:
             raise InputError(f"--engine {name}: has no importer of model files{suggestion(name, known)}")
     return list(dict.fromkeys(requested))
-
-
-def _installed(name: str) -> bool:
-    from importlib.metadata import PackageNotFoundError, version
-
-    from bodycheck.adapters.registry import distribution_of
-
-    try:
-        version(distribution_of(name) or name)
-    except PackageNotFoundError:
-        return False
-    return True
 
 
 def base_engine(engine: str) -> str:

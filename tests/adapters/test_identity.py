@@ -234,7 +234,7 @@ def test_editable_engine_is_a_development_build(
     """An editable install may change at any time; an unreadable record counts as an editable install."""
     installed = SimpleNamespace(read_text=lambda _: record, locate_file=distribution("numpy").locate_file)
     monkeypatch.setattr(build_identity, "distribution_of", lambda _: "numpy")
-    monkeypatch.setattr(build_identity, "_distribution", lambda _: installed)
+    monkeypatch.setattr(build_identity, "installed", lambda _: installed)
     assert build_identity._kind(Reference()) == kind
 
 

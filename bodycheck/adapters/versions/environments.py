@@ -16,12 +16,13 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
-from importlib.metadata import PackageNotFoundError, distribution, version
+from importlib.metadata import distribution, version
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from bodycheck._util.cache_dir import cache_dir
+from bodycheck._util.distributions import installed
 from bodycheck._util.errors import UnavailableError
 from bodycheck._util.file_digests import files_below
 from bodycheck.adapters.engine_names import Pin, Program, pin_of
@@ -99,11 +100,7 @@ def _package_of(requirement: str) -> str:
 
 def _is_installed_here(requirement: str) -> bool:
     """Whether the package is installed, in any version: pip has checked versions where it is by an extra."""
-    try:
-        distribution(_package_of(requirement))
-    except PackageNotFoundError:
-        return False
-    return True
+    return installed(_package_of(requirement)) is not None
 
 
 def _made(pin: Pin) -> Path:

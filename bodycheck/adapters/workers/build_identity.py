@@ -22,11 +22,11 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from functools import cache
-from importlib.metadata import Distribution, PackageNotFoundError, distribution
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from bodycheck._util.distributions import installed
 from bodycheck._util.file_digests import Entry, content_digest, files_at, files_below
 from bodycheck._util.platform_identity import VARIABLES, environment, library_roots, numeric_parts
 from bodycheck.adapters.contract import Adapter, Build, BuildKind
@@ -116,7 +116,7 @@ def _kind(adapter: Adapter) -> BuildKind:
 
 def _is_installed(name: str) -> bool:
     """Return whether a package is imported from its installed distribution, not from a source folder."""
-    found, spec = _distribution(name), find_spec(name)
+    found, spec = installed(name), find_spec(name)
     if found is None or spec is None or spec.origin is None:
         return False
     origin = found.read_text("direct_url.json")
@@ -134,16 +134,9 @@ def _is_editable(direct_url: str) -> bool:
         return True
 
 
-def _distribution(name: str) -> Distribution | None:
-    try:
-        return distribution(name)
-    except PackageNotFoundError:
-        return None
-
-
 def _version(engine: str) -> str | None:
     name = distribution_of(engine)
-    found = None if name is None else _distribution(name)
+    found = None if name is None else installed(name)
     return None if found is None else f"{name} {found.version}"
 
 
@@ -157,7 +150,7 @@ def _roots(adapter: Adapter) -> Iterator[tuple[str, str]]:
         top = name.replace("-", "_")
         if top != module and (folder := _package_folder(top)):
             yield "engine", folder
-        site = _distribution(name)
+        site = installed(name)
         libraries = None if site is None else Path(str(site.locate_file(f"{top}.libs")))
         if libraries is not None and libraries.is_dir():
             yield "engine libraries", str(libraries)
