@@ -6,7 +6,7 @@ import os
 import platform
 from importlib.metadata import PackageNotFoundError, version
 
-from bodycheck.runs.manifest import cpu_model
+from bodycheck._util.platform_identity import cpu_model
 
 _LIBRARIES = ("bodycheck", "numpy", "numba", "llvmlite", "scipy", "mujoco", "heyoka", "trimesh")
 

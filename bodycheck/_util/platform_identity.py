@@ -103,15 +103,26 @@ def _build(name: str, folders: Iterable[str]) -> str | None:
 @cache
 def processor() -> str:
     """Return the processor's name and a hash of its features, by which numpy, numba and libm dispatch."""
+    facts = _cpu_facts()
+    if not facts:
+        return f"{platform.processor()} {platform.machine()}".strip()
+    features = " ".join(sorted((facts.get("flags") or facts.get("Features") or "").split()))
+    return f"{cpu_model()} {hashlib.sha256(features.encode()).hexdigest()[:8]}"
+
+
+def cpu_model() -> str:
+    """Return the name of the processor, or of its architecture where Linux states no name."""
+    return _cpu_facts().get("model name") or platform.machine()
+
+
+def _cpu_facts() -> dict[str, str]:
+    """Return what /proc/cpuinfo states of the first processor, by name; nothing where it does not exist."""
     try:
         block = _CPUINFO.read_bytes().decode().partition("\n\n")[0]
     except OSError:
-        return f"{platform.processor()} {platform.machine()}".strip()
+        return {}
     lines = (line.partition(":") for line in block.splitlines())
-    facts = {name.strip(): value.strip() for name, _, value in lines}
-    features = " ".join(sorted((facts.get("flags") or facts.get("Features") or "").split()))
-    name = facts.get("model name") or platform.machine()
-    return f"{name} {hashlib.sha256(features.encode()).hexdigest()[:8]}"
+    return {name.strip(): value.strip() for name, _, value in lines}
 
 
 def environment(patterns: Iterable[str] = VARIABLES) -> str:

@@ -16,13 +16,13 @@ from bodycheck._util.compiled_cache import cache_directory
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.file_digests import files_below
 from bodycheck._util.files import check_folder
+from bodycheck._util.platform_identity import cpu_model
 from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.registry import default_engines, distribution_of
 from bodycheck.adapters.versions.uv import uv_program
 from bodycheck.adapters.workers.engine_pool import announced
 from bodycheck.reference_impl.precompile import closed_forms_compiled
 from bodycheck.reports.document import Column, Document, Span, Table
-from bodycheck.runs.manifest import cpu_model
 
 _LIBRARIES = ("numpy", "numba", "scipy", "pandas", "pydantic", "duckdb", "typer", "rich")
 

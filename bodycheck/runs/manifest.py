@@ -14,6 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from bodycheck._util.platform_identity import cpu_model
 from bodycheck.adapters.contract import Engine
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.runs.run_options import RunOptions
@@ -126,13 +127,3 @@ def _git(folder: Path, *arguments: str) -> str:
         ["git", "-C", str(folder), *arguments], capture_output=True, text=True, timeout=_GIT_S, check=True
     )
     return done.stdout.strip()
-
-
-def cpu_model() -> str:
-    """Return the processor's name from /proc/cpuinfo, or from Python where that does not exist."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor()

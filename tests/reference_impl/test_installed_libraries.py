@@ -163,3 +163,4 @@ def test_processor_that_is_not_listed_has_the_name_of_the_platform(
     assert platform_identity.processor.__wrapped__() == "arm64"
     (tmp_path / "cpuinfo").write_text("processor : 0\nFeatures : fp\n")
     assert re.fullmatch("arm64 [0-9a-f]{8}", platform_identity.processor.__wrapped__())
+    assert platform_identity.cpu_model() == "arm64"
