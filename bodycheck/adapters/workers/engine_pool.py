@@ -155,7 +155,7 @@ class EnginePool:
             adapter = registered_adapter(engine)
             if adapter is None:
                 raise
-            self._dismiss(engine)
+            self.restart(engine)
             return self._registered(engine, InProcess(adapter)).engine
 
     def ask(self, engine: str, request: Message, timeout_s: float) -> Message:
@@ -166,9 +166,6 @@ class EnginePool:
         """
         if self._remote is not None and not is_only_here(engine):
             return self._remote.ask(engine, request, timeout_s)
-        return self._request_with_retry(engine, request, timeout_s)
-
-    def _request_with_retry(self, engine: str, request: Message, timeout_s: float) -> Message:
         used = engine in self._open
         answer, killed = self._request(engine, request, timeout_s)
         if answer.get("outcome") != "failed" or not (used or killed) or request["do"] == "lap":
@@ -179,7 +176,7 @@ class EnginePool:
         return again
 
     def _request(self, engine: str, request: Message, timeout_s: float) -> tuple[Message, bool]:
-        """Return the answer and whether the worker was killed; dismiss a worker that failed."""
+        """Return the answer and whether the worker was killed; end a worker that failed."""
         try:
             self.announced(engine)
             host = self.start(engine)
@@ -192,7 +189,7 @@ class EnginePool:
             timed_out = isinstance(lost, WorkerLostError) and lost.timed_out
             answer = {"outcome": "timeout" if timed_out else "failed", "message": str(lost)}
         if must_restart:
-            self._dismiss(engine)
+            self.restart(engine)
         return answer, killed
 
     def _registered(self, engine: str, host: Host) -> Host:
@@ -206,15 +203,12 @@ class EnginePool:
         host.close()
         raise WorkerLostError("the run was stopped")
 
-    def _dismiss(self, engine: str) -> None:
+    def restart(self, engine: str) -> None:
+        """End the engine's worker, so that its next case runs in a new process."""
         with self._lock:
             host = self._open.pop(engine, None)
         if host is not None:
             host.close()
-
-    def restart(self, engine: str) -> None:
-        """End the engine's worker, so that its next case runs in a new process."""
-        self._dismiss(engine)
 
     def stop(self) -> None:
         """Kill the workers, from any thread; pending requests raise WorkerLostError."""
