@@ -19,8 +19,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bodycheck._util.errors import InputError
-from bodycheck.adapters.batches import Batch, BatchAnswer, record_batch, stacked
-from bodycheck.adapters.contract import Adapter, Engine, Setting
+from bodycheck.adapters.batches import Batch, BatchAnswer, one_by_one, record_batch, stacked
+from bodycheck.adapters.contract import Engine, Setting
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.mujoco import MuJoCo
 from bodycheck.adapters.mujoco import rollouts as mujoco_rollouts
@@ -54,12 +54,6 @@ def ensemble(seed: int = 1) -> Ensemble:
 def batch(method: str, m: int = 12) -> Batch:
     """Return free bodies with a step."""
     return Batch(ensemble().template, ensemble().bodies(0, m), method, Setting(dt_s=0.05))
-
-
-def one_by_one(adapter: Adapter, requested: Batch) -> BatchAnswer:
-    """Record the bodies of a batch as single cases."""
-    cases = ((scene, Case(scene, requested.method, requested.setting)) for scene in requested.scenes())
-    return stacked(requested, [(scene, record(adapter, case)) for scene, case in cases], "float64")
 
 
 # ------------------------------------------------------------------------------------- the distribution

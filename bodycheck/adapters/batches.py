@@ -115,8 +115,11 @@ def record_batch(adapter: Adapter, batch: Batch) -> BatchAnswer:
     """
     together = getattr(adapter, "record_batch", None)
     found: BatchAnswer | None = None if together is None else together(batch)
-    if found is not None:
-        return found
+    return one_by_one(adapter, batch) if found is None else found
+
+
+def one_by_one(adapter: Adapter, batch: Batch) -> BatchAnswer:
+    """Record the motions of a batch one after the other."""
     rows = []
     for scene in batch.scenes():
         case = Case(scene, batch.method, batch.setting)

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from bodycheck.adapters.batches import Batch, BatchAnswer, record_batch
+from bodycheck.adapters.batches import Batch, BatchAnswer, one_by_one
 from bodycheck.adapters.contract import read_back_mismatch
 from bodycheck.reference_impl.arrays import Array
 
@@ -48,7 +48,7 @@ def _recorded(engine: MuJoCo, batch: Batch) -> BatchAnswer:
     for (row, simulation), motion in zip(built.items(), states, strict=True):
         if abs(motion[-1, _TIME] - batch.template.duration_s) > 0.5 * dt_s:
             # it stopped at a warning, about which the simulation of the body alone says more
-            alone = record_batch(_OneByOne(engine), batch[row : row + 1])
+            alone = one_by_one(engine, batch[row : row + 1])
             answer.quaternion[row], answer.omega_body[row] = alone.quaternion[0], alone.omega_body[0]
             endings[row], messages[row] = alone.endings[0], alone.messages[0]
             continue
@@ -56,14 +56,6 @@ def _recorded(engine: MuJoCo, batch: Batch) -> BatchAnswer:
             reading = simulation.read_at(state)
             answer.quaternion[row, k], answer.omega_body[row, k] = reading.quaternion, reading.omega_body
     return BatchAnswer(answer.quaternion, answer.omega_body, tuple(endings), tuple(messages))
-
-
-class _OneByOne:
-    """MuJoCo without batches."""
-
-    def __init__(self, engine: MuJoCo) -> None:
-        self.name, self.version, self.methods = engine.name, engine.version, engine.methods
-        self.unsupported, self.build = engine.unsupported, engine.build
 
 
 def rollout_states(simulations: list[MuJoCoSimulation], intervals: int, stride: int) -> Array:
