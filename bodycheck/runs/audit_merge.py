@@ -18,15 +18,13 @@ from bodycheck.reports.run_files.sentinels import differing_facts, machine_facts
 from bodycheck.reports.run_files.writer import atomic_folder
 from bodycheck.runs.audit_run import spins_in
 from bodycheck.runs.manifest import machine, software
-from bodycheck.runs.merge import all_shards
+from bodycheck.runs.merge import StoredShard, all_shards
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
-    """A shard as stored."""
+class _Part(StoredShard):
+    """A shard as stored, with what merging needs of it."""
 
-    folder: Path
-    shard: Shard
     audit: Audit
     facts: dict[str, str]
 

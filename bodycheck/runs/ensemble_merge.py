@@ -28,7 +28,7 @@ from bodycheck.reports.run_files.writer import atomic_folder
 from bodycheck.reports.summary.quantiles import QuantileSketch
 from bodycheck.runs.ensemble_files import TRUTH, write_summaries
 from bodycheck.runs.ensemble_result import EnsembleRequest, EnsembleResult, Key, MethodStatistics, WorstBody
-from bodycheck.runs.merge import all_shards
+from bodycheck.runs.merge import StoredShard, all_shards
 
 _OF_THE_MACHINE = ("shard", "jobs", "timeout_s", "allow_code")
 _PART = re.compile(r"part-([0-9]+)\.parquet")
@@ -86,11 +86,9 @@ class _Manifest(BaseModel):
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
-    """A shard as stored."""
+class _Part(StoredShard):
+    """A shard as stored, with what merging needs of it."""
 
-    folder: Path
-    shard: Shard
     manifest: _Manifest
     sentinels: tuple[Sentinel, ...]
 

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
@@ -62,27 +62,21 @@ class _ShardFacts(BaseModel):
     off_centre_only: list[tuple[str, str]]
 
 
-class InFolder(Protocol):
-    """A shard of a run, an ensemble or an audit, in a folder."""
-
-    @property
-    def folder(self) -> Path:
-        """Where it is stored."""
-
-    @property
-    def shard(self) -> Shard:
-        """Which one it is."""
-
-
-_StoredShard = TypeVar("_StoredShard", bound=InFolder)
-
-
 @dataclass(frozen=True, eq=False)
-class _Manifest:
-    """A shard whose manifest has been read."""
+class StoredShard:
+    """A shard of a run, an ensemble or an audit: where it is stored, and which one it is."""
 
     folder: Path
     shard: Shard
+
+
+_Stored = TypeVar("_Stored", bound=StoredShard)
+
+
+@dataclass(frozen=True, eq=False)
+class _Manifest(StoredShard):
+    """A shard whose manifest has been read."""
+
     content: dict[str, Any]
 
 
@@ -176,8 +170,8 @@ def _parts(folders: Sequence[Path], *, allow_code: bool) -> list[_Part]:
 
 
 def all_shards(
-    shards: Sequence[_StoredShard], request_faults: Callable[[_StoredShard, _StoredShard], Iterable[str]]
-) -> list[_StoredShard]:
+    shards: Sequence[_Stored], request_faults: Callable[[_Stored, _Stored], Iterable[str]]
+) -> list[_Stored]:
     """Return shards in order; raises InputError unless they are all shards of one request, each given once.
 
     request_faults: in what the request of one shard differs from that of another.
