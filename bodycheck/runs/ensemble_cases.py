@@ -38,19 +38,12 @@ ROTATION_MEASURES = (
 """The measures of ensembles: those of a rotation that need no load."""
 
 
-@dataclass(frozen=True, eq=False)
-class RotationMeasures:
-    """The measures of m bodies (m,) by name, infinite where unstable, and which bodies are unstable (m,)."""
-
-    values: dict[str, Array]
-    unstable: NDArray[np.bool_]
-
-
 def rotation_measures(
     inertia: Array, true: tuple[Array, Array], found: tuple[Array, Array]
-) -> RotationMeasures:
-    """Return the maxima over n samples, relative to the maxima of the truth.
+) -> tuple[dict[str, Array], NDArray[np.bool_]]:
+    """Return the maxima over n samples, relative to the maxima of the truth, and which bodies are unstable.
 
+    The maxima (m,) by name are infinite where a body is unstable (m,).
     inertia (m, 3, 3) about the centre of mass or the pivot, in body axes; true and found: quaternion
     (m, n, 4) and omega_body (m, n, 3). A motion that is not finite, or whose energy exceeds a hundred times
     that of the truth, is unstable.
@@ -76,7 +69,7 @@ def rotation_measures(
             / _scale(_largest(about_true)),
         }
     values = {name: np.where(unstable, np.inf, measured) for name, measured in departures.items()}
-    return RotationMeasures(values, unstable)
+    return values, unstable
 
 
 def _momentum(inertia: Array, omega: Array) -> Array:
@@ -160,15 +153,15 @@ def measured(template: Scene, bodies: Bodies, truth: BatchTruth, answer: BatchAn
     ended_well &= truth.trusted
     if ended_well.any():
         tensors = bodies.inertia if template.pivot is None else _about_pivot(template, bodies)
-        found = rotation_measures(
+        measures, unstable = rotation_measures(
             tensors[ended_well],
             (truth.quaternion[ended_well], truth.omega_body[ended_well]),
             (answer.quaternion[ended_well], answer.omega_body[ended_well]),
         )
-        for name, measure in found.values.items():
+        for name, measure in measures.items():
             values[name][ended_well] = measure
         rows = np.flatnonzero(ended_well)
-        endings[rows[found.unstable]] = "unstable"
+        endings[rows[unstable]] = "unstable"
     return BatchResult(values, endings, answer.messages)
 
 

@@ -57,7 +57,7 @@ def run_ensemble(request: EnsembleRequest, out: Path, make_progress: ProgressFac
     ensemble = request.ensemble()
     keys = request.keys(ensemble)
     refuse_unused_settings([key[:2] for key in keys], request.dt_s, request.tolerances)
-    free = _checked_loads(ensemble, request.n)
+    free = is_free_rotation(ensemble, request.n)
     result = EnsembleResult.empty(request, ensemble, keys)
     try:
         with atomic_folder(out) as folder:
@@ -69,8 +69,11 @@ def run_ensemble(request: EnsembleRequest, out: Path, make_progress: ProgressFac
     return result
 
 
-def _checked_loads(ensemble: Ensemble, n: int) -> bool:
-    """Return whether the rotation is torque-free; refuse too many bodies without a closed form."""
+def is_free_rotation(ensemble: Ensemble, n: int = 1) -> bool:
+    """Return whether the rotation is torque-free.
+
+    Raises InputError where n bodies are too many because their loads have no closed form.
+    """
     template, bodies = ensemble.template, ensemble.bodies(0, 1)
     scene = scene_of(template, bodies, 0)
     closed = None if scene.has_callback_load else closed_form_of(scene)
@@ -80,11 +83,6 @@ def _checked_loads(ensemble: Ensemble, n: int) -> bool:
             f"with such loads n is at most {_MAX_LOADED}"
         )
     return closed is not None and isinstance(closed.rotation, FreeRotation)
-
-
-def is_free_rotation(ensemble: Ensemble) -> bool:
-    """Whether the rotation is torque-free; raises InputError as `run_ensemble` does."""
-    return _checked_loads(ensemble, 1)
 
 
 def _measure(
