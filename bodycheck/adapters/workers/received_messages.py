@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import asdict
-from typing import Annotated, Any, Literal, TypeAlias, TypeVar, get_args
+from typing import Annotated, Any, TypeAlias, TypeVar, get_args
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from bodycheck._util.untrusted import escaped, printable
-from bodycheck.adapters.batches import BatchAnswer
+from bodycheck.adapters.batches import BatchAnswer, RowEnding
 from bodycheck.adapters.contract import (
     Adapter,
     Build,
@@ -26,6 +25,7 @@ from bodycheck.adapters.contract import (
     Precision,
     ReadBack,
     Reading,
+    Stepping,
 )
 from bodycheck.adapters.execution import Answer, Ending
 from bodycheck.adapters.stable_step import StableStep
@@ -33,6 +33,7 @@ from bodycheck.adapters.workers.protocol import (
     LARGEST_MESSAGE,
     Message,
     ProtocolError,
+    announcement,
     one_line,
     text_of,
     unpacked,
@@ -148,7 +149,7 @@ class AnswerMessage(_Message):
 
     trajectory: _Arrays
     read_back: ReadBackMessage
-    stepping: Literal["native", "python"]
+    stepping: Stepping
     steps: Annotated[int, Field(strict=True, ge=0, le=_MAX_STEPS)] | None
 
 
@@ -157,9 +158,7 @@ class BatchAnswerMessage(_Message):
 
     quaternion: ArrayMessage
     omega_body: ArrayMessage
-    endings: Annotated[
-        list[Literal["ok", "unsupported", "failed", "timeout", "invalid"]], Field(max_length=_MAX_ROWS)
-    ]
+    endings: Annotated[list[RowEnding], Field(max_length=_MAX_ROWS)]
     messages: Annotated[list[Text], Field(max_length=_MAX_ROWS)]
 
 
@@ -214,7 +213,7 @@ def engine_of(message: Message) -> tuple[Engine, int]:
         name for name, times in Counter(method.name for method in parsed.methods).items() if times > 1
     ]:
         raise ProtocolError(f"invalid announcement: the method {repeated[0]} is named twice")
-    methods = {method.name: _method(method) for method in parsed.methods}
+    methods = {method.name: Method.of(method.model_dump()) for method in parsed.methods}
     build = Build(parsed.build, parsed.kind, {name: one_line(text) for name, text in parsed.loaded.items()})
     max_bytes = min(parsed.limits.message_bytes, LARGEST_MESSAGE)
     return Engine(parsed.engine, parsed.version, methods, build), max_bytes
@@ -223,20 +222,10 @@ def engine_of(message: Message) -> tuple[Engine, int]:
 def check_engine(adapter: Adapter) -> None:
     """Raise ProtocolError if an adapter's attributes would make an invalid announcement."""
     try:
-        facts = {
-            "engine": adapter.name,
-            "version": adapter.version,
-            "methods": [asdict(method) for method in adapter.methods.values()],
-            "limits": {"message_bytes": LARGEST_MESSAGE},
-        }
+        facts = announcement(adapter, Build())
     except (TypeError, AttributeError) as error:
         raise ProtocolError(f"invalid methods of an adapter: {error}") from None
     checked(AnnouncementMessage, facts, "invalid adapter")
-
-
-def _method(parsed: MethodMessage) -> Method:
-    facts: Any = {name: tuple(v) if isinstance(v, list) else v for name, v in parsed.model_dump().items()}
-    return Method(**facts)
 
 
 def _ending_of(message: Message, what: str) -> tuple[Ending, str]:
