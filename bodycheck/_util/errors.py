@@ -3,6 +3,14 @@
 from __future__ import annotations
 
 
+def error_text(error: BaseException) -> str:
+    """Return the type and the message of an exception; its type alone where it has no valid message."""
+    try:
+        return f"{type(error).__name__}: {error}"
+    except Exception:  # noqa: BLE001 - __str__ of an exception may raise
+        return type(error).__name__
+
+
 class BodycheckError(Exception):
     """An error that the caller can correct; the message has one line per error."""
 

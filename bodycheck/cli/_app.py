@@ -25,6 +25,7 @@ from bodycheck._util.errors import (
     BodycheckError,
     InputError,
     StoppedError,
+    error_text,
 )
 from bodycheck._util.formatting import nearest
 from bodycheck._util.untrusted import printable, printable_lines
@@ -195,18 +196,11 @@ def report_fault(error: BaseException, name: str) -> int:
     doing = " ".join([name, *sys.argv[1:]]) + (f" ({notes})" if notes else "")
     path = _store_traceback("".join(traceback.format_exception(error)), doing)
     location = "its traceback could not be stored" if path is None else f"its traceback is stored in {path}"
-    what, why = (printable(" ".join(text.split()), _MAX_PART) for text in (doing, _error_text(error)))
+    what, why = (printable(" ".join(text.split()), _MAX_PART) for text in (doing, error_text(error)))
     _print_error(
         f"unexpected error in {what}: {why}; {location}; please report it with that file to the developers"
     )
     return FAULT
-
-
-def _error_text(error: BaseException) -> str:
-    try:
-        return f"{type(error).__name__}: {error}"
-    except Exception:  # noqa: BLE001 - __str__ of an exception may raise
-        return type(error).__name__
 
 
 def _store_traceback(trace: str, doing: str) -> Path | None:

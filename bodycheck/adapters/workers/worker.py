@@ -17,7 +17,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import BinaryIO
 
-from bodycheck._util.errors import BodycheckError, InsideWorkerError, UnavailableError
+from bodycheck._util.errors import BodycheckError, InsideWorkerError, UnavailableError, error_text
 from bodycheck.adapters.batches import record_batch
 from bodycheck.adapters.contract import Adapter
 from bodycheck.adapters.execution import Answer, Stopwatch, record, stopwatch
@@ -82,14 +82,10 @@ class RequestHandler:
 
 
 def _failed(request: Message, error: BaseException) -> Message:
-    return {"id": request.get("id"), **protocol.answer_message(Answer("failed", _error_text(error)))}
-
-
-def _error_text(error: BaseException) -> str:
-    try:
-        return protocol.one_line(f"{type(error).__name__}: {error}")
-    except Exception:  # noqa: BLE001 - __str__ of an exception may raise
-        return type(error).__name__
+    return {
+        "id": request.get("id"),
+        **protocol.answer_message(Answer("failed", protocol.one_line(error_text(error)))),
+    }
 
 
 def main() -> None:
@@ -170,7 +166,8 @@ def _handed_over(line: bytes) -> Adapter:
             _import(module, file)
         adapter: Adapter = pickle.loads(base64.b64decode(message["adapter"]))
     except Exception as error:  # noqa: BLE001 - a user's module may raise anything
-        raise UnavailableError(f"{module} cannot be imported by a worker: {_error_text(error)}") from None
+        why = protocol.one_line(error_text(error))
+        raise UnavailableError(f"{module} cannot be imported by a worker: {why}") from None
     return adapter
 
 
