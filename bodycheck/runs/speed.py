@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -169,7 +169,6 @@ _LAP: Message = {"do": "lap"}
 
 
 _timing = threading.Lock()
-_clocks: list[Clock] = []
 
 
 def time_case(request: TimingRequest) -> Message:
@@ -181,10 +180,14 @@ def time_case(request: TimingRequest) -> Message:
     if request.engine == _REFERENCE[0]:
         compile_for(request.case)
     with _timing:
-        if not _clocks:
-            _clocks.append(Clock(last_core()))
-        found = _clocks[0].announced(request)
-        return {"lost": protocol.one_line(found)} if isinstance(found, str) else _clocks[0].laps(request)
+        clock = _clock_of_this_process()
+        found = clock.announced(request)
+        return {"lost": protocol.one_line(found)} if isinstance(found, str) else clock.laps(request)
+
+
+@cache
+def _clock_of_this_process() -> Clock:
+    return Clock(last_core())
 
 
 class Clock:

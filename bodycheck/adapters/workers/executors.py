@@ -7,7 +7,8 @@ import threading
 import time
 import weakref
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, InvalidStateError, wait
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -114,7 +115,6 @@ class ExecutorEngines:
         self._executor = executor
         self._versions = {engine.name: engine.version for engine, _ in methods}
         self._stopped: Future[None] = Future()
-        self._lock = threading.Lock()
 
     def ask(self, engine: str, request: Message, timeout_s: float) -> Message:
         """Return the answer to a request; whatever the executor raises makes this case fail.
@@ -140,9 +140,8 @@ class ExecutorEngines:
 
     def stop(self) -> None:
         """End the waiting for answers."""
-        with self._lock:
-            if not self._stopped.done():
-                self._stopped.set_result(None)
+        with suppress(InvalidStateError):  # a second call changes nothing
+            self._stopped.set_result(None)
 
 
 def run_batch(
