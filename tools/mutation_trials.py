@@ -125,14 +125,10 @@ TESTS: dict[str, tuple[str, ...]] = {
         *_IDENTITY,
     ),
     "_util/file_digests.py": ("../reference_impl/test_file_digests.py",),
-    **{
-        f"adapters/versions/{name}.py": (
-            "../adapters/test_pinned_versions.py",
-            "../test_versions.py",
-            _TWO_VERSIONS,
-        )
-        for name in ("pins", "uv")
-    },
+    **dict.fromkeys(
+        ("adapters/engine_names.py", "adapters/versions/uv.py"),
+        ("../adapters/test_pinned_versions.py", "../test_versions.py", _TWO_VERSIONS),
+    ),
     "adapters/versions/environments.py": (
         "../adapters/test_pinned_versions.py",
         "../adapters/test_optional_engines.py",
