@@ -596,6 +596,7 @@ class FakeNpm:
 def npm(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeNpm:
     """Replace npm by a fake, and put the environments into a folder of the test."""
     made = FakeNpm()
+    monkeypatch.setattr(uv, "_pip_config", lambda: "")
     monkeypatch.setattr(environments.shutil, "which", lambda name: f"/bin/{name}")
     monkeypatch.setattr(environments.subprocess, "run", made)
     monkeypatch.setattr(environments, "cache_dir", lambda: tmp_path)

@@ -130,8 +130,9 @@ def _is_complete(place: Path) -> bool:
 def _place(pin: Pin) -> Path:
     """Return the folder of an environment, whose name has a hash of all that determines its packages."""
     stated = stated_by(pin.engine)
-    in_python = [sys.version, sys.base_prefix, *_as_here(), *index_settings()]
-    rest = [] if _is_javascript(stated) else in_python
+    rest: list[str] = []
+    if not _is_javascript(stated):
+        rest += [sys.version, sys.base_prefix, *_as_here(), *index_settings()]
     if hasattr(stated, "requires"):
         rest += [_other_python(pin), *requirements_of(pin)]
     digest = sha256("\n".join(rest).encode()).hexdigest()[:12]
