@@ -8,7 +8,7 @@ import re
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -22,14 +22,16 @@ from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.probes.conformance import CHECKS, Bench, Check
 from bodycheck.reports.probes.finding import Finding
 from bodycheck.runs.engine_checks import check_adapter
-from tests.helpers.faulty_adapters import FAULTS, FaultyExample
+from tests.helpers.faulty_adapters import FAULTS, AdapterFault, FaultyExample
 from tests.helpers.in_process_cli import run_bodycheck
 
 TIMEOUT_S = 60.0
 
 
-def findings(adapter: Adapter, method: str) -> Iterator[tuple[Check, Finding]]:
-    """Yield the findings of all checks of one method, in this process."""
+def findings(
+    adapter: Adapter, method: str, checks: Sequence[Check] = CHECKS
+) -> Iterator[tuple[Check, Finding]]:
+    """Yield the findings of checks of one method, in this process."""
     engine = Engine(adapter.name, adapter.version, adapter.methods)
 
     def recorded(_: Engine, case: Case) -> Answer:
@@ -39,7 +41,7 @@ def findings(adapter: Adapter, method: str) -> Iterator[tuple[Check, Finding]]:
         return record(adapter, case, again=True)
 
     bench = Bench(engine, adapter.methods[method], recorded, replayed)
-    return ((check, finding) for check in CHECKS for finding in check.findings(bench))
+    return ((check, finding) for check in checks for finding in check.findings(bench))
 
 
 def failures(adapter: Adapter, method: str) -> list[tuple[str, str]]:
@@ -80,6 +82,27 @@ def test_built_in_adapters_pass_in_their_workers(name: str) -> None:
     assert [(result.check, result.message) for result in found.failures] == []
     passed = {result.check for result in found.results if result.verdict == "consistent"}
     assert passed == {check.name for check in CHECKS}
+
+
+class LateAfterReset(ExampleSimulation):
+    """Begins a second motion a microsecond after the first one."""
+
+    def __init__(self, scene: Scene, dt_s: float) -> None:
+        self.late_s = 0.0
+        super().__init__(scene, dt_s)
+
+    def reset(self) -> None:
+        """Restore the initial state, but not the time."""
+        super().reset()
+        self.steps, self.late_s = self.late_s / self.dt_s, 1e-6
+
+
+def test_a_small_difference_after_reset_is_not_round_off() -> None:
+    """A free velocity that fits into float32 does not make an engine one of single precision."""
+    late = FaultyExample(AdapterFault(LateAfterReset, "reset", ""))
+    reset = [check for check in CHECKS if check.name == "reset"]
+    found = {finding.check: finding.verdict for _, finding in findings(late, "euler", reset)}
+    assert found == {"reset": "consistent", "reset_of_time": "inconsistent"}
 
 
 class Crashing(Example):

@@ -26,7 +26,7 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.case import RunCase
 from bodycheck.reports.probes.finding import Finding, Limit, Sampled, limit, noise
 from bodycheck.reports.probes.mistakes import Mistake, part_of, read_back_mistake, reading_mistake
-from bodycheck.reports.probes.probe import Probe, built_in_probes, motions_of
+from bodycheck.reports.probes.probe import Probe, arithmetic_eps, built_in_probes, motions_of
 from bodycheck.reports.probes.readings import reading_findings
 from bodycheck.reports.probes.responses import response_findings
 
@@ -474,7 +474,7 @@ def _reset(bench: Bench) -> Iterator[Finding]:
         if first.trajectory is None or again.trajectory is None:
             yield _unanswered(name, again if again.trajectory is None else first)
             continue
-        yield _repeat_finding(name, first.trajectory, again.trajectory, _after_reset)
+        yield _repeat_finding(bench, name, first.trajectory, again.trajectory, _after_reset)
 
 
 def _after_reset(quantity: str, sample: int) -> str:
@@ -501,11 +501,10 @@ def _advance(bench: Bench) -> Iterator[Finding]:
             paths.append(answer.trajectory)
         else:
             single = part_of(paths[0], slice(None, None, 2))
-            found = _repeat_finding(name, single, paths[1], _in_one_call(2))
+            found = _repeat_finding(bench, name, single, paths[1], _in_one_call(2))
             if found.verdict == "consistent":
-                found = _repeat_finding(
-                    name, part_of(paths[0], slice(None, None, 32)), paths[2], _in_one_call(32)
-                )
+                ends = part_of(paths[0], slice(None, None, 32))
+                found = _repeat_finding(bench, name, ends, paths[2], _in_one_call(32))
             yield found
 
 
@@ -514,11 +513,11 @@ def _in_one_call(steps: int) -> Callable[[str, int], str]:
 
 
 def _repeat_finding(
-    name: str, one: Trajectory, other: Trajectory, text: Callable[[str, int], str]
+    bench: Bench, name: str, one: Trajectory, other: Trajectory, text: Callable[[str, int], str]
 ) -> Finding:
     """Return the largest relative difference of the engine's own numbers; text: of (quantity, sample)."""
     worst, message = 0.0, ""
-    tolerance = _REPEAT * 33.0 * float(np.finfo(np.float32 if _single(one) else np.float64).eps)
+    tolerance = _REPEAT * 33.0 * arithmetic_eps(one, bench.method.precision)
     earliest = len(one.t_s)
     for quantity, column in _COLUMNS.items():
         a, b = getattr(one, column), getattr(other, column)
@@ -530,10 +529,6 @@ def _repeat_finding(
         if difference[first] > tolerance and first < earliest:
             earliest, message = first, text(quantity, first)
     return Finding(name, worst, 0.0, worst, tolerance, message)
-
-
-def _single(path: Trajectory) -> bool:
-    return bool(np.all(path.velocity_m_s[1:] == path.velocity_m_s[1:].astype(np.float32)))
 
 
 def _bad_input(bench: Bench) -> Iterator[Finding]:

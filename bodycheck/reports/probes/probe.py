@@ -63,6 +63,11 @@ def is_single(path: Trajectory) -> bool:
     return all(bool(np.all(values == values.astype(np.float32))) for values in readings)
 
 
+def arithmetic_eps(path: Trajectory, stated: Precision) -> float:
+    """Return the eps of single precision if a method states it or its motion shows it, else of double."""
+    return _SINGLE_EPS if stated != "float64" or is_single(path) else _EPS
+
+
 def _states(path: Trajectory) -> list[Array]:
     quaternion = None if path.quaternion is None else _continuous(path.quaternion)
     readings = (quaternion, path.rotation, path.omega_body_rad_s, path.omega_world_rad_s)
@@ -133,7 +138,7 @@ class _Probed:
         if not self.motions:
             return 0.0
         path = self.motions[-1].trajectory
-        eps = _SINGLE_EPS if is_single(path) or self.method.precision != "float64" else _EPS
+        eps = arithmetic_eps(path, self.method.precision)
         return (len(path.t_s) - 1) * max(eps, self.method.finest_tolerance or 0.0)
 
 
