@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bodycheck.adapters.contract import Engine, Method, ReadBack, Reading, Setting
+from bodycheck.adapters.contract import Build, Engine, Method, ReadBack, Reading, Setting
 from bodycheck.adapters.execution import Answer, Case
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.one_step_maps import BY_ALIAS, EXACT, MAPS
@@ -26,9 +27,10 @@ from bodycheck.reports.probes.fingerprint import (
     Fingerprint,
     distances,
     fingerprint_of,
+    fingerprint_row,
     steps_along,
 )
-from bodycheck.reports.probes.laws import REPLAY, REVERSE, STATES, Checked, check_laws
+from bodycheck.reports.probes.laws import LAWS, REPLAY, REVERSE, STATES, Checked, check_laws, law_rows
 
 
 def no_loads(*motion: Array) -> tuple[Array, Array]:
@@ -468,6 +470,27 @@ def test_a_reversible_map_must_reverse() -> None:
     for name, verdict in (("M1", "broken"), ("Moser-Veselov", "holds")):
         checked = check_laws(ENGINE, METHOD, stepping(MAPS[name].step), reversible=True)
         assert {one.law.name: one.verdict for one in checked}[REVERSE] == verdict
+
+
+@pytest.mark.parametrize(
+    ("engine", "argument", "options"),
+    [
+        (Engine("cmd:python worker.py", "1", {}), "cmd:python worker.py::under-test", []),
+        (
+            Engine("my_module", "1", {}, Build(kind="handed over")),
+            "my_module:under-test",
+            ["--allow-code"],
+        ),
+    ],
+)
+def test_the_command_of_a_row_names_one_engine_and_permits_its_code(
+    engine: Engine, argument: str, options: list[str]
+) -> None:
+    """A shell splits the command into words that select the method again."""
+    fingerprint = fingerprint_row(engine, METHOD, Fingerprint(NOT_MEASURED))["reproduce"]
+    assert shlex.split(fingerprint) == ["bodycheck", "fingerprint", argument, *options]
+    (law,) = law_rows(engine, METHOD, [Checked(LAWS[0], "holds")])
+    assert shlex.split(law["reproduce"]) == ["bodycheck", "laws", argument, *options]
 
 
 def test_each_row_has_the_map_and_the_replay_of_its_method() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -41,7 +41,7 @@ SWITCH_NOTE = "load switches inside a step"
 """Part of the message of a case whose order is lowered by such switches."""
 
 ALLOW_CODE = "--allow-code"
-"""Part of the command of a case whose scenario names a function."""
+"""Part of a command whose scenario or engine is a function of the user."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,11 +230,19 @@ def reproducing_command(
     scenario_spec: str, engine: Engine, method: Method, setting: Setting, *, code: bool = False
 ) -> str:
     """Return the command line that runs this one case; code: whether the scenario names functions."""
-    arguments = ["bodycheck", "run", scenario_spec, "--engine", with_method(engine.name, method.name)]
+    options = []
     if setting.dt_s is not None:
-        arguments += ["--dt", repr(setting.dt_s)]
+        options += ["--dt", repr(setting.dt_s)]
     if setting.tolerance is not None:
-        arguments += ["--tolerance", repr(setting.tolerance)]
+        options += ["--tolerance", repr(setting.tolerance)]
+    return method_command(("run", scenario_spec, "--engine"), engine, method, options, code=code)
+
+
+def method_command(
+    words: Sequence[str], engine: Engine, method: Method, options: Sequence[str] = (), *, code: bool = False
+) -> str:
+    """Return the command line `bodycheck WORDS ENGINE:METHOD OPTIONS`; code: as for `reproducing_command`."""
+    arguments = ["bodycheck", *words, with_method(engine.name, method.name), *options]
     if code or engine.build.kind == "handed over":
         arguments.append(ALLOW_CODE)
     return shell_join(arguments)

@@ -39,7 +39,7 @@ from bodycheck.reference_impl.rotations import geodesic_angle, normalised
 from bodycheck.reference_impl.scene import Load, PointForce, RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.cache.disk_cache import Cache, key_of
-from bodycheck.reports.measurement.case import RunCase
+from bodycheck.reports.measurement.case import RunCase, method_command
 from bodycheck.reports.probes.leading_error import LeadingError, leading_error
 
 Rows: TypeAlias = NDArray[np.intp]
@@ -586,5 +586,5 @@ def fingerprint_row(engine: Engine, method: Method, found: Fingerprint) -> dict[
         "leading_error": "" if leading is None else leading.text,
         "description": found.description,
         "message": found.message,
-        "reproduce": f"bodycheck fingerprint {with_method(engine.name, method.name)}",
+        "reproduce": method_command(("fingerprint",), engine, method),
     }

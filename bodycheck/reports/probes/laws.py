@@ -36,7 +36,7 @@ from bodycheck.reference_impl.rotations import (
 )
 from bodycheck.reference_impl.scene import Link, Load, PointForce, RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.measurement.case import RunCase
+from bodycheck.reports.measurement.case import RunCase, method_command
 
 Verdict: TypeAlias = Literal["holds", "broken", "property", "not-measured"]
 LAW_VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
@@ -584,7 +584,7 @@ def _norms(vectors: Array) -> Array:
 def law_rows(engine: Engine, method: Method, checked: Sequence[Checked]) -> list[dict[str, Any]]:
     """Return the rows of laws.csv of one method without run_id."""
     shared = {"engine": engine.name, "engine_version": engine.version, "method": method.name}
-    command = f"bodycheck laws {with_method(engine.name, method.name)}"
+    command = method_command(("laws",), engine, method)
     return [
         {
             **shared,
