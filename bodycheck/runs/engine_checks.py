@@ -15,7 +15,7 @@ from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reports.cache.answers import Answers, EngineClient
 from bodycheck.reports.document import Column, Command, Document, Sentence, Span, Table
 from bodycheck.reports.probes.conformance import CHECKS, Bench, Check
-from bodycheck.reports.probes.examination import examined, replayed
+from bodycheck.reports.probes.examination import map_and_laws, replayed
 from bodycheck.reports.probes.finding import Finding
 from bodycheck.reports.probes.fingerprint import (
     CONSTANT_LOADS,
@@ -163,7 +163,7 @@ def laws(engines: str, *, timeout_s: float, allow_code: bool = False) -> list[di
             own = [method for _, method in of_engine]
             replays = replayed(engine, own, client)
             for method in own:
-                rows += [*examined(engine, method, client, laws=True)["laws"], *replays[method.name]]
+                rows += [*map_and_laws(engine, method, client)["laws"], *replays[method.name]]
     return rows
 
 

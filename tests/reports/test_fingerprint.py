@@ -19,6 +19,7 @@ from bodycheck.reference_impl.one_step_maps.one_step_map import Motion, Solid, S
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.scene import RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.probes import examination
 from bodycheck.reports.probes.examination import OTHER_BITS, SAME_BITS, check_replays, identified
 from bodycheck.reports.probes.fingerprint import (
     FARTHER,
@@ -31,6 +32,7 @@ from bodycheck.reports.probes.fingerprint import (
     steps_along,
 )
 from bodycheck.reports.probes.laws import LAWS, REPLAY, REVERSE, STATES, Checked, check_laws, law_rows
+from bodycheck.runs.engine_checks import laws
 
 
 def no_loads(*motion: Array) -> tuple[Array, Array]:
@@ -491,6 +493,13 @@ def test_the_command_of_a_row_names_one_engine_and_permits_its_code(
     assert shlex.split(fingerprint) == ["bodycheck", "fingerprint", argument, *options]
     (law,) = law_rows(engine, METHOD, [Checked(LAWS[0], "holds")])
     assert shlex.split(law["reproduce"]) == ["bodycheck", "laws", argument, *options]
+
+
+@pytest.mark.slow
+def test_laws_are_checked_without_probes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`bodycheck laws` runs no probe, and checks every law."""
+    monkeypatch.delattr(examination, "probe_rows")
+    assert {row["law"] for row in laws("reference:m1", timeout_s=60.0)} == {law.name for law in LAWS}
 
 
 def test_each_row_has_the_map_and_the_replay_of_its_method() -> None:

@@ -113,15 +113,24 @@ Row: TypeAlias = Mapping[str, Any]
 
 def examined(engine: Engine, method: Method, client: EngineClient, *, laws: bool) -> dict[str, Any]:
     """Return the rows of probes.csv and, with laws, of fingerprints.csv and laws.csv, by table."""
-    rows: dict[str, Any] = {"probes": probe_rows(engine, method, client.ask), "fingerprints": [], "laws": []}
-    if laws:
-        found = fingerprint_of(engine, method, client.ask)
-        checked = check_laws(
-            engine, method, client.ask, client.replay, reversible=found.reversible, residual=found.residual
-        )
-        rows["fingerprints"].append(fingerprint_row(engine, method, found))
-        rows["laws"] += law_rows(engine, method, checked)
-    return rows
+    probes = probe_rows(engine, method, client.ask)
+    others = map_and_laws(engine, method, client) if laws else {"fingerprints": [], "laws": []}
+    return {"probes": probes, **others}
+
+
+def map_and_laws(engine: Engine, method: Method, client: EngineClient) -> dict[str, list[dict[str, Any]]]:
+    """Return the rows of fingerprints.csv and laws.csv by table, but those of the law `replay`.
+
+    The known map decides whether the method must be reversible.
+    """
+    found = fingerprint_of(engine, method, client.ask)
+    checked = check_laws(
+        engine, method, client.ask, client.replay, reversible=found.reversible, residual=found.residual
+    )
+    return {
+        "fingerprints": [fingerprint_row(engine, method, found)],
+        "laws": law_rows(engine, method, checked),
+    }
 
 
 _REPLAYS = {"holds": SAME_BITS, "property": OTHER_BITS, "not-measured": None}
