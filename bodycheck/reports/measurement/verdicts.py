@@ -86,7 +86,7 @@ class QuantityVerdict:
     """A row of methods.csv: the verdict, and the error at the finest step or tolerance that ended well.
 
     state: the verdict, or lower-order where the order is certainly below the expected one. at: the step or
-    tolerance as text.
+    tolerance as text, "" for a method without either.
     """
 
     quantity: str
@@ -107,7 +107,7 @@ class QuantityVerdict:
             present["quantity"],
             "lower-order" if lower and present["verdict"] == "converges" else present["verdict"],
             present.get("finest_error"),
-            setting("tolerance" if "finest_tolerance" in present else "dt", _finest(present)),
+            _finest(present),
             present.get("floor", 0.0),
             present.get("order"),
             expected,
@@ -153,8 +153,11 @@ class QuantityVerdict:
         return f"{self.quantity} does not converge to the truth: {self.amount}"
 
 
-def _finest(present: Mapping[str, Any]) -> float | None:
-    return present.get("finest_dt_s", present.get("finest_tolerance"))
+def _finest(present: Mapping[str, Any]) -> str:
+    for control, name in (("dt", "finest_dt_s"), ("tolerance", "finest_tolerance")):
+        if name in present:
+            return setting(control, present[name])
+    return ""
 
 
 def most_severe(verdicts: Iterable[QuantityVerdict]) -> list[QuantityVerdict]:
