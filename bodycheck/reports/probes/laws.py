@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import pairwise
 from operator import attrgetter
-from typing import Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -35,8 +35,10 @@ from bodycheck.reference_impl.rotations import (
     quaternion_to_matrix,
 )
 from bodycheck.reference_impl.scene import Link, Load, PointForce, RigidBody, Scene, State, Torque
-from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.case import RunCase, method_command
+
+if TYPE_CHECKING:
+    from bodycheck.reference_impl.one_step_maps.one_step_map import Motion
 
 Verdict: TypeAlias = Literal["holds", "broken", "property", "not-measured"]
 LAW_VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
@@ -53,24 +55,7 @@ _TOLERANCE_ORDERS = (0.4, 2.0)
 _FAR_BELOW = 0.1
 """Of a tolerance: round-off stays below it."""
 
-
-@dataclass(frozen=True, eq=False)
-class Path:
-    """n states: t (n,), position, velocity and omega in body axes (n, 3), quaternion (n, 4)."""
-
-    t: Array
-    position: Array
-    velocity: Array
-    quaternion: Array
-    omega: Array
-
-    @classmethod
-    def of(cls, path: Trajectory) -> Path:
-        """Return the states of a trajectory."""
-        return cls(path.t_s, path.position_m, path.velocity_m_s, path.attitude, path.omega_body)
-
-
-Undo: TypeAlias = Callable[[Path], Path]
+Undo: TypeAlias = "Callable[[Motion], Motion]"
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +126,7 @@ def _rotated(scene: Scene, dt_s: float) -> Sequence[Variant]:
     )
     loads = _mapped(scene, to_world=lambda v: turn @ v)
 
-    def undo(path: Path) -> Path:
+    def undo(path: Motion) -> Motion:
         return replace(
             path,
             position=path.position @ turn,
@@ -172,7 +157,7 @@ def _in_body_axes(scene: Scene, dt_s: float, axes: Array) -> Variant:
     body = RigidBody(scene.body.mass, axes @ scene.body.inertia @ axes.T)
     loads = _mapped(scene, to_body=lambda v: axes @ v)
 
-    def undo(path: Path) -> Path:
+    def undo(path: Motion) -> Motion:
         return replace(path, quaternion=quaternion_product(path.quaternion, q), omega=path.omega @ axes)
 
     return Variant(replace(scene, body=body, initial=initial, loads=loads), dt_s, undo)
@@ -190,7 +175,7 @@ def _boosted(scene: Scene, dt_s: float) -> Sequence[Variant]:
     boost = np.array([2.0, -1.0, 1.5])
     initial = replace(scene.initial, velocity=scene.initial.velocity + boost)
 
-    def undo(path: Path) -> Path:
+    def undo(path: Motion) -> Motion:
         moved = path.t[:, None] * boost
         return replace(path, position=path.position - moved, velocity=path.velocity - boost)
 
@@ -233,7 +218,7 @@ def _faster(scene: Scene, dt_s: float, factor: float) -> Variant:
         duration_s=scene.duration_s / factor,
     )
 
-    def undo(path: Path) -> Path:
+    def undo(path: Motion) -> Motion:
         return replace(path, t=path.t * factor, velocity=path.velocity / factor, omega=path.omega / factor)
 
     return Variant(faster, dt_s / factor, undo)
@@ -385,8 +370,8 @@ class _Bench:
     steps: int = _STEPS
     tolerance: float | None = None
     residual: float = 0.0
-    bases: dict[str, Path] = field(default_factory=dict)
-    moved: dict[tuple[Variants, str], list[tuple[Variant, Path]]] = field(default_factory=dict)
+    bases: dict[str, Motion] = field(default_factory=dict)
+    moved: dict[tuple[Variants, str], list[tuple[Variant, Motion]]] = field(default_factory=dict)
 
     @property
     def eps(self) -> float:
@@ -399,13 +384,13 @@ class _Bench:
         scene, dt_s = STATES[name]
         return scene, dt_s * _STEPS / self.steps
 
-    def base(self, name: str) -> Path:
+    def base(self, name: str) -> Motion:
         """Return the motion of a state."""
         if name not in self.bases:
             self.bases[name] = self.run(*self.state(name))
         return self.bases[name]
 
-    def varied(self, variants: Variants, name: str) -> list[tuple[Variant, Path]]:
+    def varied(self, variants: Variants, name: str) -> list[tuple[Variant, Motion]]:
         """Return the variants of a state with their motions, which several laws may compare."""
         if (variants, name) not in self.moved:
             self.moved[variants, name] = [
@@ -413,14 +398,16 @@ class _Bench:
             ]
         return self.moved[variants, name]
 
-    def run(self, scene: Scene, dt_s: float, run_case: RunCase | None = None) -> Path:
+    def run(self, scene: Scene, dt_s: float, run_case: RunCase | None = None) -> Motion:
+        from bodycheck.reference_impl.one_step_maps.one_step_map import Motion  # as in _sensitivity
+
         setting = replace(self.method.setting(dt_s), tolerance=self.tolerance)
         answer = (run_case or self.ask)(self.engine, Case(scene, self.method.name, setting))
         if answer.trajectory is None:
             raise _NotRunError(f"{answer.outcome}: {answer.message}")
         if reason := invalid_state(answer.trajectory):
             raise _NotRunError(f"unstable: {reason}")
-        return Path.of(answer.trajectory)
+        return replace(Motion.of(answer.trajectory), rotation=None)  # undo maps the quaternion alone
 
 
 def check_laws(
@@ -528,25 +515,21 @@ def _breaks(bench: _Bench, law: Law, name: str) -> Iterator[Break]:
         yield from _compared(bench, law, name, base, bench.run(scene, dt_s, bench.replay))
     elif law.name == SPLIT:
         ends = bench.run(replace(scene, samples=2), dt_s)
-        yield from _compared(bench, law, name, _rows(base, [0, -1]), ends)
+        yield from _compared(bench, law, name, base.part(np.array([0, -1])), ends)
     else:
         yield from _compared(bench, law, name, base, _returned(bench, scene, dt_s, base))
 
 
-def _rows(path: Path, rows: list[int]) -> Path:
-    return Path(*(getattr(path, name)[rows] for name in path.__dataclass_fields__))
-
-
-def _returned(bench: _Bench, scene: Scene, dt_s: float, base: Path) -> Path:
+def _returned(bench: _Bench, scene: Scene, dt_s: float, base: Motion) -> Motion:
     """Return the motion from the reversed end, reversed, with its samples in the order of the base."""
     end = State(base.position[-1], normalised(base.quaternion[-1]), -base.velocity[-1], -base.omega[-1])
     back = bench.run(replace(scene, initial=end), dt_s)
-    turned = _rows(back, list(range(len(back.t) - 1, -1, -1)))
+    turned = back.part(slice(None, None, -1))
     return replace(turned, t=base.t, velocity=-turned.velocity, omega=-turned.omega)
 
 
 def _compared(
-    bench: _Bench, law: Law, name: str, base: Path, other: Path, raw: Path | None = None
+    bench: _Bench, law: Law, name: str, base: Motion, other: Motion, raw: Motion | None = None
 ) -> Iterator[Break]:
     """Yield the largest difference of each quantity. raw: the motion before it is mapped back."""
     scene, dt_s = bench.state(name)
