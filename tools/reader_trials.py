@@ -164,9 +164,9 @@ def _trajectories(sound: Path) -> list[Reader]:
     cache = Cache.default()
 
     def judged(path: Path) -> None:
-        from bodycheck.reports.judge import judge_file
+        from bodycheck.reports.judge import judge_files
 
-        judge_file(path, mine, "mine.toml", cache)
+        judge_files([path], mine, "mine.toml", cache, ColumnMap(), None)
 
     return [
         Reader("judged .csv", sound / "judged.csv", judged, "csv", csv_cell, 0.2),

@@ -57,8 +57,9 @@ _PREFERRED = (ORIENTATION, "omega_error", "position_error", "velocity_error")
 class Ranking:
     """Judged files, best first.
 
-    rows: file, dt_s where given, and what `judge_file` returns. quantity: the measure that they are ranked
-    by, "" where they have none in common. orders: measure -> its convergence over the steps.
+    rows: file, dt_s where given, outcome, message and measures, like a row of results.csv, and the last time
+    in s that was compared, `compared_until_s`. quantity: the measure that they are ranked by, "" where they
+    have none in common. orders: measure -> its convergence over the steps.
     """
 
     rows: tuple[dict[str, Any], ...]
@@ -93,8 +94,9 @@ def judge_files(
 ) -> Ranking:
     """Judge several files of one scenario and rank them by the first error that all of them have.
 
-    steps_s: the step of each file, from which orders are fitted. Raises InputError like `judge_file`, and
-    where two steps are the same or the files end at different times.
+    steps_s: the step of each file, from which orders are fitted. Raises InputError where a file is invalid,
+    has nothing to compare, or has times outside the scenario's duration, where two steps are the same, and
+    where the files end at different times.
     """
     if steps_s is not None and (twice := [one for one, times in Counter(steps_s).items() if times > 1]):
         raise InputError(f"--dt: the step {twice[0]!r} is given twice")
@@ -143,23 +145,6 @@ def _orders(
             points = [Point(row["dt_s"], row.get(quantity)) for row in rows]
             found[quantity] = convergence_of(points, Criteria(floor=limit(problem, quantity)))
     return found
-
-
-def judge_file(
-    path: Path,
-    scenario: Scenario,
-    scenario_spec: str,
-    cache: Cache | None,
-    column_map: ColumnMap | None = None,
-) -> dict[str, Any]:
-    """Return outcome, message and measures of the trajectory in a file, like a row of results.csv.
-
-    compared_until_s: the last time in s that was compared. Raises InputError where the file is invalid, has
-    nothing to compare, or has times outside the scenario's duration.
-    """
-    column_map = column_map or ColumnMap()
-    arrays = recorded_arrays(path, column_map)
-    return _judged(path, arrays, Problem.of(scenario, scenario_spec, cache), cache, column_map)
 
 
 def _judged(
@@ -260,7 +245,7 @@ def explained_file(
 ) -> ExplainedCase:
     """Return the diagnosis of the trajectory in a file.
 
-    dt_s: the step of the program that wrote it, None if unknown. Raises InputError as `judge_file` does,
+    dt_s: the step of the program that wrote it, None if unknown. Raises InputError as `judge_files` does,
     and where the step does not fit the times.
     """
     arrays = recorded_arrays(path, column_map)
