@@ -347,7 +347,7 @@ def test_the_residual_of_a_solver_is_no_violation() -> None:
     assert found.reversible
     assert 1e-12 < found.residual < 1e-9
     for residual, verdict in ((0.0, "broken"), (found.residual, "property")):
-        checked = check_laws(ENGINE, METHOD, ask, reversible=True, residual=residual)
+        checked = check_laws(ENGINE, METHOD, ask, ask, reversible=True, residual=residual)
         (reverse,) = (one for one in checked if one.law.name == REVERSE)
         assert reverse.verdict == verdict
         assert ("loads that are held" in reverse.message) is (verdict == "property")
@@ -470,7 +470,8 @@ def test_replay_starts_from_a_state_that_the_method_supports() -> None:
 def test_a_reversible_map_must_reverse() -> None:
     """M1 breaks `reverse` if its map is declared reversible; Moser-Veselov obeys it."""
     for name, verdict in (("M1", "broken"), ("Moser-Veselov", "holds")):
-        checked = check_laws(ENGINE, METHOD, stepping(MAPS[name].step), reversible=True)
+        ask = stepping(MAPS[name].step)
+        checked = check_laws(ENGINE, METHOD, ask, ask, reversible=True)
         assert {one.law.name: one.verdict for one in checked}[REVERSE] == verdict
 
 

@@ -414,18 +414,18 @@ def check_laws(
     engine: Engine,
     method: Method,
     ask: RunCase,
-    replay: RunCase | None = None,
+    replay: RunCase,
     *,
     reversible: bool = False,
     residual: float = 0.0,
 ) -> list[Checked]:
     """Check every law but `replay` on one method.
 
-    replay: runs a case, resets and runs it again; without it, `repeat` is not measured. reversible: whether
-    the known map of the method is; residual: by how much its steps differ from that map.
+    replay: runs a case, resets and runs it again. reversible: whether the known map of the method is;
+    residual: by how much its steps differ from that map.
     """
-    bench = _Bench(engine, method, ask, replay or ask, tolerance=method.finest_tolerance, residual=residual)
-    laws = [law for law in LAWS if law.name != REPLAY and (law.name != REPEAT or replay is not None)]
+    bench = _Bench(engine, method, ask, replay, tolerance=method.finest_tolerance, residual=residual)
+    laws = [law for law in LAWS if law.name != REPLAY]
     try:
         for name in STATES:
             bench.base(name)
