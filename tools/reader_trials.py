@@ -55,6 +55,7 @@ from bodycheck.reports.summary.advice import settings_within
 from bodycheck.reports.summary.error_curve import curves_of
 from bodycheck.reports.summary.sentences import run_document
 from bodycheck.runs.directory import _describe, _description
+from bodycheck.runs.selection import select
 from bodycheck.scenarios.library import load_scenario
 from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh
 from bodycheck.scenarios.reader import read_members
@@ -135,7 +136,8 @@ def _inputs(sound: Path) -> list[Reader]:
     from bodycheck.runs.directory import RunRequest
     from bodycheck.runs.manifest import Identity
 
-    _describe(sound / "out.partial", RunRequest(dt_s=[0.01]), Identity.new(), sound / "out")
+    selection = select([sound / "mine.toml"], ["reference:m1"])
+    _describe(sound / "out.partial", RunRequest(dt_s=[0.01]), Identity.new(), selection, sound / "out")
     return [
         Reader("scenario", sound / "mine.toml", read_members, "toml", toml_line, 2.0),
         Reader("scenario with loads", sound / "rich.toml", read_members, "toml", toml_line, 2.0),
