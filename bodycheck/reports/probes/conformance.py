@@ -240,13 +240,11 @@ def _free_motion(bench: Bench) -> Iterator[Finding]:
         changes = [(momentum[-1] - momentum[0])[np.newaxis] / size for momentum in momenta]
         scatter = len(momenta[-1]) * noise(momenta[-1]) / size
         found = limit([m.dt_s for m in made.motions], changes, max(made.resolution, scatter))
-        message = ""
-        if found.size > found.tolerance:
-            factor = float(np.linalg.norm(momenta[-1][0] / size + found.value[0]))
-            message = f"without a {load} the {name} momentum becomes {factor:.6g} times as large"
-            if 0.5 < factor < 1.0:
-                message += f", as under a damping of {-np.log(factor) / scene.duration_s:.3g} 1/s"
-        yield Finding(f"{name}_momentum_change", found.size, 0.0, found.size, found.tolerance, message)
+        factor = float(np.linalg.norm(momenta[-1][0] / size + found.value[0]))
+        text = f"without a {load} the {name} momentum becomes {factor:.6g} times as large"
+        if 0.5 < factor < 1.0:
+            text += f", as under a damping of {-np.log(factor) / scene.duration_s:.3g} 1/s"
+        yield found.finding(f"{name}_momentum_change", text)
 
 
 def _momenta(motion: Sampled) -> tuple[Array, Array]:
@@ -331,8 +329,7 @@ def _impulse_finding(name: str, load_name: str, motions: Sequence[Sampled], reso
     states = [body.mass * path.velocity_m_s, body.inertia.max() * path.omega_body]
     scatter = max(len(values) * noise(values) + resolution * np.max(np.abs(values)) for values in states)
     found = limit([m.dt_s for m in motions], (gained - impulse) / size, float(scatter / np.min(size)))
-    message = "" if found.size <= found.tolerance else _impulse_words(load_name, found, impulse[-1] / size)
-    return Finding(name, found.size, 0.0, found.size, found.tolerance, message)
+    return found.finding(name, _impulse_words(load_name, found, impulse[-1] / size))
 
 
 def _balance(motion: Sampled) -> tuple[Array, Array]:
@@ -385,11 +382,8 @@ def _pivot(bench: Bench) -> Iterator[Finding]:
         moved.append((pivot_path[-1] - pivot_path[0])[np.newaxis] / arm)
     size = float(np.max(np.abs(motions[-1].trajectory.position_m)))
     found = limit([m.dt_s for m in motions], moved, made.resolution * size / arm)
-    message = "" if found.size <= found.tolerance else (
-        f"the pivot moves by {found.size:.3g} times its distance from the centre of mass: "
-        "hold it, or refuse it in `unsupported`"
-    )  # fmt: skip
-    yield Finding("pivot", found.size, 0.0, found.size, found.tolerance, message)
+    text = f"the pivot moves by {found.size:.3g} times its distance from the centre of mass"
+    yield found.finding("pivot", f"{text}: hold it, or refuse it in `unsupported`")
 
 
 # --------------------------------------------------------------------------------------------------- stages

@@ -35,6 +35,15 @@ class Limit:
         """The largest norm over the cells."""
         return largest_norm(self.value)
 
+    @property
+    def is_zero(self) -> bool:
+        """Whether the size is within the tolerance; a size that is not finite never is."""
+        return self.size <= self.tolerance
+
+    def finding(self, check: str, wrong: str) -> Finding:
+        """Return whether the limit is zero; wrong: the message if it is not."""
+        return Finding(check, self.size, 0.0, self.size, self.tolerance, "" if self.is_zero else wrong)
+
 
 def limit(steps_s: Sequence[float], mismatches: Sequence[Array], round_off: float) -> Limit:
     """Extrapolate relative mismatches, each (cells, components), to h = 0.

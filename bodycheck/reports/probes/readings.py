@@ -125,9 +125,7 @@ class _Agreement:
 
     def reading(self, check: str, wrong: str) -> Finding:
         """Return the limit of the mismatch over the largest reading."""
-        found = self._limit
-        message = "" if found.size <= found.tolerance else wrong
-        return Finding(check, found.size, 0.0, found.size, found.tolerance, message)
+        return self._limit.finding(check, wrong)
 
     def delay(self, check: str, late: str) -> Finding:
         """Return by how many steps the state lags behind the motion that its derivative describes.
@@ -162,9 +160,7 @@ def _change(
     scale = np.linalg.norm(series[-1][0])
     changes = [(s - s[0])[:: (len(s) - 1) // cells][1:] / scale for s in series]
     round_off = float(np.maximum(resolution, len(series[-1]) * noise(series[-1]) / scale))
-    found = limit([m.dt_s for m in motions], changes, round_off)
-    message = "" if found.size <= found.tolerance else wrong
-    return Finding(check, found.size, 0.0, found.size, found.tolerance, message)
+    return limit([m.dt_s for m in motions], changes, round_off).finding(check, wrong)
 
 
 def _attitude_findings(motions: Sequence[Sampled], resolution: float) -> Iterator[Finding]:
@@ -193,8 +189,7 @@ def _same_attitude(motions: Sequence[Sampled], resolution: float) -> Finding:
         scatter = noise(between)
         angles.append(between[:: (len(between) - 1) // (cells - 1)])
     found = limit([m.dt_s for m in motions], angles, max(resolution, scatter))
-    message = "the rotation matrix differs from the quaternion" if found.size > found.tolerance else ""
-    return Finding("rotation_reading", found.size, 0.0, found.size, found.tolerance, message)
+    return found.finding("rotation_reading", "the rotation matrix differs from the quaternion")
 
 
 def _rotation_delay(motion: Sampled) -> Finding:

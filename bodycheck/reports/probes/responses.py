@@ -84,7 +84,7 @@ class _Window:
             return f"the {load} has no effect" if load == force else at_centre
         for mistake, impulse in self.mistaken.items():
             found = replace(self, impulse=impulse)
-            if found.size > _MIN_SIZE * self.size and _is_zero(found.limit(steps_s)):
+            if found.size > _MIN_SIZE * self.size and found.limit(steps_s).is_zero:
                 return mistake
         return self._displacement(steps_s)
 
@@ -277,7 +277,7 @@ def _response(window: _Window, steps_s: Sequence[float]) -> Iterator[Finding]:
 
 
 def _response_text(found: Limit, along: Array) -> str:
-    if _is_zero(found):
+    if found.is_zero:
         return ""
     lengthwise = float(found.value[0] @ along)
     across = float(np.linalg.norm(found.value[0] - lengthwise * along))
@@ -286,10 +286,6 @@ def _response_text(found: Limit, along: Array) -> str:
     return (
         f"{text}, plus {across:.3g} times its size perpendicular to it" if across > found.tolerance else text
     )
-
-
-def _is_zero(found: Limit) -> bool:
-    return found.size <= found.tolerance
 
 
 def _nearly(value: float, tolerance: float) -> float:
@@ -318,8 +314,7 @@ def _unloaded(motions: Sequence[Sampled], momenta: Sequence[_Momenta], resolutio
         _round_off([momentum.angular for momentum in momenta], 0.0, motions, resolution) / moment,
     )
     found = limit([motion.dt_s for motion in motions], gains, round_off)
-    message = "" if found.size <= found.tolerance else "momentum changes while only gravity acts"
-    return Finding("unloaded_response", found.size, 0.0, found.size, found.tolerance, message)
+    return found.finding("unloaded_response", "momentum changes while only gravity acts")
 
 
 def _moment(load: ConstantLoad) -> float:
