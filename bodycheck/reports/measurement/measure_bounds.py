@@ -9,11 +9,10 @@ import numpy as np
 
 from bodycheck.reports.measurement.measures import MEASURES
 
-BOUND_KINDS = {name: measure.bound for name, measure in MEASURES.items() if measure.bound is not None}
-"""Measure -> which bound and round-off of the truth apply; norms of an engine's own state need none."""
-
-TRUTH_BOUNDS = {measure: f"truth_bound_{kind}" for measure, kind in BOUND_KINDS.items()}
-"""Measure -> column of results.csv."""
+TRUTH_BOUNDS = {
+    name: f"truth_bound_{measure.bound}" for name, measure in MEASURES.items() if measure.bound is not None
+}
+"""Measure -> column of results.csv; norms of an engine's own state need no bound."""
 
 _SCALES = {"omega_rad_s": "omega_scale_rad_s", "m": "length_scale_m", "m_s": "speed_scale_m_s"}
 """Bounds in SI units -> the scale that they are divided by; other bounds are already relative."""
@@ -29,7 +28,7 @@ def relative(value: float, columns: Mapping[str, Any], measure: str) -> float:
 
     columns: of results.csv, either of one case or those shared by all cases of a scenario.
     """
-    kind = BOUND_KINDS[measure]
+    kind = MEASURES[measure].bound
     scale = columns.get(_SCALES[kind], 0.0) if kind in _SCALES else 1.0
     own = MEASURES[measure].scale
     if kind == "energy" and own not in (None, "energy_scale_j"):  # the bound is relative to that scale

@@ -19,7 +19,8 @@ import numpy as np
 
 from bodycheck.adapters.contract import Precision
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.measurement.measure_bounds import BOUND_KINDS, relative
+from bodycheck.reports.measurement.measure_bounds import relative
+from bodycheck.reports.measurement.measures import MEASURES
 from bodycheck.reports.measurement.problem import Problem
 
 UNIT_ROUND_OFF: dict[Precision, float] = {"float64": 2.0**-53, "float32": 2.0**-24, "mixed": 2.0**-24}
@@ -57,7 +58,7 @@ class RoundOff:
     @lru_cache(maxsize=128)  # all methods on a problem share it
     def of(cls, problem: Problem, quantity: str, precision: Precision, bias: float = 0.0) -> RoundOff:
         """Derive the prediction from the truth and its sensitivity; a norm of the state has neither."""
-        kind = BOUND_KINDS.get(quantity)
+        kind = MEASURES[quantity].bound
         unit, duration_s = UNIT_ROUND_OFF[precision], problem.scenario.duration_s
         if kind is None:
             return cls(unit, duration_s, 1.0, 0.0, (), rotates=True)

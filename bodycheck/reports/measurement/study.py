@@ -41,7 +41,7 @@ from bodycheck.reports.measurement.convergence import (
     tolerance_convergence,
 )
 from bodycheck.reports.measurement.growth import Growth, growth_of
-from bodycheck.reports.measurement.measure_bounds import BOUND_KINDS, floor_of, relative
+from bodycheck.reports.measurement.measure_bounds import floor_of, relative
 from bodycheck.reports.measurement.measures import IDENTITY, MEASURES, ORIENTATION, QUANTITIES, scale_of
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.round_off import RoundOff, fitted
@@ -205,9 +205,10 @@ def limit(problem: Problem, quantity: str) -> float:
 
 def _round_off(problem: Problem, quantity: str) -> float:
     """Return eps x sensitivity over the scale of the quantity; 0 for a quantity that needs no truth."""
-    if quantity not in BOUND_KINDS:
+    kind = MEASURES[quantity].bound
+    if kind is None:
         return 0.0
-    round_off = problem.largest(getattr(problem.truth, f"round_off_{BOUND_KINDS[quantity]}"))
+    round_off = problem.largest(getattr(problem.truth, f"round_off_{kind}"))
     return relative(round_off, problem.columns, quantity)
 
 
