@@ -41,25 +41,17 @@ def _second(solid: Solid, omega: Array) -> Array:
     return _bilinear(solid, omega, _rate(solid, omega))
 
 
-def _itself(solid: Solid, omega: Array) -> Array:  # noqa: ARG001 - the signature of a term
-    return omega
-
-
-def _quadratic(solid: Solid, omega: Array) -> Array:  # noqa: ARG001 - as above
-    return np.asarray(np.linalg.norm(omega, axis=-1, keepdims=True) * omega)
-
-
-def _cubic(solid: Solid, omega: Array) -> Array:  # noqa: ARG001 - as above
-    return _dot(omega, omega) * omega
-
-
 def _dot(a: Array, b: Array) -> Array:
     return np.sum(a * b, axis=-1, keepdims=True)
 
 
 _OMEGA_TERMS: Mapping[int, _Terms] = {
-    0: {"omega": _itself, "|omega| omega": _quadratic, "f": _rate},
-    1: {"f'f": _second, "|omega|^2 omega": _cubic},
+    0: {
+        "omega": lambda _, w: w,
+        "|omega| omega": lambda _, w: np.linalg.norm(w, axis=-1, keepdims=True) * w,
+        "f": _rate,
+    },
+    1: {"f'f": _second, "|omega|^2 omega": lambda _, w: _dot(w, w) * w},
     2: {
         "f'f'f": lambda s, w: _bilinear(s, w, _second(s, w)),
         "f''(f,f)": lambda s, w: _bilinear(s, _rate(s, w), _rate(s, w)),
@@ -71,12 +63,12 @@ _OMEGA_TERMS: Mapping[int, _Terms] = {
     },
 }
 _ANGLE_TERMS: Mapping[int, _Terms] = {
-    0: {"omega": _itself},
+    0: {"omega": lambda _, w: w},
     1: {"f": _rate},
     2: {
         "f'f": _second,
         "omega x f": lambda s, w: cross(w, _rate(s, w)),
-        "|omega|^2 omega": _cubic,
+        "|omega|^2 omega": lambda _, w: _dot(w, w) * w,
     },
     3: {
         "f'f'f": lambda s, w: _bilinear(s, w, _second(s, w)),
