@@ -274,13 +274,13 @@ def _points(
 def method_rows(cases: Sequence[CaseResult], problem: Problem, method: Method) -> Iterator[dict[str, Any]]:
     """Yield the rows of methods.csv, one per quantity; cases: of one method, coarsest step first."""
     identity = {name: cases[0].columns[name] for name in IDENTITY}
+    expected = _expected_order(cases, problem, method)
     for quantity in QUANTITIES:
         if not _is_judged(cases, quantity):
             continue
         points = _points(tuple(cases), problem, method, quantity)
         found: Convergence = _VERDICTS[method.control](points, _criteria(cases, problem, method, quantity))
         growth = _growth(cases, problem, quantity, found.floor)
-        expected = _expected_order(cases, problem, method)
         finest = _finest(cases, quantity)
         yield {
             **identity,
