@@ -59,8 +59,8 @@ def plot_data(
                 "name": error,
                 "title": heading(error),
                 "floor": rounded(floor_of(problem.columns, error)),
-                "fits": _fits(method_rows, error, index),
-                "best": _best(method_rows, error, index),
+                "fits": _known(method_rows, error, index, "order", "floor"),
+                "best": _known(method_rows, error, index, "best_dt_s", "least_error", "measured_floor"),
             }
             for error in ERRORS
         ],
@@ -141,26 +141,12 @@ def _point(m: int, case: CaseResult) -> dict[str, Any]:
     return point
 
 
-def _fits(
-    rows: Iterable[Mapping[str, Any]], error: str, index: Mapping[MethodKey, int]
+def _known(
+    rows: Iterable[Mapping[str, Any]], error: str, index: Mapping[MethodKey, int], *columns: str
 ) -> dict[int, list[float]]:
-    """Return the order and the floor of each method with an order in this error."""
-    return {
-        index[key_of(row)]: [rounded(row["order"]), rounded(row["floor"])]
-        for row in rows
-        if row["quantity"] == error and row["order"] == row["order"]
-    }
-
-
-def _best(
-    rows: Iterable[Mapping[str, Any]], error: str, index: Mapping[MethodKey, int]
-) -> dict[int, list[float]]:
-    """Return the best step, its error and the floor there, of each method that reached its floor."""
-    return {
-        index[key_of(row)]: [rounded(row[name]) for name in ("best_dt_s", "least_error", "measured_floor")]
-        for row in rows
-        if row["quantity"] == error and row["measured_floor"] == row["measured_floor"]
-    }
+    """Return these columns of methods.csv for this error, of each method that has them all."""
+    found = {index[key_of(row)]: [row[name] for name in columns] for row in rows if row["quantity"] == error}
+    return {m: list(map(rounded, own)) for m, own in found.items() if all(x == x for x in own)}
 
 
 def _mark(m: int, case: CaseResult) -> dict[str, Any]:
