@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -24,19 +25,25 @@ TARGETS = tuple(float(f"1e-{k}") for k in range(1, 14))
 """The error tolerances, one per decade; a coarser one is useless, a finer one is round-off."""
 
 
+_Found = TypeVar("_Found")
+
+
 @dataclass(frozen=True, eq=False)
-class Cheapest:
-    """The cases that meet an error tolerance in the least processor time: of all methods, of engines only."""
+class Cheapest(Generic[_Found]):
+    """What meets an error tolerance at the least cost, a case or a method: of all, and of engines only."""
 
     target: float
-    of_all: CaseResult
-    of_engines: CaseResult | None
+    of_all: _Found
+    of_engines: _Found | None
 
 
 def cheapest_cases(
     problem: Problem, sequences: Mapping[MethodKey, RefinementSequence], error: str
-) -> list[Cheapest]:
-    """Return the cheapest cases of one scenario for each tolerance above its floor that any case meets."""
+) -> list[Cheapest[CaseResult]]:
+    """Return the cases of one scenario with the least processor time, for each tolerance above its floor.
+
+    Tolerances that no case meets are left out.
+    """
     floor = floor_of(problem.columns, error)
     engines = [sequence for (engine, _), sequence in sequences.items() if engine != REFERENCE]
     found = []
@@ -111,36 +118,23 @@ def _cost(
 
 def _price(sequence: RefinementSequence, target: float, error: str) -> float:
     """Return the least cost that meets a tolerance, per simulated second; infinite if no case meets it."""
-    prices = (
-        case.columns["cpu_s"] / case.columns["duration_s"]
-        for case in cases_within(sequence, target, error)
-        if "cpu_s" in case.columns
-    )
-    return min(prices, default=math.inf)
+    case = _cheapest([sequence], error, target)
+    return math.inf if case is None else case.columns["cpu_s"] / case.columns["duration_s"]
 
 
-@dataclass(frozen=True)
-class Front:
-    """The methods that meet an error tolerance at the least median cost: of all, and of engines only."""
-
-    target: float
-    of_all: Cost
-    of_engines: Cost | None
-
-
-def fronts(found: Mapping[MethodKey, Sequence[Cost]]) -> list[Front]:
-    """Return the cheapest methods for each tolerance that any method meets in most scenarios."""
+def fronts(found: Mapping[MethodKey, Sequence[Cost]]) -> list[Cheapest[Cost]]:
+    """Return the methods with the least median cost, for each tolerance that any meets in most scenarios."""
     front = []
     for target in TARGETS:
         meeting = [cost for own in found.values() for cost in own if cost.target == target]
         meeting = sorted((c for c in meeting if math.isfinite(c.median)), key=lambda c: c.median)
         engines = [cost for cost in meeting if cost.key[0] != REFERENCE]
         if meeting:
-            front.append(Front(target, meeting[0], engines[0] if engines else None))
+            front.append(Cheapest(target, meeting[0], engines[0] if engines else None))
     return front
 
 
-def cost_sentences(front: Mapping[str, Sequence[Front]]) -> list[str]:
+def cost_sentences(front: Mapping[str, Sequence[Cheapest[Cost]]]) -> list[str]:
     """Return sentences that name the cheapest methods for a coarse and for a fine orientation error."""
     return [
         f"Cheapest method for an orientation error of {number(target)} rad: {_priced(found.of_all)}; "

@@ -261,7 +261,7 @@ class Section:
     parts: Mapping[MethodKey, CellPart]
     at_s: float | None
     plots: Mapping[str, Any]
-    cheapest: Mapping[str, Sequence[Cheapest]]
+    cheapest: Mapping[str, Sequence[Cheapest[CaseResult]]]
     motion: Mapping[str, Any] | None
 
     @property
