@@ -12,6 +12,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import (
     angular_acceleration,
     angular_momentum,
+    diagonalised,
     force_and_torque,
     gravity_potential,
     gyration_radius,
@@ -283,3 +284,13 @@ def test_gyration_radius_is_the_root_mean_square_distance(body: Cloud) -> None:
     assert gyration_radius(3.0, 3.0 * 4.0 * np.diag([0.5, 0.5, 1.0])) == pytest.approx(
         2.0, rel=2 * EPS, abs=0.0
     )
+
+
+def test_a_diagonal_tensor_keeps_its_axes() -> None:
+    """The moments of a diagonal tensor stay in their order; those of any other one ascend."""
+    moments, axes = diagonalised(np.diag([3.0, 1.0, 2.0]))
+    assert np.array_equal(moments, [3.0, 1.0, 2.0])
+    assert np.array_equal(axes, np.eye(3))
+    coupled = np.diag([3.0, 1.0, 2.0]) + 0.1
+    for found, expected in zip(diagonalised(coupled), principal_axes(coupled), strict=True):
+        assert np.array_equal(found, expected)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from bodycheck._util.errors import InputError, UnavailableError
+from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.pivot import rotational_inertia
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.render.body_figures import polhode
@@ -25,7 +26,6 @@ from bodycheck.reports.render.figures import (
     drawn_figure,
     picture,
 )
-from bodycheck.reports.render.page.played_motions import principal_frame
 from bodycheck.reports.render.styles import COLOURS, engine_colour
 from bodycheck.reports.run_files.run_reader import read_run
 from bodycheck.reports.run_files.run_tables import Run, key_of
@@ -134,7 +134,7 @@ def test_the_polhode_of_the_truth_lies_on_the_ellipsoid_of_inertia(run: Run) -> 
     """w . I w = 1 along the truth; a motion whose omega is 1 % too large lies outside."""
     problem = run.problems[0]
     inertia, truth = rotational_inertia(problem.scenario.scene), problem.truth.trajectory
-    moments, _ = principal_frame(inertia)
+    moments, _ = diagonalised(inertia)
     on = polhode(truth, truth, inertia)
     np.testing.assert_allclose(np.sum(moments * on**2, axis=1), 1.0, rtol=1e-12)
     faster = replace(truth, omega_body_rad_s=1.01 * truth.omega_body, omega_world_rad_s=None)

@@ -10,11 +10,12 @@ import numpy as np
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import number, step
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.pivot import rotational_inertia
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.render.body_surface import BodySurface, principal_frame, surface_of
+from bodycheck.reports.render.body_surface import BodySurface, surface_of
 from bodycheck.reports.render.page.played_motions import coarsest_shared_step, shown_cases
 from bodycheck.reports.render.styles import COLOURS, engine_colour
 from bodycheck.reports.run_files.run_tables import Run
@@ -52,7 +53,7 @@ def polhode(trajectory: Trajectory, truth: Trajectory, inertia: Array) -> Array:
 
     K* is the truth's rotational energy, so a motion that loses energy leaves the ellipsoid.
     """
-    moments, axes = principal_frame(inertia)
+    moments, axes = diagonalised(inertia)
     twice = np.sum(moments * (truth.omega_body @ axes) ** 2, axis=1)
     moving = twice > 1e-6 * twice.max()
     return np.asarray((trajectory.omega_body @ axes)[moving] / np.sqrt(twice[moving])[:, None])
@@ -60,7 +61,7 @@ def polhode(trajectory: Trajectory, truth: Trajectory, inertia: Array) -> Array:
 
 def _polhodes(page: Figure, problem: Problem, cases_drawn: Sequence[CaseResult]) -> None:
     inertia = rotational_inertia(problem.scenario.scene)
-    moments, _ = principal_frame(inertia)
+    moments, _ = diagonalised(inertia)
     semiaxes = 1.0 / np.sqrt(moments)
     truth = problem.truth.trajectory
     u, v = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 25), np.linspace(0.0, np.pi, 13))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.mass_properties.solid import Triangles
 from bodycheck.reference_impl.scene import RigidBody
 from bodycheck.scenarios.body import Body, MeshBody, ShapeBody
@@ -56,7 +57,7 @@ def surface_of(body: Body) -> BodySurface:
             vertices, triangles = read_obj_text(body.mesh.surface)
             vertices = vertices * float(UNITS[body.mesh_unit or "m"]) - body.solid.centre
             faces = polygons_of(vertices, triangles)
-            _, axes = principal_frame(rigid.inertia)
+            _, axes = diagonalised(rigid.inertia)
             facing = [
                 number
                 for number, face in enumerate(faces)
@@ -81,20 +82,12 @@ def _scaled(
 _SIGNS = np.array([[2.0 * (k >> i & 1) - 1.0 for i in range(3)] for k in range(8)])
 
 
-def principal_frame(inertia: Array) -> tuple[Array, Array]:
-    """I = A diag(moments) A^T: the moments (3,) and the rotation A (3, 3); A = 1 if I is diagonal."""
-    if np.array_equal(np.diag(np.diag(inertia)), inertia):
-        return np.diag(inertia).copy(), np.eye(3)
-    moments, axes = np.linalg.eigh(inertia)
-    return moments, axes * np.array([1.0, 1.0, np.sign(np.linalg.det(axes))])
-
-
 def box_corners(body: RigidBody) -> Array:
     """a_i^2 ~ I_j + I_k - I_i: the corners (8, 3) of the box with this tensor, body axes, at distance REACH.
 
     The edges of the box have the same proportions as the axes of the solid ellipsoid with this tensor.
     """
-    moments, axes = principal_frame(body.inertia)
+    moments, axes = diagonalised(body.inertia)
     edges = np.sqrt(np.maximum(moments.sum() - 2.0 * moments, 0.0))
     edges = np.maximum(edges, _THINNEST * edges.max())
     return np.asarray(REACH * (_SIGNS * edges / np.linalg.norm(edges)) @ axes.T)

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.pivot import rotational_inertia
 from bodycheck.reference_impl.rotations import matrix_to_quaternion
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.render.body_surface import principal_frame, surface_of
+from bodycheck.reports.render.body_surface import surface_of
 from bodycheck.reports.render.page.downsampling import packed_fractions, packed_line
 from bodycheck.reports.render.styles import REFERENCE
 from bodycheck.reports.run_files.run_tables import MethodKey, common_step, key_of
@@ -41,7 +42,7 @@ def motion_view(
         return None
     shown = played[:TRACKS]
     inertia = rotational_inertia(problem.scenario.scene)
-    moments, axes = principal_frame(inertia)
+    moments, axes = diagonalised(inertia)
     frames = frame_numbers(problem.compared)
     return {
         "dt": at_s,
