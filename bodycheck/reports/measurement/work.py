@@ -43,7 +43,7 @@ def work_done(scene: Scene, motion: Trajectory) -> tuple[Array, float] | None:
         return None
     work, error = np.zeros(n), 0.0
     for (first, last), (start, end) in zip(pairwise(indices), pairwise(ends), strict=True):
-        loads = working_loads(scene, start, end)
+        loads = constant_loads_between(scene, start, end)
         inside = slice(first, last + 1)
         if not loads:
             work[inside] = work[first]
