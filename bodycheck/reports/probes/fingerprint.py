@@ -438,20 +438,14 @@ def _many(one: OneStepMap, steps: Steps, parts: int) -> Motion:
 def _unknown(free: Steps, nearest: list[Match]) -> Fingerprint:
     """Return the local order and the leading error term of a map that the library lacks."""
     near = nearest[0]
+    unknown = Fingerprint(NO_KNOWN_MAP, near.distance, near.text, near.distance)
     try:
         exact = MAPS["exact flow"].step(free.solid, free.before, free.dt, free.loads)
         leading = leading_error(free.solid, free.before, free.after, exact, free.dt, _levels(free))
     except np.linalg.LinAlgError:  # the states of a method that diverges may be too large
-        message = "the method diverges"
-        return Fingerprint(NO_KNOWN_MAP, near.distance, near.text, near.distance, message=message)
-    return Fingerprint(
-        NO_KNOWN_MAP,
-        near.distance,
-        near.text,
-        near.distance,
-        leading=leading,
-        message=f"{leading.text}; nearest: {near.text} at {near.distance:.2g}",
-    )
+        return replace(unknown, message="the method diverges")
+    message = f"{leading.text}; nearest: {near.text} at {near.distance:.2g}"
+    return replace(unknown, leading=leading, message=message)
 
 
 _RULES: Mapping[str, bool | None] = {
