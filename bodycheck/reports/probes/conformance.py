@@ -129,10 +129,6 @@ def _slow_scene(*loads: Load) -> Scene:
     return Scene(free.body, start, loads, np.zeros(3), _DURATION_S, 2)
 
 
-def _turned(path: Trajectory) -> list[Array]:
-    return [path.position_m, path.velocity_m_s, path.omega_body]
-
-
 # ------------------------------------------------------------------------------------------- the model held
 
 
@@ -422,7 +418,7 @@ _STAGED: tuple[tuple[str, tuple[Load, ...], str], ...] = (
 def _order_finding(bench: Bench, name: str, loads: tuple[Load, ...], stated: int, cause: str) -> Finding:
     """log2 |y_4h - y_2h| / |y_2h - y_h| of the last states, which must not be below the stated order."""
     scene = _slow_scene(*loads)
-    ends, resolution = [], 0.0
+    ends = []
     for dt_s in _ORDER_STEPS_S:
         answer = bench.record(bench.engine, bench.case(scene, dt_s))
         if answer.trajectory is None:
@@ -442,12 +438,13 @@ def _order_finding(bench: Bench, name: str, loads: tuple[Load, ...], stated: int
 def _distance(one: Trajectory, other: Trajectory) -> float:
     """Return the distance of the last states: the angle, and the relative distances of the vectors."""
     angle = float(np.max(geodesic_angle(one.attitude[-1:], other.attitude[-1:])))
-    pairs = zip(_turned(one), _turned(other), strict=True)
-    return max(angle, *(_relative(a[-1], b[-1], np.linalg.norm(b[-1])) for a, b in pairs))
-
-
-def _relative(a: Array, b: Array, size: Any) -> float:
-    return float(np.max(np.abs(a - b)) / size) if size > 0.0 else 0.0
+    found = [angle]
+    for name in ("position_m", "velocity_m_s", "omega_body"):
+        a, b = getattr(one, name)[-1], getattr(other, name)[-1]
+        size = float(np.linalg.norm(b))
+        if size > 0.0:
+            found.append(float(np.max(np.abs(a - b))) / size)
+    return max(found)
 
 
 # ------------------------------------------------------------------------------------- reset, advance, input
