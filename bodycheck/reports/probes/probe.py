@@ -150,8 +150,8 @@ def probe_rows(engine: Engine, method: Method, ask: RunCase) -> list[dict[str, A
     # do not wait a second time for an engine that timed out
     free = replace(loaded, probe=second) if loaded.timed_out else motions_of(second, engine, method, ask)
     for probed, findings in (
-        (loaded, _loaded_findings(loaded, loaded.resolution)),
-        (free, _free_findings(free, loaded, free.resolution)),
+        (loaded, _loaded_findings(loaded)),
+        (free, _free_findings(free, loaded)),
     ):
         finest = method.setting(probed.probe.steps_s[-1])
         shared = {
@@ -161,12 +161,8 @@ def probe_rows(engine: Engine, method: Method, ask: RunCase) -> list[dict[str, A
             "dt_s": finest.dt_s,
             "reproduce": reproducing_command(probed.probe.name, engine, method, finest),
         }
-        rows += [{**shared, **_cells(finding)} for finding in findings]
+        rows += [{**shared, **vars(finding), "verdict": finding.verdict} for finding in findings]
     return rows
-
-
-def _cells(finding: Finding) -> dict[str, Any]:
-    return {**vars(finding), "verdict": finding.verdict}
 
 
 def motions_of(probe: Probe, engine: Engine, method: Method, ask: RunCase) -> _Probed:
@@ -186,24 +182,24 @@ def motions_of(probe: Probe, engine: Engine, method: Method, ask: RunCase) -> _P
     return _Probed(probe, method, tuple(motions), "", mismatch)
 
 
-def _loaded_findings(loaded: _Probed, resolution: float) -> Iterator[Finding]:
+def _loaded_findings(loaded: _Probed) -> Iterator[Finding]:
     yield from _read_back("read_back", loaded)
     if loaded.motions:
         with np.errstate(all="ignore"):  # finite states may still overflow in the formulas
-            yield from response_findings(loaded.motions, resolution)
+            yield from response_findings(loaded.motions, loaded.resolution)
     else:
         yield Finding("responses", message=loaded.reason)
 
 
-def _free_findings(free: _Probed, loaded: _Probed, resolution: float) -> Iterator[Finding]:
+def _free_findings(free: _Probed, loaded: _Probed) -> Iterator[Finding]:
     yield from _read_back("free_read_back", free)
     if not free.motions:
         yield Finding("readings", message=free.reason)
         return
     with np.errstate(all="ignore"):
         if not loaded.motions:
-            yield gravity_finding(free.motions, resolution)
-        yield from reading_findings(free.motions, resolution)
+            yield gravity_finding(free.motions, free.resolution)
+        yield from reading_findings(free.motions, free.resolution)
     if free.method.control == "dt":
         yield precision_finding(free.motions[-1].trajectory, free.method.precision)
 
