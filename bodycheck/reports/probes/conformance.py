@@ -28,7 +28,7 @@ from bodycheck.reports.probes.finding import Finding, Limit, Sampled, limit, noi
 from bodycheck.reports.probes.mistakes import Mistake, part_of, read_back_mistake, reading_mistake
 from bodycheck.reports.probes.probe import Probe, arithmetic_eps, built_in_probes, motions_of
 from bodycheck.reports.probes.readings import reading_findings
-from bodycheck.reports.probes.responses import response_findings
+from bodycheck.reports.probes.responses import integral, response_findings
 
 
 @dataclass(frozen=True, eq=False)
@@ -334,7 +334,7 @@ def _balance(motion: Sampled) -> tuple[Array, Array]:
     at = Instants(path.t_s, path.position_m, path.rotation_matrices, path.velocity_m_s, path.omega_world)
     wrenches = [load.wrench(scene, at) for load in scene.continuous_loads]
     rates = [sum(part) for part in zip(*wrenches, strict=True)]
-    integrals = [motion.dt_s * (np.sum(rate, axis=0) - 0.5 * (rate[0] + rate[-1])) for rate in rates]
+    integrals = [integral(rate, motion.dt_s) for rate in rates]
     return np.array([momentum[-1] - momentum[0] for momentum in _momenta(motion)]), np.array(integrals)
 
 

@@ -152,7 +152,7 @@ def _gravity(motions: Sequence[Sampled], resolution: float) -> _Window:
         motion.trajectory.rotation_matrices[: end + 1] @ weight
         for motion, end in zip(motions, ends, strict=True)
     ]
-    in_body_axes = tuple(_integral(rate, motion.dt_s) for rate, motion in zip(turned, motions, strict=True))
+    in_body_axes = tuple(integral(rate, motion.dt_s) for rate, motion in zip(turned, motions, strict=True))
     return _Window(
         "gravity",
         tuple(momentum[end] - momentum[0] for momentum, end in zip(momenta, ends, strict=True)),
@@ -201,13 +201,13 @@ def _window(
         first, last, end = (motion.index(t) for t in (load.from_s, load.until_s, pause_ends_s))
         rotation = motion.trajectory.rotation_matrices[first : last + 1]
         gained.append(values[last] - values[first])
-        impulse.append(_integral(_rates(load, rotation)[part], motion.dt_s))
+        impulse.append(integral(_rates(load, rotation)[part], motion.dt_s))
         for mistake, rate in _mistaken_rates(load, rotation, part):
-            mistaken.setdefault(mistake, []).append(_integral(rate, motion.dt_s))
+            mistaken.setdefault(mistake, []).append(integral(rate, motion.dt_s))
         carried.append(values[end] - values[last])
         steps.append(last - first)
         if part and isinstance(load, PointForce):
-            push = _integral(_rates(load, rotation)[0], motion.dt_s)
+            push = integral(_rates(load, rotation)[0], motion.dt_s)
     mass = 0.0 if part else motions[0].scene.body.mass
     round_off = _round_off(series, mass, motions, resolution)
     by_mistake = {mistake: tuple(impulses) for mistake, impulses in mistaken.items()}
@@ -244,7 +244,7 @@ def _rates(load: ConstantLoad, rotation: Array) -> tuple[Array, Array]:
     return value, np.cross(np.einsum("nij,j->ni", rotation, load.at), value)
 
 
-def _integral(rate: Array, dt_s: float) -> Array:
+def integral(rate: Array, dt_s: float) -> Array:
     """Integrate rates (n, 3) by the trapezoidal rule."""
     return dt_s * (np.sum(rate, axis=0) - 0.5 * (rate[0] + rate[-1]))
 
