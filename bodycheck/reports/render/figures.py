@@ -89,14 +89,26 @@ class Appearance:
         return not self.engines or key[0] in self.engines or ":".join(key) in self.engines
 
 
+PLAIN = Appearance()
+"""A figure of one column, with all methods, in our settings of matplotlib."""
+
+
 def check_picture(out: Path) -> None:
     """Raise InputError for an unsupported suffix, UnavailableError without matplotlib."""
-    if out.suffix not in _SUFFIXES:
-        raise InputError(f"--out {out}: must end in {', '.join(_SUFFIXES[:-1])} or {_SUFFIXES[-1]}")
+    check_drawable(out, _SUFFIXES, "figures")
+
+
+def check_drawable(out: Path, suffixes: Sequence[str], what: str) -> None:
+    """Raise InputError unless the path has one of these suffixes, UnavailableError without matplotlib.
+
+    what: is drawn, in the plural.
+    """
+    if out.suffix not in suffixes:
+        raise InputError(f"--out {out}: must end in {', '.join(suffixes[:-1])} or {suffixes[-1]}")
     try:
         import matplotlib  # noqa: F401 - checked before anything is read
     except ImportError:
-        raise UnavailableError("figures need matplotlib: pip install 'bodycheck[plot]'") from None
+        raise UnavailableError(f"{what} need matplotlib: pip install 'bodycheck[plot]'") from None
 
 
 def check_engines(run: RunTables, engines: Sequence[str]) -> None:
@@ -113,14 +125,13 @@ def picture(
     scenario: str,
     quantity: str,
     suffix: str,
-    appearance: Appearance | None = None,
+    appearance: Appearance = PLAIN,
 ) -> bytes:
     """Return a figure of one scenario as the bytes of a file, identical for identical runs.
 
     figure: one of FIGURES, STABILITY or BODIES; the last two ignore `quantity`. "drift" and BODIES need a
     `Run` with its motions. Raises InputError if there is nothing to draw or the style cannot be used.
     """
-    appearance = appearance or Appearance()
     with rendering(appearance.style):
         return figure_bytes(drawn_figure(run, figure, scenario, quantity, appearance), suffix)
 
@@ -171,12 +182,11 @@ def _style_of(style: Path) -> Any:
 
 
 def drawn_figure(
-    run: RunTables, figure: str, scenario: str, quantity: str, appearance: Appearance | None = None
+    run: RunTables, figure: str, scenario: str, quantity: str, appearance: Appearance = PLAIN
 ) -> Figure:
     """Draw a figure of one scenario; parameters and errors as in picture."""
     from matplotlib.figure import Figure
 
-    appearance = appearance or Appearance()
     drawn = styles(key_of(case.columns) for case in run.cases)
     lines = cases_by_method(run.cases).get(scenario, {})
     lines = {key: cases for key, cases in lines.items() if appearance.shows(key)}

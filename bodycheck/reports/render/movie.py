@@ -23,7 +23,7 @@ from bodycheck.reports.render.body_figures import (
     method_name,
 )
 from bodycheck.reports.render.body_surface import surface_of
-from bodycheck.reports.render.figures import WIDTHS_IN, figure_bytes, rendering
+from bodycheck.reports.render.figures import WIDTHS_IN, check_drawable, figure_bytes, rendering
 from bodycheck.reports.render.page.played_motions import coarsest_shared_step, shown_cases
 from bodycheck.reports.render.styles import COLOURS, engine_colour
 from bodycheck.reports.run_files.run_tables import Run
@@ -49,12 +49,9 @@ _ARROW = 0.7  # in the units of the panels, whose half width is 0.75
 
 def check_movie(out: Path) -> None:
     """Raise InputError for an unsupported suffix, UnavailableError without matplotlib, or ffmpeg for .mp4."""
-    if out.suffix not in SUFFIXES:
-        raise InputError(f"--out {out}: must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
-    try:
-        from matplotlib.animation import FFMpegWriter
-    except ImportError:
-        raise UnavailableError("animations need matplotlib: pip install 'bodycheck[plot]'") from None
+    check_drawable(out, SUFFIXES, "animations")
+    from matplotlib.animation import FFMpegWriter
+
     if out.suffix == ".mp4" and not FFMpegWriter.isAvailable():
         raise UnavailableError(f"--out {out}: needs ffmpeg on the path; a .gif does not")
 
