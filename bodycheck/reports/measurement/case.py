@@ -82,17 +82,17 @@ class CaseResult:
 
     @property
     def series(self) -> Mapping[str, Array]:
-        """Every measure over time, (compared,) in SI units; empty unless the case ended well."""
+        """The measures over time, as in `MeasuredMotion`; empty unless the case ended well."""
         return self._motion.series
 
     @property
     def departures(self) -> Mapping[str, Array]:
-        """The signed departures from the truth (compared, k) of the judged measures, over their scales."""
+        """The departures from the truth, as in `MeasuredMotion`."""
         return self._motion.departures
 
     @property
     def floors(self) -> Mapping[str, float]:
-        """The errors of measures in this case besides the truth's."""
+        """The floors of measures, as in `MeasuredMotion`."""
         return self._motion.floors
 
     @cached_property

@@ -51,10 +51,9 @@ class Point:
 class Criteria:
     """How a quantity is judged.
 
-    floor: the larger of 3 times the truth's bound and eps times the motion's sensitivity, of the scale; a
-    smaller error carries no information. growing: round-off as it grows with the number of steps of the
-    finest case. extrapolated: False where errors do not follow a power of the step. judged: by its limit, or
-    as a property.
+    floor: of the scale; a smaller error carries no information. growing: round-off as it grows with the
+    number of steps of the finest case. extrapolated: False where errors do not follow a power of the step.
+    judged: by its limit, or as a property.
     """
 
     floor: float
@@ -125,8 +124,6 @@ def reaches_round_off(points: Sequence[Point]) -> bool:
 
 def round_off_floor(points: Sequence[Point], min_floor: float) -> float:
     """Return `min_floor`, or the error at which finer steps stopped helping, if it is as small as round-off.
-
-    min_floor: the larger of 3 times the truth's bound and eps times the motion's sensitivity.
 
     Where a finer step, or tolerance, reduces the error by less than order 1/2 would, and both errors are
     small enough to be round-off, which may grow with the number of steps, both are on the floor.
