@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import parallel_axis_tensor
+from bodycheck.reference_impl.rotations import vee
 from bodycheck.reference_impl.scene import PointForce, Scene
 from bodycheck.reference_impl.wrench import plan_steps, shares_of_loads
 
@@ -224,14 +225,7 @@ class Model:
         if self.arm_in_world:
             turn = self.initial_rotation if self.arm_in_world > 1.0 else np.eye(3)
             turned = np.einsum("ij,pjk->pik", turn, moment)
-            torque_world = torque_world + np.stack(
-                [
-                    turned[:, 1, 2] - turned[:, 2, 1],
-                    turned[:, 2, 0] - turned[:, 0, 2],
-                    turned[:, 0, 1] - turned[:, 1, 0],
-                ],
-                axis=-1,
-            )
+            torque_world = torque_world - 2.0 * vee(turned)
             moment = 0.0 * moment
         return force_body / self.mass, force_world / self.mass, torque, torque_world, moment
 

@@ -8,14 +8,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import permutations
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.scene import PointForce
+from bodycheck.reference_impl.rotations import exp_matrix, vee
+from bodycheck.reference_impl.scene import PointForce, Scene
 from bodycheck.reports.diagnosis.engine_model import (
     ClampAxes,
     Loads,
@@ -44,7 +45,7 @@ class FaultContext:
     stepped: bool
 
     @property
-    def scene(self) -> Any:
+    def scene(self) -> Scene:
         """The scene."""
         return self.transitions.scene
 
@@ -155,30 +156,42 @@ def _number(value: float) -> str:
 
 
 _FACTOR = Parameter("factor")
+_POSITIVE_FACTOR = Parameter("factor", low=1e-6)
 _RATE = Parameter("rate", "1/s", 0.0)
 
 
-def _set(name: str) -> Plant:
-    return lambda model, values, _: setattr(model, name, float(values[0]))
+def _assigned(*names: str) -> Plant:
+    """Return what assigns the first parameter to attributes of the model."""
+
+    def plant(model: Model, values: Array, at: FaultContext) -> None:
+        for name in names:
+            setattr(model, name, float(values[0]))
+
+    return plant
 
 
 def _constant(**changes: Any) -> Plant:
-    def plant(model: Model, values: Array, at: FaultContext) -> None:  # noqa: ARG001 - the signature of all
+    """Return what assigns values to attributes of the model."""
+
+    def plant(model: Model, values: Array, at: FaultContext) -> None:
         for name, value in changes.items():
             setattr(model, name, value)
 
     return plant
 
 
-def _loads(change: Callable[[Loads, Array, FaultContext], dict[str, Array]]) -> Plant:
+def _changed(name: str, change: Callable[[Any, Array], Any]) -> Plant:
+    """Return what changes an attribute of the model; change: of its value and the parameters."""
+    return lambda model, values, _: setattr(model, name, change(getattr(model, name), values))
+
+
+def _changed_loads(change: Callable[[Loads, Array, FaultContext], dict[str, Array]]) -> Plant:
+    """Return what replaces parts of the loads."""
+
     def plant(model: Model, values: Array, at: FaultContext) -> None:
         model.loads = replace(model.loads, **change(model.loads, values, at))
 
     return plant
-
-
-def _scaled_loads(*names: str) -> Plant:
-    return _loads(lambda held, s, _: {name: s[0] * getattr(held, name) for name in names})
 
 
 def _near(*values: float) -> Starts:
@@ -186,22 +199,20 @@ def _near(*values: float) -> Starts:
     return lambda _: [(value,) for value in values]
 
 
-def _misread(apply: Callable[[Reading, Array], Reading], undo: Callable[[Reading, Array], Reading]) -> Plant:
-    def plant(model: Model, values: Array, at: FaultContext) -> None:  # noqa: ARG001 - the signature of all
-        misreading = Misreading(lambda r: apply(r, values), lambda r: undo(r, values))
+_Misread: TypeAlias = Callable[[Reading, Array, FaultContext], Reading]
+
+
+def _misread(apply: _Misread, undo: _Misread) -> Plant:
+    """Return what adds a misreading to the model."""
+
+    def plant(model: Model, values: Array, at: FaultContext) -> None:
+        misreading = Misreading(lambda r: apply(r, values, at), lambda r: undo(r, values, at))
         model.misreadings = (*model.misreadings, misreading)
 
     return plant
 
 
 # ---------------------------------------------------------------------------------------------- the body
-
-
-def _inertia(change: Callable[[Array, Array], Any]) -> Plant:
-    def plant(model: Model, values: Array, at: FaultContext) -> None:  # noqa: ARG001 - the signature of all
-        model.inertia = np.asarray(change(model.inertia, values), dtype=np.float64)
-
-    return plant
 
 
 def _moment_scaled(which: int) -> Callable[[Array, Array], Array]:
@@ -213,15 +224,17 @@ def _moment_scaled(which: int) -> Callable[[Array, Array], Array]:
     return change
 
 
+_OTHER_ORDERS = list(permutations(range(3)))[1:]
+"""All orders of three axes but the right one."""
+
+
 def _off_diagonals(inertia: Array, values: Array) -> Array:
     diagonal = np.diag(np.diag(inertia))
     return np.asarray(diagonal + values[0] * (inertia - diagonal))
 
 
 def _rotated(inertia: Array, values: Array) -> Array:
-    angle = float(np.linalg.norm(values))
-    k = np.array([[0.0, -values[2], values[1]], [values[2], 0.0, -values[0]], [-values[1], values[0], 0.0]])
-    turn = np.eye(3) + np.sinc(angle / np.pi) * k + 0.5 * np.sinc(0.5 * angle / np.pi) ** 2 * (k @ k)
+    turn = exp_matrix(values)
     return np.asarray(turn @ inertia @ turn.T)
 
 
@@ -237,13 +250,27 @@ def _has_off_diagonals(at: FaultContext) -> bool:
 
 
 def _mass_and_inertia(model: Model, values: Array, at: FaultContext) -> None:
-    del at
     model.mass, model.inertia = values[0] * model.mass, values[0] * model.inertia
 
 
-def _mass(model: Model, values: Array, at: FaultContext) -> None:
-    del at
-    model.mass = values[0] * model.mass
+def _inertia_axes(permutation: list[int]) -> Fault:
+    axes = ["xyz"[k] for k in permutation]
+
+    def permuted(inertia: Array) -> Array:
+        return inertia[np.ix_(permutation, permutation)]
+
+    def applies(at: FaultContext) -> bool:
+        inertia = at.scene.body.inertia
+        return not np.allclose(permuted(inertia), inertia, rtol=1e-12, atol=0.0)
+
+    return Fault(
+        f"inertia-axes-{''.join(axes)}",
+        "body",
+        f"the axes of the inertia tensor are permuted: x, y, z as {', '.join(axes)}",
+        _changed("inertia", lambda inertia, _: permuted(inertia)),
+        applies=applies,
+        confirm="permute the moments in the scenario: the error must change with them",
+    )
 
 
 def _body() -> Iterator[Fault]:
@@ -251,7 +278,7 @@ def _body() -> Iterator[Fault]:
         "off-diagonals",
         "body",
         "the off-diagonals of the inertia tensor are multiplied by {0}",
-        _inertia(_off_diagonals),
+        _changed("inertia", _off_diagonals),
         (_FACTOR,),
         _near(0.0, -1.0, 1.0),
         _has_off_diagonals,
@@ -261,30 +288,19 @@ def _body() -> Iterator[Fault]:
         ),
         confirm="compare with a body whose axes are principal: its motion must be correct",
     )
-    names = "xyz"
-    for order in list(permutations(range(3)))[1:]:
-        permutation = list(order)
-        axes_text = ", ".join(names[k] for k in permutation)
-        yield Fault(
-            f"inertia-axes-{''.join(names[k] for k in permutation)}",
-            "body",
-            f"the axes of the inertia tensor are permuted: x, y, z as {axes_text}",
-            _inertia(partial(_permuted, permutation)),
-            applies=partial(_differs, permutation),
-            confirm="permute the moments in the scenario: the error must change with them",
-        )
+    yield from (_inertia_axes(list(order)) for order in _OTHER_ORDERS)
     yield Fault(
         "inertia-sphere",
         "body",
         "the inertia is that of a sphere: trace(I) / 3 about every axis",
-        _inertia(lambda inertia, _: np.eye(3) * np.trace(inertia) / 3.0),
+        _changed("inertia", lambda inertia, _: np.eye(3) * np.trace(inertia) / 3.0),
         confirm="a sphere must move correctly",
     )
     yield Fault(
         "inertia-inverted",
         "body",
         "the inertia tensor is replaced by its inverse",
-        _inertia(lambda inertia, _: np.linalg.inv(inertia)),
+        _changed("inertia", lambda inertia, _: np.linalg.inv(inertia)),
         confirm="read the inertia back from the engine",
     )
     yield Fault(
@@ -299,8 +315,8 @@ def _body() -> Iterator[Fault]:
         "inertia-scaled",
         "body",
         "the inertia is multiplied by {0}",
-        _inertia(lambda inertia, s: s[0] * inertia),
-        (Parameter("factor", low=1e-6),),
+        _changed("inertia", lambda inertia, s: s[0] * inertia),
+        (_POSITIVE_FACTOR,),
         _near(1.0),
         lambda at: at.has_torque or at.has_moment or bool(at.scene.continuous_loads) or not at.is_free,
         confirm="apply a known torque to a body at rest and divide it by the angular acceleration",
@@ -310,7 +326,7 @@ def _body() -> Iterator[Fault]:
             f"{word}-moment",
             "body",
             f"the {word} principal moment of inertia is multiplied by {{0}}",
-            _inertia(_moment_scaled(which)),
+            _changed("inertia", _moment_scaled(which)),
             (Parameter("factor", low=1e-3, high=1e3),),
             _near(1.0),
             confirm="spin the body up about this axis by a known torque",
@@ -319,8 +335,8 @@ def _body() -> Iterator[Fault]:
         "mass-scaled",
         "body",
         "the mass is multiplied by {0} where a force acts",
-        _mass,
-        (Parameter("factor", low=1e-6),),
+        _changed("mass", lambda mass, s: s[0] * mass),
+        (_POSITIVE_FACTOR,),
         _near(1.0),
         lambda at: at.has_force or bool(at.scene.continuous_loads) or not at.is_free,
         confirm="push the body at its centre of mass and divide the force by the acceleration",
@@ -330,45 +346,30 @@ def _body() -> Iterator[Fault]:
         "body",
         "mass and inertia are multiplied by {0}",
         _mass_and_inertia,
-        (Parameter("factor", low=1e-6),),
+        (_POSITIVE_FACTOR,),
         _near(1.0),
         lambda at: at.has_force and (at.has_torque or at.has_moment),
         confirm="weigh the body: compare force and acceleration",
     )
 
 
-def _permuted(permutation: list[int], inertia: Array, values: Array) -> Array:
-    del values
-    return inertia[np.ix_(permutation, permutation)]
-
-
-def _differs(permutation: list[int], at: FaultContext) -> bool:
-    inertia = at.scene.body.inertia
-    return not np.allclose(inertia[np.ix_(permutation, permutation)], inertia, rtol=1e-12, atol=0.0)
-
-
 # --------------------------------------------------------------------------------------------- gravity
 
 
-def _gravity(change: Callable[[Array, Array], Array]) -> Plant:
-    def plant(model: Model, values: Array, at: FaultContext) -> None:  # noqa: ARG001 - the signature of all
-        model.gravity = change(model.gravity, values)
-
-    return plant
-
-
 def _gravity_in_body_axes(model: Model, values: Array, at: FaultContext) -> None:
-    del values, at
     model.gravity_body, model.gravity = model.gravity, np.zeros(3)
 
 
-def _axes_permuted(permutation: list[int], gravity: Array, values: Array) -> Array:
-    del values
-    return gravity[permutation]
-
-
-def _gravity_differs(permutation: list[int], at: FaultContext) -> bool:
-    return bool(np.any(at.scene.gravity[permutation] != at.scene.gravity))
+def _gravity_axes(permutation: list[int]) -> Fault:
+    axes = ["xyz"[k] for k in permutation]
+    return Fault(
+        f"gravity-axes-{''.join(axes)}",
+        "gravity",
+        f"the axes of gravity are permuted: x, y, z as {', '.join(axes)}",
+        _changed("gravity", lambda gravity, _: gravity[permutation]),
+        applies=lambda at: bool(np.any(at.scene.gravity[permutation] != at.scene.gravity)),
+        confirm="drop the body from rest",
+    )
 
 
 def _gravity_faults() -> Iterator[Fault]:
@@ -376,24 +377,14 @@ def _gravity_faults() -> Iterator[Fault]:
         "gravity",
         "gravity",
         "gravity is multiplied by {0}",
-        _gravity(lambda g, s: s[0] * g),
+        _changed("gravity", lambda g, s: s[0] * g),
         (_FACTOR,),
         _near(1.0),
         lambda at: at.has_gravity,
         ((0.0, "gravity is missing"), (2.0, "gravity is applied twice"), (-1.0, "gravity is reversed")),
         confirm="drop the body from rest: its fall must be g t^2 / 2",
     )
-    for order in list(permutations(range(3)))[1:]:
-        permutation = list(order)
-        axes_text = ", ".join("xyz"[k] for k in permutation)
-        yield Fault(
-            f"gravity-axes-{axes_text.replace(', ', '')}",
-            "gravity",
-            f"the axes of gravity are permuted: x, y, z as {axes_text}",
-            _gravity(partial(_axes_permuted, permutation)),
-            applies=partial(_gravity_differs, permutation),
-            confirm="drop the body from rest",
-        )
+    yield from (_gravity_axes(list(order)) for order in _OTHER_ORDERS)
     yield Fault(
         "gravity-in-body-axes",
         "gravity",
@@ -412,7 +403,7 @@ def _map_faults() -> Iterator[Fault]:
         "gyroscopic-term",
         "map",
         "the gyroscopic term omega x I omega is multiplied by {0}",
-        _set("gyro"),
+        _assigned("gyro"),
         (_FACTOR,),
         _near(1.0, 0.0, -1.0),
         lambda at: at.rotates,
@@ -442,7 +433,7 @@ def _map_faults() -> Iterator[Fault]:
         "energy-pulled",
         "map",
         "the energy is pulled towards L^2 / (2 I2) at {0} 1/s, |L| unchanged",
-        _set("energy_pull"),
+        _assigned("energy_pull"),
         (_RATE,),
         _near(0.0, 1.0),
         lambda at: at.rotates,
@@ -452,7 +443,7 @@ def _map_faults() -> Iterator[Fault]:
         "damping-angular",
         "map",
         "omega is damped at the rate {0} 1/s",
-        _set("damping_w"),
+        _assigned("damping_w"),
         (_RATE,),
         _near(0.0, 1.0),
         lambda at: at.rotates,
@@ -462,7 +453,7 @@ def _map_faults() -> Iterator[Fault]:
         "damping-linear",
         "map",
         "the velocity is damped at the rate {0} 1/s",
-        _set("damping_v"),
+        _assigned("damping_v"),
         (_RATE,),
         _near(0.0, 1.0),
         lambda at: at.is_free,
@@ -472,7 +463,7 @@ def _map_faults() -> Iterator[Fault]:
         "damping",
         "map",
         "the velocity and omega are damped at the rate {0} 1/s",
-        _both_damped,
+        _assigned("damping_v", "damping_w"),
         (_RATE,),
         _near(0.0, 1.0),
         lambda at: at.rotates and at.is_free,
@@ -482,7 +473,7 @@ def _map_faults() -> Iterator[Fault]:
         "damping-bullet",
         "map",
         "the velocity and omega are damped as by Bullet's multi-body, v' = -d (1 + |v|) v with d = {0} 1/s",
-        _bullet_damping,
+        _assigned("damping_v", "damping_v_speed", "damping_w", "damping_w_speed"),
         (Parameter("damping", "1/s", 0.0, size=0.1),),
         _near(0.0),
         confirm="set linearDamping and angularDamping to 0 and run the case again",
@@ -491,7 +482,7 @@ def _map_faults() -> Iterator[Fault]:
         "damping-quadratic-angular",
         "map",
         "omega is damped by {0} |omega| omega",
-        _set("damping_w_speed"),
+        _assigned("damping_w_speed"),
         (Parameter("coefficient", "", 0.0),),
         _near(0.0),
         lambda at: at.rotates,
@@ -501,7 +492,7 @@ def _map_faults() -> Iterator[Fault]:
         "damping-quadratic-linear",
         "map",
         "the velocity is damped by {0} |v| v",
-        _set("damping_v_speed"),
+        _assigned("damping_v_speed"),
         (Parameter("coefficient", "1/m", 0.0),),
         _near(0.0),
         lambda at: at.is_free,
@@ -515,16 +506,6 @@ def _map_faults() -> Iterator[Fault]:
         applies=lambda at: at.is_free,
         confirm="drop the body from rest: its first step must not move it",
     )
-
-
-def _both_damped(model: Model, values: Array, at: FaultContext) -> None:
-    del at
-    model.damping_v = model.damping_w = float(values[0])
-
-
-def _bullet_damping(model: Model, values: Array, at: FaultContext) -> None:
-    del at
-    model.damping_v = model.damping_v_speed = model.damping_w = model.damping_w_speed = float(values[0])
 
 
 # ------------------------------------------------------------------------------------------------ limits
@@ -545,7 +526,6 @@ def _clamp(which: Literal["v", "w"], axes: ClampAxes, *, first: bool) -> Fault:
     tail = ("" if axes == "norm" else f" in {axes} axes") + ("" if first else " after the pose is updated")
 
     def plant(model: Model, values: Array, at: FaultContext) -> None:
-        del at
         setattr(model, f"clamp_{which}", (axes, abs(float(values[0]))))
         model.clamped_first = first
 
@@ -565,7 +545,6 @@ def _clamp(which: Literal["v", "w"], axes: ClampAxes, *, first: bool) -> Fault:
 
 
 def _both_clamped(model: Model, values: Array, at: FaultContext) -> None:
-    del at
     limit = abs(float(values[0]))
     model.clamp_v, model.clamp_w = ("world", limit), ("world", limit)
 
@@ -600,7 +579,7 @@ def _limits() -> Iterator[Fault]:
         "turn-clamped",
         "limit",
         "the rotation in one step is limited to {0} rad",
-        _set("largest_turn"),
+        _assigned("largest_turn"),
         (Parameter("limit", "rad", math.inf, 1e-6, math.pi),),
         _near(math.pi / 4.0),
         lambda at: (
@@ -617,7 +596,7 @@ def _limits() -> Iterator[Fault]:
         "asleep",
         "limit",
         "the body sleeps: it stands still below {0} m/s and rad/s",
-        _set("asleep"),
+        _assigned("asleep"),
         (Parameter("threshold", "m/s and rad/s", 0.0, 0.0),),
         lambda at: [(_quiet_speed(at),)],
         lambda at: _quiet_speed(at) > 0.0,
@@ -629,13 +608,11 @@ def _limits() -> Iterator[Fault]:
 
 
 def _frozen(loads: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
-    del values
     turned = loads.torque_body @ at.scene.initial.rotation.T
     return {"torque_body": 0.0 * loads.torque_body, "torque_world": loads.torque_world + turned}
 
 
 def _arms_shifted(loads: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
-    del at
     return {
         "lever": loads.lever + np.cross(values, loads.force_body),
         "moment": loads.moment + values[:, None] * loads.force_world[:, None, :],
@@ -643,31 +620,45 @@ def _arms_shifted(loads: Loads, values: Array, at: FaultContext) -> dict[str, Ar
 
 
 def _arms_turned(loads: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
-    del values
     return {"moment": np.einsum("ji,pjk->pik", at.scene.initial.rotation, loads.moment)}
 
 
 def _forces_swapped(loads: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
-    del values, at
     return {"force_body": loads.force_world, "force_world": loads.force_body}
+
+
+def _body_forces_in_world_axes(loads: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
+    # the moment a x F of a body force, with F in world axes, needs a F^T, which the lever lacks
+    forces = [load for load in at.scene.loads if isinstance(load, PointForce) and load.axes == "body"]
+    sums = sum((np.outer(load.at, load.value) for load in forces), np.zeros((3, 3)))
+    total = sum((load.value for load in forces), np.zeros(3))
+    share = (loads.force_body @ total) / max(float(total @ total), 1e-300)
+    return {
+        "moment": loads.moment + share[:, None, None] * sums,
+        "lever": 0.0 * loads.lever,
+        "force_world": loads.force_world + loads.force_body,
+        "force_body": 0.0 * loads.force_body,
+    }
+
+
+def _world_forces_in_body_axes(loads: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
+    return {
+        "lever": loads.lever - 2.0 * vee(loads.moment),
+        "moment": 0.0 * loads.moment,
+        "force_body": loads.force_body + loads.force_world,
+        "force_world": 0.0 * loads.force_world,
+    }
 
 
 def _shifted(steps: int) -> Plant:
     def plant(model: Model, values: Array, at: FaultContext) -> None:
-        del values, at
         line, none = model.timeline, len(model.loads.torque_body) - 1
         model.timeline = np.concatenate([np.full(steps, none), line[:-steps]])
 
     return plant
 
 
-def _early(model: Model, values: Array, at: FaultContext) -> None:
-    del values, at
-    model.timeline = np.concatenate([model.timeline[1:], model.timeline[-1:]])
-
-
 def _first_step_free(model: Model, values: Array, at: FaultContext) -> None:
-    del values, at
     line = model.timeline.copy()
     line[0] = len(model.loads.torque_body) - 1
     model.timeline = line
@@ -675,7 +666,6 @@ def _first_step_free(model: Model, values: Array, at: FaultContext) -> None:
 
 def _released_late(model: Model, values: Array, at: FaultContext) -> None:
     """Let each segment but the first begin a step late, where the one before it has loads."""
-    del values, at
     line = model.timeline
     parts = (
         model.loads.force_body,
@@ -692,25 +682,21 @@ def _released_late(model: Model, values: Array, at: FaultContext) -> None:
     model.timeline = delayed
 
 
-def _never_cleared(model: Model, values: Array, at: FaultContext) -> None:
-    """Give each segment also the loads of all earlier segments."""
-    del values, at
-    loads = model.loads
-    parts = {
+def _never_cleared(loads: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
+    """Return each segment's loads with those of all earlier segments."""
+    return {
         name: np.concatenate([np.cumsum(part[:-1], axis=0), part[-1:]]) for name, part in vars(loads).items()
     }
-    model.loads = replace(loads, **parts)
 
 
-def _prolonged(model: Model, values: Array, at: FaultContext) -> None:
-    """Give a segment without loads the loads of the segment before it."""
-    del values, at
-    parts = {name: part.copy() for name, part in vars(model.loads).items()}
-    for row in range(1, len(parts["torque_body"]) - 1):
-        if not any(np.any(part[row]) for part in vars(model.loads).values()):
+def _prolonged(loads: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
+    """Return the loads with those of the segment before it in each segment without loads."""
+    parts = {name: part.copy() for name, part in vars(loads).items()}
+    for row in range(1, len(loads.torque_body) - 1):
+        if not any(np.any(part[row]) for part in vars(loads).values()):
             for part in parts.values():
                 part[row] = part[row - 1]
-    model.loads = replace(model.loads, **parts)
+    return parts
 
 
 _ALL_LOADS = ("force_body", "force_world", "torque_body", "torque_world", "lever", "moment")
@@ -724,198 +710,179 @@ def _factor_texts(noun: str) -> tuple[tuple[float, str], ...]:
     )
 
 
+_LOAD_ALONE = "apply the load alone to a body at rest, and compare the momentum gained with its impulse"
+
+
+def _scaled(
+    name: str,
+    sentence: str,
+    parts: Sequence[str],
+    applies: Callable[[FaultContext], bool],
+    special: tuple[tuple[float, str], ...] = (),
+) -> Fault:
+    """Return the fault that parts of the loads are multiplied by a factor."""
+    plant = _changed_loads(lambda held, s, _: {part: s[0] * getattr(held, part) for part in parts})
+    return Fault(
+        name, "loads", sentence, plant, (_FACTOR,), _near(1.0), applies, special, confirm=_LOAD_ALONE
+    )
+
+
 def _load_faults() -> Iterator[Fault]:
-    confirm = "apply the load alone to a body at rest, and compare the momentum gained with its impulse"
-    yield Fault(
+    yield _scaled(
         "torque",
-        "loads",
         "torques are multiplied by {0}",
-        _scaled_loads("torque_body", "torque_world"),
-        (_FACTOR,),
-        _near(1.0),
+        ("torque_body", "torque_world"),
         lambda at: at.has_torque,
         _factor_texts("the torque"),
-        confirm=confirm,
     )
     yield Fault(
         "torque-body-as-world",
         "loads",
         "a torque in body axes acts in world axes",
-        _loads(
+        _changed_loads(
             lambda h, _, __: {
                 "torque_body": 0.0 * h.torque_body,
                 "torque_world": h.torque_world + h.torque_body,
             }
         ),
         applies=lambda at: "torque_body" in at.loads,
-        confirm=confirm,
+        confirm=_LOAD_ALONE,
     )
     yield Fault(
         "torque-world-as-body",
         "loads",
         "a torque in world axes acts in body axes",
-        _loads(
+        _changed_loads(
             lambda h, _, __: {
                 "torque_body": h.torque_body + h.torque_world,
                 "torque_world": 0.0 * h.torque_world,
             }
         ),
         applies=lambda at: "torque_world" in at.loads,
-        confirm=confirm,
+        confirm=_LOAD_ALONE,
     )
     yield Fault(
         "torque-frozen",
         "loads",
         "a torque in body axes keeps its initial direction in world axes",
-        _loads(_frozen),
+        _changed_loads(_frozen),
         applies=lambda at: "torque_body" in at.loads,
-        confirm=confirm,
+        confirm=_LOAD_ALONE,
     )
-    yield Fault(
+    yield _scaled(
         "moment",
-        "loads",
         "the moments of forces are multiplied by {0}",
-        _scaled_loads("lever", "moment"),
-        (_FACTOR,),
-        _near(1.0),
+        ("lever", "moment"),
         lambda at: at.has_moment,
         (
             (0.0, "forces act at the centre of mass, not at their points"),
             (-1.0, "the moment of a force is F x r instead of r x F"),
         ),
-        confirm=confirm,
     )
-    yield Fault(
+    yield _scaled(
         "force",
-        "loads",
         "forces are multiplied by {0}",
-        _scaled_loads("force_body", "force_world", "lever", "moment"),
-        (_FACTOR,),
-        _near(1.0),
+        ("force_body", "force_world", "lever", "moment"),
         lambda at: at.has_force,
         _factor_texts("the force"),
-        confirm=confirm,
     )
-    yield Fault(
+    yield _scaled(
         "force-without-moment",
-        "loads",
         "forces are multiplied by {0}, their moments are right",
-        _scaled_loads("force_body", "force_world"),
-        (_FACTOR,),
-        _near(1.0),
+        ("force_body", "force_world"),
         lambda at: at.has_force and at.has_moment and at.is_free,
         ((0.0, "forces have moments, but do not push the centre of mass"),),
-        confirm=confirm,
     )
-    yield Fault(
+    yield _scaled(
         "torque-and-moment",
-        "loads",
         "torques and the moments of forces are multiplied by {0}",
-        _scaled_loads("torque_body", "torque_world", "lever", "moment"),
-        (_FACTOR,),
-        _near(1.0),
+        ("torque_body", "torque_world", "lever", "moment"),
         lambda at: at.has_torque and at.has_moment,
         _factor_texts("every torque"),
-        confirm=confirm,
     )
-    yield Fault(
+    yield _scaled(
         "all-loads",
-        "loads",
         "all loads except gravity are multiplied by {0}",
-        _scaled_loads(*_ALL_LOADS),
-        (_FACTOR,),
-        _near(1.0),
+        _ALL_LOADS,
         lambda at: at.has_torque and at.has_force,
         ((2.0, "all loads are applied twice"), (0.0, "all loads except gravity are missing")),
-        confirm=confirm,
     )
-    yield from _applied_faults(confirm)
+    yield from _applied_faults()
     for axes in ("body", "world"):
         moment = "lever" if axes == "body" else "moment"
-        yield Fault(
+        yield _scaled(
             f"force-{axes}",
-            "loads",
             f"forces in {axes} axes are multiplied by {{0}}",
-            _scaled_loads(f"force_{axes}", moment),
-            (_FACTOR,),
-            _near(1.0),
+            (f"force_{axes}", moment),
             lambda at: {"force_body", "force_world"} <= at.loads,
             _factor_texts(f"the force in {axes} axes"),
-            confirm=confirm,
         )
-        yield Fault(
+        yield _scaled(
             f"moment-{axes}",
-            "loads",
             f"the moments of forces in {axes} axes are multiplied by {{0}}",
-            _scaled_loads(moment),
-            (_FACTOR,),
-            _near(1.0),
+            (moment,),
             lambda at: {"lever", "moment"} <= at.loads,
             (
                 (0.0, f"the force in {axes} axes acts at the centre of mass, not at its point"),
                 (-1.0, f"the moment of the force in {axes} axes is F x r instead of r x F"),
             ),
-            confirm=confirm,
         )
-        yield Fault(
+        yield _scaled(
             f"force-{axes}-without-moment",
-            "loads",
             f"forces in {axes} axes are multiplied by {{0}}, their moments are right",
-            _scaled_loads(f"force_{axes}"),
-            (_FACTOR,),
-            _near(1.0),
+            (f"force_{axes}",),
             lambda at: {"force_body", "force_world"} <= at.loads and at.is_free,
-            confirm=confirm,
         )
-        yield Fault(
+        yield _scaled(
             f"torque-{axes}",
-            "loads",
             f"torques in {axes} axes are multiplied by {{0}}",
-            _scaled_loads(f"torque_{axes}"),
-            (_FACTOR,),
-            _near(1.0),
+            (f"torque_{axes}",),
             lambda at: {"torque_body", "torque_world"} <= at.loads,
             _factor_texts(f"the torque in {axes} axes"),
-            confirm=confirm,
         )
     yield Fault(
         "force-body-as-world",
         "loads",
         "a force in body axes acts in world axes, its moment is right",
-        _loads(
+        _changed_loads(
             lambda h, _, __: {"force_body": 0.0 * h.force_body, "force_world": h.force_world + h.force_body}
         ),
         applies=lambda at: "force_body" in at.loads and at.is_free,
-        confirm=confirm,
+        confirm=_LOAD_ALONE,
     )
     yield Fault(
         "force-world-as-body",
         "loads",
         "a force in world axes acts in body axes, its moment is right",
-        _loads(
+        _changed_loads(
             lambda h, _, __: {"force_body": h.force_body + h.force_world, "force_world": 0.0 * h.force_world}
         ),
         applies=lambda at: "force_world" in at.loads and at.is_free,
-        confirm=confirm,
+        confirm=_LOAD_ALONE,
     )
     yield Fault(
         "force-axes-exchanged",
         "loads",
         "forces act in the other axes, their moments are right",
-        _loads(_forces_swapped),
+        _changed_loads(_forces_swapped),
         applies=lambda at: {"force_body", "force_world"} <= at.loads and at.is_free,
-        confirm=confirm,
+        confirm=_LOAD_ALONE,
     )
-    yield from (
-        Fault(
-            f"force-{axes}-in-wrong-axes",
-            "loads",
-            f"a force in {axes} axes acts in {other} axes, and its moment too",
-            _loads(partial(_wrong_axes, axes)),
-            applies=partial(_has_moments_in, axes),
-            confirm=confirm,
-        )
-        for axes, other in (("body", "world"), ("world", "body"))
+    yield Fault(
+        "force-body-in-wrong-axes",
+        "loads",
+        "a force in body axes acts in world axes, and its moment too",
+        _changed_loads(_body_forces_in_world_axes),
+        applies=lambda at: "force_body" in at.loads and at.has_moment,
+        confirm=_LOAD_ALONE,
+    )
+    yield Fault(
+        "force-world-in-wrong-axes",
+        "loads",
+        "a force in world axes acts in body axes, and its moment too",
+        _changed_loads(_world_forces_in_body_axes),
+        applies=lambda at: "force_world" in at.loads and at.has_moment,
+        confirm=_LOAD_ALONE,
     )
     yield Fault(
         "arm-in-world-axes",
@@ -923,7 +890,7 @@ def _load_faults() -> Iterator[Fault]:
         "the point of a world force is an offset in world axes, not in body axes",
         _constant(arm_in_world=1.0),
         applies=lambda at: "moment" in at.loads,
-        confirm=confirm,
+        confirm=_LOAD_ALONE,
     )
     yield Fault(
         "arm-frozen",
@@ -931,15 +898,15 @@ def _load_faults() -> Iterator[Fault]:
         "the point of a world force does not rotate with the body",
         _constant(arm_in_world=2.0),
         applies=lambda at: "moment" in at.loads,
-        confirm=confirm,
+        confirm=_LOAD_ALONE,
     )
     yield Fault(
         "arm-rotated",
         "loads",
         "the point of a world force is taken as an offset in world axes at the start",
-        _loads(_arms_turned),
+        _changed_loads(_arms_turned),
         applies=lambda at: "moment" in at.loads,
-        confirm=confirm,
+        confirm=_LOAD_ALONE,
     )
     for steps in (1, 2):
         word = "one step" if steps == 1 else "two steps"
@@ -955,7 +922,7 @@ def _load_faults() -> Iterator[Fault]:
         "load-early",
         "loads",
         "each load begins and ends one step early",
-        _early,
+        _changed("timeline", lambda line, _: np.concatenate([line[1:], line[-1:]])),
         applies=lambda at: at.stepped and at.switches,
         confirm="halve the step: the lead must halve",
     )
@@ -979,7 +946,7 @@ def _load_faults() -> Iterator[Fault]:
         "load-never-cleared",
         "loads",
         "loads are added to the previous ones and never cleared",
-        _never_cleared,
+        _changed_loads(_never_cleared),
         applies=lambda at: at.switches,
         confirm="end the load and wait: momentum must be constant",
     )
@@ -987,7 +954,7 @@ def _load_faults() -> Iterator[Fault]:
         "load-held-on",
         "loads",
         "a load continues after its end",
-        _prolonged,
+        _changed_loads(_prolonged),
         applies=lambda at: at.switches,
         confirm="end the load and wait: momentum must be constant",
     )
@@ -1003,33 +970,29 @@ def _load_faults() -> Iterator[Fault]:
         "continuous-loads",
         "loads",
         "continuous loads are multiplied by {0}",
-        _set("continuous"),
+        _assigned("continuous"),
         (_FACTOR,),
         _near(1.0),
         lambda at: bool(at.scene.continuous_loads),
         _factor_texts("the continuous load"),
-        confirm=confirm,
+        confirm=_LOAD_ALONE,
     )
 
 
-def _applied_faults(confirm: str) -> Iterator[Fault]:
+def _applied_faults() -> Iterator[Fault]:
     """Yield faults of the torque in body axes as an adapter applies it, with the moments of body forces."""
-    yield Fault(
+    yield _scaled(
         "applied-torque",
-        "loads",
         "torques are multiplied by {0}, the moments of body forces too",
-        _scaled_loads("torque_body", "torque_world", "lever"),
-        (_FACTOR,),
-        _near(1.0),
+        ("torque_body", "torque_world", "lever"),
         lambda at: at.has_torque and "lever" in at.loads,
         _factor_texts("every torque in body or world axes"),
-        confirm=confirm,
     )
     yield Fault(
         "applied-torque-body-as-world",
         "loads",
         "a torque in body axes, and the moment of a body force, acts in world axes",
-        _loads(
+        _changed_loads(
             lambda h, _, __: {
                 "torque_body": 0.0 * h.torque_body,
                 "lever": 0.0 * h.lever,
@@ -1037,109 +1000,61 @@ def _applied_faults(confirm: str) -> Iterator[Fault]:
             }
         ),
         applies=lambda at: "lever" in at.loads,
-        confirm=confirm,
+        confirm=_LOAD_ALONE,
     )
     yield Fault(
         "applied-torque-frozen",
         "loads",
         "a torque in body axes, and the moment of a body force, keeps its initial direction in world axes",
-        _loads(
+        _changed_loads(
             lambda h, values, at: {
                 **_frozen(replace(h, torque_body=h.torque_body + h.lever), values, at),
                 "lever": 0.0 * h.lever,
             }
         ),
         applies=lambda at: "lever" in at.loads,
-        confirm=confirm,
+        confirm=_LOAD_ALONE,
     )
-    yield Fault(
+    yield _scaled(
         "applied-moment",
-        "loads",
         "the torque in body axes and the moments of forces are multiplied by {0}",
-        _scaled_loads("torque_body", "lever", "moment"),
-        (_FACTOR,),
-        _near(1.0),
+        ("torque_body", "lever", "moment"),
         lambda at: {"torque_body", "lever"} <= at.loads,
         (
             (0.0, "torques in body axes and moments are missing"),
             (-1.0, "torques in body axes and moments have the opposite sign"),
         ),
-        confirm=confirm,
     )
-    yield Fault(
+    yield _scaled(
         "applied-force",
-        "loads",
         "forces and the torque in body axes are multiplied by {0}",
-        _scaled_loads("force_body", "force_world", "torque_body", "lever", "moment"),
-        (_FACTOR,),
-        _near(1.0),
+        ("force_body", "force_world", "torque_body", "lever", "moment"),
         lambda at: {"torque_body", "lever"} <= at.loads,
-        confirm=confirm,
     )
-    yield Fault(
+    yield _scaled(
         "applied-force-without-lever",
-        "loads",
         "forces are multiplied by {0}, the moments of body forces are right",
-        _scaled_loads("force_body", "force_world", "moment"),
-        (_FACTOR,),
-        _near(1.0),
+        ("force_body", "force_world", "moment"),
         lambda at: {"lever", "moment"} <= at.loads and at.is_free,
         ((0.0, "forces do not push the centre of mass, and world forces have no moment"),),
-        confirm=confirm,
     )
-
-
-def _has_moments_in(axes: str, at: FaultContext) -> bool:
-    return f"force_{axes}" in at.loads and at.has_moment
-
-
-def _wrong_axes(axes: str, loads: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
-    """Return the loads with the forces of these axes, and their moments, in the other ones."""
-    del values
-    parts = {name: part.copy() for name, part in vars(loads).items()}
-    if axes == "body":
-        # the moment a x F of a body force, with F in world axes, needs a F^T, which the lever lacks
-        forces = [load for load in at.scene.loads if isinstance(load, PointForce) and load.axes == "body"]
-        sums = sum((np.outer(load.at, load.value) for load in forces), np.zeros((3, 3)))
-        total = sum((load.value for load in forces), np.zeros(3))
-        share = (parts["force_body"] @ total) / max(float(total @ total), 1e-300)
-        parts["moment"] = parts["moment"] + share[:, None, None] * sums
-        parts["force_world"] = parts["force_world"] + parts["force_body"]
-        parts["force_body"], parts["lever"] = 0.0 * parts["force_body"], 0.0 * parts["lever"]
-    else:
-        m = parts["moment"]
-        turning = np.stack(
-            [m[:, 1, 2] - m[:, 2, 1], m[:, 2, 0] - m[:, 0, 2], m[:, 0, 1] - m[:, 1, 0]], axis=-1
-        )
-        parts["lever"] = parts["lever"] + turning
-        parts["force_body"] = parts["force_body"] + parts["force_world"]
-        parts["force_world"], parts["moment"] = 0.0 * parts["force_world"], 0.0 * m
-    return parts
 
 
 # --------------------------------------------------------------------------------------- steps and readings
 
 
-def _delayed(*names: str) -> Plant:
-    def plant(model: Model, values: Array, at: FaultContext) -> None:
-        del at
-        model.stale, model.lateness = frozenset(names), float(values[0])
-
-    return plant
-
-
-_STEPS_LATE = (Parameter("delay", "steps", 0.0, 0.01, 1.0),)
-
-
 def _quaternions(
-    taken: Callable[[Array], Array] | None, given: Callable[[Array], Array], back: Callable[[Array], Array]
+    given: Callable[[Array], Array],
+    back: Callable[[Array], Array],
+    taken: Callable[[Array], Array] | None = None,
 ) -> Plant:
+    """Return what changes quaternions that are read; back: undoes it; taken: changes those that are set."""
+    misread = _misread(lambda r, _, __: replace(r, q=given(r.q)), lambda r, _, __: replace(r, q=back(r.q)))
+
     def plant(model: Model, values: Array, at: FaultContext) -> None:
-        del values, at
         if taken is not None:
             model.start = taken
-        misreading = Misreading(lambda r: replace(r, q=given(r.q)), lambda r: replace(r, q=back(r.q)))
-        model.misreadings = (*model.misreadings, misreading)
+        misread(model, values, at)
 
     return plant
 
@@ -1150,48 +1065,30 @@ def _rolled(places: int) -> Callable[[Array], Array]:
 
 def _scaled_reading(name: str) -> Plant:
     return _misread(
-        lambda r, s: replace(r, **{name: s[0] * getattr(r, name)}),
-        lambda r, s: replace(r, **{name: getattr(r, name) / s[0]}),
+        lambda r, s, _: replace(r, **{name: s[0] * getattr(r, name)}),
+        lambda r, s, _: replace(r, **{name: getattr(r, name) / s[0]}),
     )
 
 
-def _omega_axes(model: Model, values: Array, at: FaultContext) -> None:
-    del values
-    into, back = (transposed_times, times) if at.transitions.world_omega else (times, transposed_times)
-    misreading = Misreading(
-        lambda r: replace(r, w=into(matrix_of(r.q), r.w)), lambda r: replace(r, w=back(matrix_of(r.q), r.w))
-    )
-    model.misreadings = (*model.misreadings, misreading)
+def _with_omega(r: Reading, *, in_world: bool) -> Reading:
+    """Return the reading with omega multiplied by R, into world axes, or by R^T, into body axes."""
+    rotated = times if in_world else transposed_times
+    return replace(r, w=rotated(matrix_of(r.q), r.w))
 
 
-def _velocity_in_body_axes(model: Model, values: Array, at: FaultContext) -> None:
-    del values, at
-    misreading = Misreading(
-        lambda r: replace(r, v=transposed_times(matrix_of(r.q), r.v)),
-        lambda r: replace(r, v=times(matrix_of(r.q), r.v)),
-    )
-    model.misreadings = (*model.misreadings, misreading)
+def _at_point(r: Reading, point: Array, at: FaultContext, *, position: bool, velocity: bool) -> Reading:
+    """Return the reading with position or velocity of a point (3,) of the body, relative to those read."""
+    rotation = matrix_of(r.q)
+    arm = times(rotation, np.broadcast_to(point[:, None], r.x.shape))
+    spin = r.w if at.transitions.world_omega else times(rotation, r.w)
+    return replace(r, x=r.x + arm if position else r.x, v=r.v + cross(spin, arm) if velocity else r.v)
 
 
 def _other_point(*, position: bool, velocity: bool) -> Plant:
-    def plant(model: Model, values: Array, at: FaultContext) -> None:
-        in_world = at.transitions.world_omega
-
-        def moved(r: Reading, sign: float) -> Reading:
-            rotation = matrix_of(r.q)
-            arm = sign * times(rotation, np.broadcast_to(values[:, None], r.x.shape))
-            spin = r.w if in_world else times(rotation, r.w)
-            return replace(r, x=r.x + arm if position else r.x, v=r.v + cross(spin, arm) if velocity else r.v)
-
-        misreading = Misreading(lambda r: moved(r, 1.0), lambda r: moved(r, -1.0))
-        model.misreadings = (*model.misreadings, misreading)
-
-    return plant
-
-
-def _step_scaled(model: Model, values: Array, at: FaultContext) -> None:
-    del at
-    model.step_factor = float(values[0])
+    return _misread(
+        lambda r, point, at: _at_point(r, point, at, position=position, velocity=velocity),
+        lambda r, point, at: _at_point(r, -point, at, position=position, velocity=velocity),
+    )
 
 
 _DEGREES = (
@@ -1199,11 +1096,27 @@ _DEGREES = (
     (0.5 / math.pi, "omega is read in revolutions per second, not rad/s"),
     (-1.0, "omega is read with the opposite sign"),
 )
-_ARM = tuple(Parameter(f"{axis}", "m", 0.0) for axis in "xyz")
+_ARM = tuple(Parameter(axis, "m", 0.0) for axis in "xyz")
 
 
-def _can_be_late(names: str, at: FaultContext) -> bool:
-    return at.stepped and (at.is_free or bool(set(names) & {"q", "w"}))
+def _late(name: str, quantities: str, noun: str) -> Fault:
+    def plant(model: Model, values: Array, at: FaultContext) -> None:
+        model.stale, model.lateness = frozenset(quantities), float(values[0])
+
+    def applies(at: FaultContext) -> bool:
+        return at.stepped and (at.is_free or bool(set(quantities) & {"q", "w"}))
+
+    return Fault(
+        name,
+        "reading",
+        f"{noun} read {{0}} steps late",
+        plant,
+        (Parameter("delay", "steps", 0.0, 0.01, 1.0),),
+        _near(0.5, 1.0),
+        applies,
+        ((1.0, f"{noun} read one step late"), (0.5, f"{noun} read half a step late")),
+        confirm="read the state twice in a row, and again after a step of length 0 if the engine allows it",
+    )
 
 
 def _reading_faults() -> Iterator[Fault]:
@@ -1211,7 +1124,7 @@ def _reading_faults() -> Iterator[Fault]:
         "step-scaled",
         "step",
         "the step is multiplied by {0}: time passes at another rate",
-        _step_scaled,
+        _assigned("step_factor"),
         (Parameter("factor", low=0.0, high=100.0),),
         _near(1.0, 0.5, 2.0),
         special=((0.5, "each step lasts half of its length"), (2.0, "each step lasts twice its length")),
@@ -1225,74 +1138,63 @@ def _reading_faults() -> Iterator[Fault]:
         applies=lambda at: at.stepped,
         confirm="let the body fly without loads: its path must be v t",
     )
-    confirm = "read the state twice in a row, and again after a step of length 0 if the engine allows it"
-    for name, names, noun in (
-        ("state-late", "xvqw", "the state is"),
-        ("attitude-late", "q", "the attitude is"),
-        ("omega-late", "w", "omega is"),
-        ("position-late", "x", "the position is"),
-        ("velocity-late", "v", "the velocity is"),
-        ("pose-late", "xq", "the pose is"),
-        ("velocities-late", "vw", "the velocities are"),
-    ):
-        yield Fault(
-            name,
-            "reading",
-            f"{noun} read {{0}} steps late",
-            _delayed(*names),
-            _STEPS_LATE,
-            _near(0.5, 1.0),
-            partial(_can_be_late, names),
-            ((1.0, f"{noun} read one step late"), (0.5, f"{noun} read half a step late")),
-            confirm=confirm,
-        )
+    yield _late("state-late", "xvqw", "the state is")
+    yield _late("attitude-late", "q", "the attitude is")
+    yield _late("omega-late", "w", "omega is")
+    yield _late("position-late", "x", "the position is")
+    yield _late("velocity-late", "v", "the velocity is")
+    yield _late("pose-late", "xq", "the pose is")
+    yield _late("velocities-late", "vw", "the velocities are")
     yield Fault(
         "quaternion-conjugated",
         "reading",
         "the quaternion is world to body, conjugated in and out",
-        _quaternions(conjugated, conjugated, conjugated),
+        _quaternions(conjugated, conjugated, taken=conjugated),
         confirm="start from an attitude other than identity",
     )
     yield Fault(
         "quaternion-conjugated-when-read",
         "reading",
         "the quaternion that is read is world to body",
-        _quaternions(None, conjugated, conjugated),
+        _quaternions(conjugated, conjugated),
         confirm="compare q with the rotation matrix of the engine",
     )
     yield Fault(
         "quaternion-order",
         "reading",
         "the quaternion is scalar last, (x, y, z, w), in and out",
-        _quaternions(_rolled(1), _rolled(-1), _rolled(1)),
+        _quaternions(_rolled(-1), _rolled(1), taken=_rolled(1)),
         confirm="start from a rotation by 90 degrees about one axis",
     )
     yield Fault(
         "quaternion-order-when-read",
         "reading",
         "the quaternion that is read is scalar last, (x, y, z, w)",
-        _quaternions(None, _rolled(-1), _rolled(1)),
+        _quaternions(_rolled(-1), _rolled(1)),
         confirm="read the attitude at t = 0",
     )
     yield Fault(
         "quaternion-order-when-set",
         "reading",
         "the quaternion that is set is taken as scalar last, (x, y, z, w)",
-        _start(_rolled(1)),
+        _constant(start=_rolled(1)),
         confirm="read the attitude at t = 0",
     )
     yield Fault(
         "quaternion-conjugated-when-set",
         "reading",
         "the quaternion that is set is taken as world to body",
-        _start(conjugated),
+        _constant(start=conjugated),
         confirm="read the attitude at t = 0",
     )
     yield Fault(
         "omega-read-in-wrong-axes",
         "reading",
         "omega is read in the other axes, world for body or body for world",
-        _omega_axes,
+        _misread(
+            lambda r, _, at: _with_omega(r, in_world=not at.transitions.world_omega),
+            lambda r, _, at: _with_omega(r, in_world=at.transitions.world_omega),
+        ),
         applies=lambda at: at.rotates,
         confirm="compare omega with the derivative of the attitude",
     )
@@ -1341,7 +1243,10 @@ def _reading_faults() -> Iterator[Fault]:
         "velocity-read-in-body-axes",
         "reading",
         "the velocity is read in body axes",
-        _velocity_in_body_axes,
+        _misread(
+            lambda r, _, __: replace(r, v=transposed_times(matrix_of(r.q), r.v)),
+            lambda r, _, __: replace(r, v=times(matrix_of(r.q), r.v)),
+        ),
         applies=lambda at: at.is_free,
         confirm="compare it with the derivative of the position",
     )
@@ -1360,14 +1265,6 @@ def _reading_faults() -> Iterator[Fault]:
         _constant(single_state=1.0),
         confirm="halve the step: the error must not decrease",
     )
-
-
-def _start(taken: Callable[[Array], Array]) -> Plant:
-    def plant(model: Model, values: Array, at: FaultContext) -> None:
-        del values, at
-        model.start = taken
-
-    return plant
 
 
 def _general() -> Iterator[Fault]:
@@ -1410,7 +1307,7 @@ def _general() -> Iterator[Fault]:
         "arm-shifted",
         "loads",
         "moments of forces are taken about a point that is ({0}, {1}, {2}) m off the centre of mass",
-        _loads(_arms_shifted),
+        _changed_loads(_arms_shifted),
         _ARM,
         lambda _: [(0.0, 0.0, 0.0)],
         lambda at: at.has_force,
@@ -1421,7 +1318,7 @@ def _general() -> Iterator[Fault]:
         "inertia-axes-rotated",
         "body",
         "the principal axes are rotated by ({0}, {1}, {2}) rad",
-        _inertia(_rotated),
+        _changed("inertia", _rotated),
         tuple(Parameter(axis, "rad", 0.0, -math.pi, math.pi) for axis in "xyz"),
         lambda _: [(0.0, 0.0, 0.0)],
         is_general=True,
@@ -1431,7 +1328,7 @@ def _general() -> Iterator[Fault]:
         "gravity-vector",
         "gravity",
         "gravity is off by ({0}, {1}, {2}) m/s^2",
-        _gravity(lambda g, d: g + d),
+        _changed("gravity", lambda g, d: g + d),
         tuple(Parameter(a, "m/s^2", 0.0) for a in "xyz"),
         lambda _: [(0.0, 0.0, 0.0)],
         is_general=True,
@@ -1443,7 +1340,7 @@ def _general() -> Iterator[Fault]:
                 f"spurious-{noun}-{axes}",
                 "loads",
                 f"a spurious constant {noun} of ({{0}}, {{1}}, {{2}}) {unit} in {axes} axes acts",
-                _spurious(f"spurious_{noun}_{axes}"),
+                _changed(f"spurious_{noun}_{axes}", lambda _, values: values),
                 tuple(Parameter(a, unit, 0.0) for a in "xyz"),
                 lambda _: [(0.0, 0.0, 0.0)],
                 (lambda _: True) if noun == "torque" else (lambda at: at.is_free),
@@ -1454,16 +1351,12 @@ def _general() -> Iterator[Fault]:
         "inertia-tensor",
         "body",
         "the inertia tensor is off by xx {0}, yy {1}, zz {2}, xy {3}, xz {4}, yz {5} of its mean moment",
-        _inertia(_any_inertia),
+        _changed("inertia", _any_inertia),
         tuple(Parameter(name, "", 0.0, -2.0, 2.0) for name in ("xx", "yy", "zz", "xy", "xz", "yz")),
         lambda _: [(0.0,) * 6],
         is_general=True,
         confirm="read the inertia back from the engine",
     )
-
-
-def _spurious(name: str) -> Plant:
-    return lambda model, values, _: setattr(model, name, np.asarray(values, dtype=np.float64))
 
 
 FAULTS: tuple[Fault, ...] = (
