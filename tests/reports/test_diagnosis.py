@@ -26,7 +26,8 @@ from bodycheck.reports.diagnosis.explanation_document import (
     similar_issues,
     upstream_issues,
 )
-from bodycheck.reports.diagnosis.faults import FAULTS, FaultContext
+from bodycheck.reports.diagnosis.faults import FAULTS
+from bodycheck.reports.diagnosis.faults.fault import FaultContext
 from bodycheck.reports.diagnosis.fit import planted
 from bodycheck.reports.diagnosis.flow import BASES
 from bodycheck.reports.diagnosis.transitions import Transitions

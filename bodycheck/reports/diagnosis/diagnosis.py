@@ -14,7 +14,8 @@ from bodycheck.reference_impl.scene import GravityGradient, Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import steps_per_sample
 from bodycheck.reports.diagnosis.engine_model import Grid
-from bodycheck.reports.diagnosis.faults import FAULTS, Fault, FaultContext
+from bodycheck.reports.diagnosis.faults import FAULTS
+from bodycheck.reports.diagnosis.faults.fault import Fault, FaultContext
 from bodycheck.reports.diagnosis.fit import Fit, Start, cost_of, fitted
 from bodycheck.reports.diagnosis.flow import BASES, EXACT, Base
 from bodycheck.reports.diagnosis.transitions import Transitions

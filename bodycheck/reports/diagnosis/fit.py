@@ -14,7 +14,7 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.diagnosis.engine_model import Model
-from bodycheck.reports.diagnosis.faults import Fault, FaultContext, Parameter
+from bodycheck.reports.diagnosis.faults.fault import Fault, FaultContext, Parameter
 from bodycheck.reports.diagnosis.flow import Base
 from bodycheck.reports.diagnosis.transitions import Transitions
 

@@ -1,0 +1,154 @@
+"""Faults that contain others as special cases, or whose parameters fit much."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.rotations import exp_matrix
+from bodycheck.reports.diagnosis.engine_model import Loads, Reading, cross, matrix_of, times
+from bodycheck.reports.diagnosis.faults.fault import (
+    Fault,
+    FaultContext,
+    Parameter,
+    Plant,
+    changed,
+    changed_loads,
+    misread,
+)
+
+
+def _vector(unit: str) -> tuple[Parameter, ...]:
+    return tuple(Parameter(axis, unit, 0.0) for axis in "xyz")
+
+
+def _from_zero(_: FaultContext) -> list[tuple[float, float, float]]:
+    return [(0.0, 0.0, 0.0)]
+
+
+def _at_point(r: Reading, point: Array, at: FaultContext, *, position: bool, velocity: bool) -> Reading:
+    """Return the reading with position or velocity of a point (3,) of the body, relative to those read."""
+    rotation = matrix_of(r.q)
+    arm = times(rotation, np.broadcast_to(point[:, None], r.x.shape))
+    spin = r.w if at.transitions.world_omega else times(rotation, r.w)
+    return replace(r, x=r.x + arm if position else r.x, v=r.v + cross(spin, arm) if velocity else r.v)
+
+
+def _other_point(*, position: bool, velocity: bool) -> Plant:
+    return misread(
+        lambda r, point, at: _at_point(r, point, at, position=position, velocity=velocity),
+        lambda r, point, at: _at_point(r, -point, at, position=position, velocity=velocity),
+    )
+
+
+def _rotated(inertia: Array, values: Array) -> Array:
+    turn = exp_matrix(values)
+    return np.asarray(turn @ inertia @ turn.T)
+
+
+def _any_inertia(inertia: Array, values: Array) -> Array:
+    a, b, c, d, e, f = values
+    return np.asarray(inertia + np.trace(inertia) / 3.0 * np.array([[a, d, e], [d, b, f], [e, f, c]]))
+
+
+def _arms_shifted(loads: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
+    return {
+        "lever": loads.lever + np.cross(values, loads.force_body),
+        "moment": loads.moment + values[:, None] * loads.force_world[:, None, :],
+    }
+
+
+def general_faults() -> Iterator[Fault]:
+    """Yield the faults that contain others as special cases, or whose parameters fit much."""
+    confirm = "compare the momentum gained with the impulse of the loads"
+    yield Fault(
+        "velocity-of-another-point",
+        "reading",
+        "the velocity is that of the point ({0}, {1}, {2}) m of the body",
+        _other_point(position=False, velocity=True),
+        _vector("m"),
+        _from_zero,
+        lambda at: at.rotates and at.is_free,
+        is_general=True,
+        confirm="compare it with the derivative of the position",
+    )
+    yield Fault(
+        "position-of-another-point",
+        "reading",
+        "the position is that of the point ({0}, {1}, {2}) m of the body",
+        _other_point(position=True, velocity=False),
+        _vector("m"),
+        _from_zero,
+        lambda at: at.rotates and at.is_free,
+        is_general=True,
+        confirm="spin the body about its centre of mass: the position must not change",
+    )
+    yield Fault(
+        "state-of-another-point",
+        "reading",
+        "position and velocity are those of the point ({0}, {1}, {2}) m of the body",
+        _other_point(position=True, velocity=True),
+        _vector("m"),
+        _from_zero,
+        lambda at: at.rotates and at.is_free,
+        is_general=True,
+        confirm="spin the body about its centre of mass: the position must not change",
+    )
+    yield Fault(
+        "arm-shifted",
+        "loads",
+        "moments of forces are taken about a point that is ({0}, {1}, {2}) m off the centre of mass",
+        changed_loads(_arms_shifted),
+        _vector("m"),
+        _from_zero,
+        lambda at: at.has_force,
+        is_general=True,
+        confirm="push the body at its centre of mass: it must not rotate",
+    )
+    yield Fault(
+        "inertia-axes-rotated",
+        "body",
+        "the principal axes are rotated by ({0}, {1}, {2}) rad",
+        changed("inertia", _rotated),
+        tuple(Parameter(axis, "rad", 0.0, -math.pi, math.pi) for axis in "xyz"),
+        _from_zero,
+        is_general=True,
+        confirm="read the inertia back from the engine",
+    )
+    yield Fault(
+        "gravity-vector",
+        "gravity",
+        "gravity is off by ({0}, {1}, {2}) m/s^2",
+        changed("gravity", lambda g, d: g + d),
+        _vector("m/s^2"),
+        _from_zero,
+        is_general=True,
+        confirm="drop the body from rest",
+    )
+    for noun, unit in (("torque", "N m"), ("force", "N")):
+        for axes in ("body", "world"):
+            yield Fault(
+                f"spurious-{noun}-{axes}",
+                "loads",
+                f"a spurious constant {noun} of ({{0}}, {{1}}, {{2}}) {unit} in {axes} axes acts",
+                changed(f"spurious_{noun}_{axes}", lambda _, values: values),
+                _vector(unit),
+                _from_zero,
+                (lambda _: True) if noun == "torque" else (lambda at: at.is_free),
+                is_general=True,
+                confirm=confirm,
+            )
+    yield Fault(
+        "inertia-tensor",
+        "body",
+        "the inertia tensor is off by xx {0}, yy {1}, zz {2}, xy {3}, xz {4}, yz {5} of its mean moment",
+        changed("inertia", _any_inertia),
+        tuple(Parameter(name, "", 0.0, -2.0, 2.0) for name in ("xx", "yy", "zz", "xy", "xz", "yz")),
+        lambda _: [(0.0,) * 6],
+        is_general=True,
+        confirm="read the inertia back from the engine",
+    )

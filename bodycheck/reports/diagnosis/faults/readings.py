@@ -1,0 +1,239 @@
+"""Faults of steps, of states that are set and read, and of the precision."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reports.diagnosis.engine_model import (
+    Model,
+    Reading,
+    conjugated,
+    matrix_of,
+    times,
+    transposed_times,
+)
+from bodycheck.reports.diagnosis.faults.fault import (
+    FACTOR,
+    Fault,
+    FaultContext,
+    Parameter,
+    Plant,
+    assigned,
+    constant,
+    misread,
+    near,
+)
+
+
+def _quaternions(
+    given: Callable[[Array], Array],
+    back: Callable[[Array], Array],
+    taken: Callable[[Array], Array] | None = None,
+) -> Plant:
+    """Return what changes quaternions that are read; back: undoes it; taken: changes those that are set."""
+    reading = misread(lambda r, _, __: replace(r, q=given(r.q)), lambda r, _, __: replace(r, q=back(r.q)))
+
+    def plant(model: Model, values: Array, at: FaultContext) -> None:
+        if taken is not None:
+            model.start = taken
+        reading(model, values, at)
+
+    return plant
+
+
+def _rolled(places: int) -> Callable[[Array], Array]:
+    return lambda q: np.roll(q, places, axis=0)
+
+
+def _scaled_reading(name: str) -> Plant:
+    return misread(
+        lambda r, s, _: replace(r, **{name: s[0] * getattr(r, name)}),
+        lambda r, s, _: replace(r, **{name: getattr(r, name) / s[0]}),
+    )
+
+
+def _with_omega(r: Reading, *, in_world: bool) -> Reading:
+    """Return the reading with omega multiplied by R, into world axes, or by R^T, into body axes."""
+    rotated = times if in_world else transposed_times
+    return replace(r, w=rotated(matrix_of(r.q), r.w))
+
+
+_DEGREES = (
+    (180.0 / math.pi, "omega is read in degrees per second, not rad/s"),
+    (0.5 / math.pi, "omega is read in revolutions per second, not rad/s"),
+    (-1.0, "omega is read with the opposite sign"),
+)
+
+
+def _late(name: str, quantities: str, noun: str) -> Fault:
+    def plant(model: Model, values: Array, at: FaultContext) -> None:
+        model.stale, model.lateness = frozenset(quantities), float(values[0])
+
+    def applies(at: FaultContext) -> bool:
+        return at.stepped and (at.is_free or bool(set(quantities) & {"q", "w"}))
+
+    return Fault(
+        name,
+        "reading",
+        f"{noun} read {{0}} steps late",
+        plant,
+        (Parameter("delay", "steps", 0.0, 0.01, 1.0),),
+        near(0.5, 1.0),
+        applies,
+        ((1.0, f"{noun} read one step late"), (0.5, f"{noun} read half a step late")),
+        confirm="read the state twice in a row, and again after a step of length 0 if the engine allows it",
+    )
+
+
+def reading_faults() -> Iterator[Fault]:
+    """Yield the faults of steps, readings and the precision."""
+    yield Fault(
+        "step-scaled",
+        "step",
+        "the step is multiplied by {0}: time passes at another rate",
+        assigned("step_factor"),
+        (Parameter("factor", low=0.0, high=100.0),),
+        near(1.0, 0.5, 2.0),
+        special=((0.5, "each step lasts half of its length"), (2.0, "each step lasts twice its length")),
+        confirm="let the body fly without loads: its path must be v t",
+    )
+    yield Fault(
+        "step-made-twice",
+        "step",
+        "each step is made twice",
+        constant(repeats=1.0),
+        applies=lambda at: at.stepped,
+        confirm="let the body fly without loads: its path must be v t",
+    )
+    yield _late("state-late", "xvqw", "the state is")
+    yield _late("attitude-late", "q", "the attitude is")
+    yield _late("omega-late", "w", "omega is")
+    yield _late("position-late", "x", "the position is")
+    yield _late("velocity-late", "v", "the velocity is")
+    yield _late("pose-late", "xq", "the pose is")
+    yield _late("velocities-late", "vw", "the velocities are")
+    yield Fault(
+        "quaternion-conjugated",
+        "reading",
+        "the quaternion is world to body, conjugated in and out",
+        _quaternions(conjugated, conjugated, taken=conjugated),
+        confirm="start from an attitude other than identity",
+    )
+    yield Fault(
+        "quaternion-conjugated-when-read",
+        "reading",
+        "the quaternion that is read is world to body",
+        _quaternions(conjugated, conjugated),
+        confirm="compare q with the rotation matrix of the engine",
+    )
+    yield Fault(
+        "quaternion-order",
+        "reading",
+        "the quaternion is scalar last, (x, y, z, w), in and out",
+        _quaternions(_rolled(-1), _rolled(1), taken=_rolled(1)),
+        confirm="start from a rotation by 90 degrees about one axis",
+    )
+    yield Fault(
+        "quaternion-order-when-read",
+        "reading",
+        "the quaternion that is read is scalar last, (x, y, z, w)",
+        _quaternions(_rolled(-1), _rolled(1)),
+        confirm="read the attitude at t = 0",
+    )
+    yield Fault(
+        "quaternion-order-when-set",
+        "reading",
+        "the quaternion that is set is taken as scalar last, (x, y, z, w)",
+        constant(start=_rolled(1)),
+        confirm="read the attitude at t = 0",
+    )
+    yield Fault(
+        "quaternion-conjugated-when-set",
+        "reading",
+        "the quaternion that is set is taken as world to body",
+        constant(start=conjugated),
+        confirm="read the attitude at t = 0",
+    )
+    yield Fault(
+        "omega-read-in-wrong-axes",
+        "reading",
+        "omega is read in the other axes, world for body or body for world",
+        misread(
+            lambda r, _, at: _with_omega(r, in_world=not at.transitions.world_omega),
+            lambda r, _, at: _with_omega(r, in_world=at.transitions.world_omega),
+        ),
+        applies=lambda at: at.rotates,
+        confirm="compare omega with the derivative of the attitude",
+    )
+    yield Fault(
+        "omega-read-scaled",
+        "reading",
+        "omega is multiplied by {0} when it is read",
+        _scaled_reading("w"),
+        (FACTOR,),
+        near(1.0, *(value for value, _ in _DEGREES)),
+        lambda at: at.rotates,
+        _DEGREES,
+        confirm="compare omega with the derivative of the attitude",
+    )
+    yield Fault(
+        "velocity-read-scaled",
+        "reading",
+        "the velocity is multiplied by {0} when it is read",
+        _scaled_reading("v"),
+        (FACTOR,),
+        near(1.0, -1.0, 1e3, 1e-3),
+        lambda at: at.is_free,
+        (
+            (-1.0, "the velocity is read with the opposite sign"),
+            (1e3, "the velocity is read in mm/s"),
+            (1e-3, "the velocity is read in km/s"),
+        ),
+        confirm="compare it with the derivative of the position",
+    )
+    yield Fault(
+        "position-read-scaled",
+        "reading",
+        "the position is multiplied by {0} when it is read",
+        _scaled_reading("x"),
+        (FACTOR,),
+        near(1.0, -1.0, 1e3, 1e-3),
+        lambda at: at.is_free,
+        (
+            (-1.0, "the position is read with the opposite sign"),
+            (1e3, "the position is read in mm"),
+            (1e-3, "the position is read in km"),
+        ),
+        confirm="compare its derivative with the velocity",
+    )
+    yield Fault(
+        "velocity-read-in-body-axes",
+        "reading",
+        "the velocity is read in body axes",
+        misread(
+            lambda r, _, __: replace(r, v=transposed_times(matrix_of(r.q), r.v)),
+            lambda r, _, __: replace(r, v=times(matrix_of(r.q), r.v)),
+        ),
+        applies=lambda at: at.is_free,
+        confirm="compare it with the derivative of the position",
+    )
+    yield Fault(
+        "single-precision-stage",
+        "precision",
+        "omega is rounded to float32 in each stage",
+        constant(single_stage=1.0),
+        applies=lambda at: at.rotates and not at.transitions.is_single,
+        confirm="scan the engine's build for float32, and halve the step: the error must not decrease",
+    )
+    yield Fault(
+        "float32",
+        "precision",
+        "the state is held in float32",
+        constant(single_state=1.0),
+        confirm="halve the step: the error must not decrease",
+    )
