@@ -115,7 +115,7 @@ class Answers:
             case,
             _key(engine, case, kind or do),
             lambda: {"do": do, "case": case_messages.case_message(case)},
-            lambda message: _read(message, case),
+            _reader(lambda message: received_messages.answer_of(message, case.scene.sample_times), Answer),
             cached=cached,
         )
 
@@ -128,7 +128,7 @@ class Answers:
             search.case,
             _key(engine, search.case, do, **case_messages.search_bounds(search)),
             lambda: {"do": do, **case_messages.search_message(search)},
-            _read_search,
+            _reader(received_messages.stable_step_of, StableStep),
         )
 
     def _answered(
@@ -218,20 +218,17 @@ class EngineClient:
         return answer
 
 
-def _read(message: Message, case: Case) -> Answer:
-    try:
-        return replace(received_messages.answer_of(message, case.scene.sample_times), build=_build(message))
-    except ValueError as error:
-        message_text = protocol.one_line(f"{type(error).__name__}: {error}")
-        return Answer("failed", message_text, build=_build(message))
+def _reader(parse: Callable[[Message], _Result], kind: type[_Result]) -> Callable[[Message], _Result]:
+    """Return what reads messages of a kind; one that cannot be parsed is a failure of the engine."""
 
+    def read(message: Message) -> _Result:
+        try:
+            return replace(parse(message), build=_build(message))
+        except ValueError as error:
+            message_text = protocol.one_line(f"{type(error).__name__}: {error}")
+            return kind("failed", message_text, build=_build(message))
 
-def _read_search(message: Message) -> StableStep:
-    try:
-        return replace(received_messages.stable_step_of(message), build=_build(message))
-    except ValueError as error:
-        message_text = protocol.one_line(f"{type(error).__name__}: {error}")
-        return StableStep("failed", message_text, build=_build(message))
+    return read
 
 
 def _build(message: Message) -> str:

@@ -28,7 +28,8 @@ class Journal:
         try:
             self._file = path.open("ab", buffering=0)
             try:
-                self._lock_file()
+                # until this process ends, however it ends
+                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 self._end = self._read()
                 self._file.truncate(self._end)
             except BaseException:
@@ -38,10 +39,6 @@ class Journal:
             raise InputError(f"{path}: another process is using this run") from None
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from None
-
-    def _lock_file(self) -> None:
-        """Lock the file against other processes until this one ends, however it ends."""
-        fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
     def _read(self) -> int:
         """Load the intact entries; return the offset at which the last complete line ends."""
