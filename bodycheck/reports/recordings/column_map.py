@@ -31,28 +31,22 @@ PLACE = ("longitude_rad", "latitude_rad")
 BODY_VELOCITY = ("vx_body_m_s", "vy_body_m_s", "vz_body_m_s")
 
 _KINDS = (
-    ({"t_s"}, "a time"),
-    ({*EULER, *PLACE}, "an angle"),
-    ({"x_m", "y_m", "z_m"}, "a length"),
-    ({*COLUMNS["velocity_m_s"], *BODY_VELOCITY}, "a velocity"),
-    ({*COLUMNS["omega_world_rad_s"], *COLUMNS["omega_body_rad_s"]}, "an angular velocity"),
-    ({*COLUMNS["quaternion"], *COLUMNS["rotation"]}, "a pure number"),
+    ({"t_s"}, "a time", (1, 0, 0)),
+    ({*EULER, *PLACE}, "an angle", (0, 1, 0)),
+    ({"x_m", "y_m", "z_m"}, "a length", (0, 0, 1)),
+    ({*COLUMNS["velocity_m_s"], *BODY_VELOCITY}, "a velocity", (-1, 0, 1)),
+    ({*COLUMNS["omega_world_rad_s"], *COLUMNS["omega_body_rad_s"]}, "an angular velocity", (-1, 1, 0)),
+    ({*COLUMNS["quaternion"], *COLUMNS["rotation"]}, "a pure number", (0, 0, 0)),
 )
-KINDS = {target: kind for targets, kind in _KINDS for target in targets}
+"""What a product can give, its kind, and its powers of s, rad and m."""
+
+KINDS = {target: kind for targets, kind, _ in _KINDS for target in targets}
 """What a product can give -> its kind, in SI units."""
 
 _ARRAYS = {column: array for array, columns in COLUMNS.items() for column in columns}
 """Column -> the array that has it, as in "wx_body_rad_s" -> "omega_body_rad_s"."""
 
-_POWERS = {
-    "a time": (1, 0, 0),
-    "an angle": (0, 1, 0),
-    "a length": (0, 0, 1),
-    "a velocity": (-1, 0, 1),
-    "an angular velocity": (-1, 1, 0),
-    "a pure number": (0, 0, 0),
-}
-"""Kind -> powers of s, rad and m."""
+_POWERS = {kind: powers for _, kind, powers in _KINDS}
 
 _ANGLE, _LENGTH, _TIME = (0, 1, 0), (0, 0, 1), (1, 0, 0)
 UNITS: dict[str, tuple[float, tuple[int, int, int]]] = {
