@@ -169,14 +169,9 @@ class _Search:
         """Return the transitions on which a map is run."""
         return self.fine if base is EXACT else self.own
 
-    def circumstances(self, transitions: Transitions) -> FaultContext:
-        return FaultContext(transitions, transitions is not self.fine)
-
     def diagnosis(self, bases: Sequence[Base], known_faults: Sequence[tuple[str, ...]]) -> Diagnosis:
         """Choose the map, then the faults."""
-        usable = [base for base in bases if self.on(base) is not None]
-        if not usable:
-            usable = [EXACT] if self.fine is not None else [BASES["rk4"]]
+        usable = [base for base in bases if self.on(base) is not None] or [EXACT]
         candidates = [(self._healthy_cost(base), base) for base in usable]
         best, base = min(candidates, key=lambda pair: pair[0])
         transitions = self._subset(base, _FITTED)

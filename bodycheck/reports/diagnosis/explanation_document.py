@@ -26,12 +26,6 @@ from bodycheck.reports.document import Cell, Column, Command, Document, Part, Se
 _HOLDS = 30.0  # multiples of the round-off
 _MIN_SHOWN = 1e-18  # below round-off: exact agreement on a logarithmic axis
 _PANEL_IN = 2.2
-_QUANTITY_NAMES = {
-    "position": "position",
-    "velocity": "velocity",
-    "attitude": "attitude",
-    "omega": "omega in its axes",
-}
 
 
 @dataclass(frozen=True)
@@ -195,7 +189,7 @@ def _evidence_table(evidence: Sequence[Evidence], title: str) -> Table:
     )
     rows = tuple(
         (
-            _QUANTITY_NAMES[one.quantity],
+            "omega in its axes" if one.quantity == "omega" else one.quantity,
             Span("yes", "good") if one.holds else Span("no", "bad"),
             number(one.before, 3),
             number(one.after, 3),

@@ -6,7 +6,7 @@ Source: Nocedal and Wright (2006), Numerical Optimization, section 10.3.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -28,6 +28,15 @@ Start: TypeAlias = tuple[tuple[Fault, ...], Sequence[float] | Array]
 """Faults, and the values of their parameters where a fit starts."""
 
 
+def _parts(faults: Iterable[Fault], values: Array) -> Iterator[tuple[Fault, Array]]:
+    """Yield each fault with its parameters; values: of all faults, in order."""
+    first = 0
+    for fault in faults:
+        last = first + len(fault.parameters)
+        yield fault, values[first:last]
+        first = last
+
+
 @dataclass(frozen=True, eq=False)
 class Fit:
     """Faults with the parameters that explain a trajectory best.
@@ -45,12 +54,7 @@ class Fit:
     @property
     def parts(self) -> list[tuple[Fault, Array]]:
         """Each fault with its parameters."""
-        found, first = [], 0
-        for fault in self.faults:
-            last = first + len(fault.parameters)
-            found.append((fault, self.values[first:last]))
-            first = last
-        return found
+        return list(_parts(self.faults, self.values))
 
     @property
     def size(self) -> int:
@@ -99,11 +103,9 @@ class _Candidate:
 
 def planted(at: FaultContext, healthy: Model, faults: Sequence[Fault], values: Array) -> Model:
     """Return the healthy model with the faults."""
-    model, first = healthy.copied(), 0
-    for fault in faults:
-        last = first + len(fault.parameters)
-        fault.plant(model, values[first:last], at)
-        first = last
+    model = healthy.copied()
+    for fault, own in _parts(faults, values):
+        fault.plant(model, own, at)
     return model
 
 

@@ -42,7 +42,11 @@ class States:
 
 @dataclass(frozen=True)
 class Base:
-    """A healthy one-step map. kind: how omega advances. turn: how the attitude does."""
+    """A healthy one-step map.
+
+    kind: how omega advances. turn: how the attitude does. pose_first: whether the pose advances with the old
+    velocities. tableau: instead of these three.
+    """
 
     name: str
     text: str
@@ -55,12 +59,10 @@ class Base:
 
 def _runge_kutta(name: str) -> Base:
     method = INTEGRATORS[name]
-    return Base(name, method.formula, "runge-kutta", "additive", tableau=method.tableau, order=method.order)
+    return Base(name, method.formula, tableau=method.tableau, order=method.order)
 
 
-EXACT = Base(
-    "exact", "the exact flow", "runge-kutta", "additive", tableau=INTEGRATORS["dop853"].tableau, order=8
-)
+EXACT = Base("exact", "the exact flow", tableau=INTEGRATORS["dop853"].tableau, order=8)
 """Runge-Kutta of order 8 with steps so fine that their error is below round-off."""
 
 BASES = {
@@ -111,7 +113,8 @@ class Flow:
         self._cached: tuple[Indices, list[Array]] | None = None
         ramp = self._numbers("ramp")
         self._ramps = np.flatnonzero(ramp)
-        self._gyro = self._gyro_factors()
+        gyro = self._numbers("gyro")
+        self._gyro = gyro[:, None] if np.any(gyro != 1.0) else None
         self._is_moved = scene.pivot is None
 
     def _numbers(self, name: str) -> Array:
@@ -132,11 +135,6 @@ class Flow:
             if len(rows):
                 found[name] = (rows, values[rows, None])
         return found
-
-    def _gyro_factors(self) -> Array | None:
-        """Return the factors (c, 1) of the gyroscopic term; None where all are 1."""
-        values = self._numbers("gyro")
-        return values[:, None] if np.any(values != 1.0) else None
 
     @cached_property
     def _clamps(self) -> list[tuple[str, ClampAxes, Indices, Array, bool]]:
@@ -195,6 +193,9 @@ class Flow:
         loads = self._loads(step)
         t = self._start_s + step * self._dt
         new = self._runge_kutta(y, loads, t, dt) if self._base.tableau else self._first_order(y, loads, t, dt)
+        if "old_velocity" in self._features:
+            rows = self._features["old_velocity"][0]
+            new.x[:, rows] = (y.x + dt * y.v)[:, rows]
         return self._limited(y, new)
 
     def _first_order(self, y: States, loads: list[Array], t: Array, dt: Array) -> States:
@@ -209,11 +210,7 @@ class Flow:
         v, w = y.v + dt * acceleration, y.w + dt * (change + self._omega_extra(y))
         self._clamp(States(y.x, v, y.q, w), first=True)
         moved, turned = (y.v, y.w) if self._base.pose_first else (v, w)
-        x = y.x + dt * moved
-        if "old_velocity" in self._features:
-            rows = self._features["old_velocity"][0]
-            x[:, rows] = (y.x + dt * y.v)[:, rows]
-        return States(x, v, self._turned(y.q, turned, dt), w)
+        return States(y.x + dt * moved, v, self._turned(y.q, turned, dt), w)
 
     def _implicit(self, w: Array, torque: Array, dt: Array) -> Array:
         """(I + dt D)^-1 torque, D = [omega]x I - [I omega]x."""
@@ -273,9 +270,6 @@ class Flow:
                 turned[:, rows] = product(half[:, rows], at.q[:, rows])
             slopes.append((at.v, acceleration, turned, spun))
         new = combined(tableau.b)
-        if "old_velocity" in self._features:
-            rows = self._features["old_velocity"][0]
-            new.x[:, rows] = (y.x + dt * y.v)[:, rows]
         if "largest_turn" in self._features:
             rows, limit = self._features["largest_turn"]
             share = (dt * y.w)[:, rows]

@@ -21,6 +21,7 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.diagnosis.engine_model import (
     Grid,
     Indices,
+    Misreading,
     Model,
     Reading,
     conjugated,
@@ -235,9 +236,9 @@ class Transitions:
             if self.scene.pivot is None:
                 y.x[:, row, 0], y.v[:, row, 0] = initial.position, initial.velocity
 
-    def _state_of(self, reading: Reading, misreadings: Sequence[object]) -> States:
+    def _state_of(self, reading: Reading, misreadings: Sequence[Misreading]) -> States:
         for misreading in reversed(misreadings):
-            reading = misreading.undo(reading)  # type: ignore[attr-defined]
+            reading = misreading.undo(reading)
         w = transposed_times(matrix_of(reading.q), reading.w) if self.world_omega else reading.w
         if self.scene.pivot is not None:
             place = np.broadcast_to(self._pivot_position[:, None], reading.x.shape)
