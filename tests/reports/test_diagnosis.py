@@ -13,10 +13,12 @@ import numpy as np
 import pytest
 
 import bodycheck
-from bodycheck.adapters.contract import Setting
+from bodycheck.adapters.contract import Setting, Simulation
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.pybullet import PyBullet
+from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.registry import registered
+from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.diagnosis.diagnosis import Diagnosis, bases_for, diagnosed
 from bodycheck.reports.diagnosis.engine_model import Grid
@@ -31,6 +33,7 @@ from bodycheck.reports.diagnosis.faults.fault import FaultContext
 from bodycheck.reports.diagnosis.fit import planted
 from bodycheck.reports.diagnosis.flow import BASES
 from bodycheck.reports.diagnosis.transitions import Transitions
+from bodycheck.reports.document import Document, Span, Table
 from bodycheck.reports.document import markdown as as_markdown
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.run_reader import read_tables
@@ -80,6 +83,63 @@ def test_the_motion_of_a_healthy_map_is_no_fault(base: str, scenario: str) -> No
     """The diagnosis is `healthy` and names the map."""
     found = diagnosis_of(scenario, motion_of(scenario, base), 4 if base == "rk4" else 1)
     assert (found.verdict, found.base, found.faults) == ("healthy", base, ())
+
+
+def tints(document: Document) -> dict[str, str]:
+    """Return the tint of each tinted cell of a document, by its text."""
+    rows = [row for part in document.parts if isinstance(part, Table) for row in part.rows]
+    return {cell.text: cell.tint for row in rows for cell in row if isinstance(cell, Span)}
+
+
+class Mislabelled:
+    """The reference's midpoint method, whose facts state order 4."""
+
+    name, version = "mislabelled", "1"
+
+    def __init__(self) -> None:
+        self.methods = {"midpoint": replace(Reference().methods["midpoint"], order=4)}
+
+    def unsupported(self, scene: Scene, method: str) -> str | None:
+        """Return what the reference returns."""
+        return Reference().unsupported(scene, method)
+
+    def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
+        """Return the simulation of the reference."""
+        return Reference().build(scene, method, dt_s)
+
+
+def test_the_motion_of_a_map_of_a_lower_order_is_not_that_of_the_method(
+    expected_message: ExpectedMessage,
+) -> None:
+    """The midpoint rule is the cause where the method is of order 4, and no fault where it is of order 2."""
+    scene = problem_of("full-tensor").scenario.scene
+    motion = record(Reference(), Case(scene, "midpoint", Setting(dt_s=STEPS["full-tensor"]))).trajectory
+    assert motion is not None
+    found = diagnosis_of("full-tensor", motion, 4)
+    assert (found.verdict, found.base, found.faults) == ("lower-order", "midpoint", ())
+    expected_message(found.sentence)
+    assert diagnosis_of("full-tensor", motion, 2).verdict == "healthy"
+
+
+def test_a_map_of_a_lower_order_is_not_blamed_where_maps_agree(tmp_path: Path) -> None:
+    """The midpoint rule and Runge-Kutta 4 move a body alike that hardly rotates."""
+    (tmp_path / "slow.toml").write_text(tumbling("slow", omega_body_rad_s=(3e-6, 1e-6, 2e-6)))
+    problem = Problem.of(load_scenario(tmp_path / "slow.toml"), "slow")
+    scene = problem.scenario.scene
+    motion = record(Reference(), Case(scene, "midpoint", Setting(dt_s=0.01))).trajectory
+    assert motion is not None
+    found = diagnosed(scene, motion, problem.scales, 0.01, order=4)
+    assert found is not None
+    assert (found.verdict, found.base) == ("healthy", "rk4")
+
+
+def test_a_mislabelled_method_is_not_shown_as_good(tmp_path: Path) -> None:
+    """The explanation of the case has the tint of a cause."""
+    with registered(Mislabelled()):
+        run = bodycheck.run(["full-tensor"], engines=["mislabelled"], dt_s=[1e-2], speed=False)
+    write_run(run, tmp_path / "run")
+    shown = tints(explanation_document(explain_run(tmp_path / "run", "full-tensor")))
+    assert [tint for text, tint in shown.items() if "order 2" in text] == ["bad"]
 
 
 TRUE_MOTIONS = ("symmetric-top", "powered-flight")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations, product
 
 import numpy as np
@@ -63,11 +63,12 @@ class FittedFault:
 class Diagnosis:
     """What explains a motion.
 
-    verdict: explained, healthy (the motion is that of the map, without a fault), or unexplained. base: the
-    map that the faults change. faults: one or two. share: of the differences from the map, over one sample
-    interval, that the faults explain. alike: other faults that this scene cannot distinguish from them.
-    nearly: the best single fault of an unexplained motion. before, after: root mean square of the
-    differences, over their scales; round_off: their round-off.
+    verdict: explained, healthy (the motion is that of the map, without a fault), lower-order (the same, but
+    the map is of a lower order than the method), or unexplained. base: the map that the faults change.
+    faults: one or two. share: of the differences from the map, over one sample interval, that the faults
+    explain. alike: other faults that this scene cannot distinguish from them. nearly: the best single fault
+    of an unexplained motion. before, after: root mean square of the differences, over their scales;
+    round_off: their round-off. order: of the method, where the verdict is lower-order.
     """
 
     verdict: str
@@ -81,6 +82,7 @@ class Diagnosis:
     before: float = 0.0
     after: float = 0.0
     round_off: float = 0.0
+    order: int | None = None
     fit: Fit | None = field(default=None, repr=False, compare=False)
     circumstances: FaultContext | None = field(default=None, repr=False, compare=False)
 
@@ -89,6 +91,9 @@ class Diagnosis:
         """The faults in one sentence, with those that would explain the motion as well."""
         if self.verdict == "healthy":
             return f"no fault: the motion is that of {self.base_words}"
+        if self.verdict == "lower-order":
+            orders = f"of order {BASES[self.base].order}, not {self.order}"
+            return f"the method is {orders}: the motion is that of {self.base_words}"
         if self.verdict != "explained":
             return "unexplained: no known fault, and no pair of them, makes this motion"
         named = "; or ".join(["; and ".join(fault.sentence for fault in self.faults), *self.alike])
@@ -132,7 +137,7 @@ def diagnosed(
         if search is None:
             return None
         bases = bases_for(order) if dt_s is not None else (EXACT,)
-        return search.diagnosis(bases, known_faults)
+        return search.diagnosis(bases, known_faults, order)
 
 
 def _can_be_examined(scene: Scene, trajectory: Trajectory, known: frozenset[str]) -> bool:
@@ -169,23 +174,30 @@ class _Search:
         """Return the transitions on which a map is run."""
         return self.fine if base is EXACT else self.own
 
-    def diagnosis(self, bases: Sequence[Base], known_faults: Sequence[tuple[str, ...]]) -> Diagnosis:
+    def diagnosis(
+        self, bases: Sequence[Base], known_faults: Sequence[tuple[str, ...]], order: int | None
+    ) -> Diagnosis:
         """Choose the map, then the faults."""
         usable = [base for base in bases if self.on(base) is not None] or [EXACT]
         candidates = [(self._healthy_cost(base), base) for base in usable]
-        best, base = min(candidates, key=lambda pair: pair[0])
-        transitions = self._subset(base, _FITTED)
-        unchanged = _healthy(transitions, base)
-        if cost_of(unchanged, transitions) <= _AT_ROUND_OFF * transitions.round_off:
-            return Diagnosis(
-                "healthy", base.name, base.text, before=best, after=best, round_off=transitions.round_off
-            )
+        _, base = min(candidates, key=lambda pair: pair[0])
+        if self._is_healthy(base):
+            return self._without_fault(base, usable, order)
         for one in usable:
             if (known := self._known(one, known_faults)) is not None:
                 return known
         if len(usable) > 1:
             base = self._best_base(usable)
         return self._with_base(base)
+
+    def _without_fault(self, base: Base, usable: Sequence[Base], order: int | None) -> Diagnosis:
+        """Return the diagnosis of the motion of a map, or of one that this motion cannot tell from it."""
+        if _is_below(base, order):
+            alike = (one for one in usable if not _is_below(one, order) and self._is_healthy(one))
+            base = next(alike, base)
+        cost, round_off = self._healthy_cost(base), self._subset(base, _FITTED).round_off
+        found = Diagnosis("healthy", base.name, base.text, before=cost, after=cost, round_off=round_off)
+        return replace(found, verdict="lower-order", order=order) if _is_below(base, order) else found
 
     def _known(self, base: Base, known_faults: Sequence[tuple[str, ...]]) -> Diagnosis | None:
         """Return the diagnosis with faults that are already known, if they leave nothing but round-off."""
@@ -251,6 +263,11 @@ class _Search:
         few = self._subset(base, _FIRST_LOOK)
         return cost_of(_healthy(few, base), few)
 
+    def _is_healthy(self, base: Base) -> bool:
+        """Whether a map without faults leaves nothing but round-off."""
+        transitions = self._subset(base, _FITTED)
+        return cost_of(_healthy(transitions, base), transitions) <= _AT_ROUND_OFF * transitions.round_off
+
     def _context(self, base: Base, transitions: Transitions) -> FaultContext:
         return FaultContext(transitions, base is not EXACT)
 
@@ -310,6 +327,11 @@ class _Search:
 
 
 _MAX_PAIRS = 6  # more pairs that fit equally well are no explanation
+
+
+def _is_below(base: Base, order: int | None) -> bool:
+    """Whether a map is of a lower order than a method; the exact flow stands for all orders."""
+    return order is not None and base is not EXACT and base.order < order
 
 
 def _healthy(transitions: Transitions, base: Base) -> Array:

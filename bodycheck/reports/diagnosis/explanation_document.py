@@ -150,7 +150,7 @@ def _facts(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
         reason = _NOT_EXAMINED if one.case.ok else "no case of the method ended well"
         yield "diagnosis", Span(f"not examined: {reason}", "open")
         return
-    tint = {"explained": "bad", "healthy": "good"}.get(found.verdict, "open")
+    tint = {"explained": "bad", "lower-order": "bad", "healthy": "good"}.get(found.verdict, "open")
     yield "diagnosis", Span(found.sentence, tint)
     if found.verdict == "unexplained" and found.nearly:
         yield "nearest fault", found.nearly[0].sentence
