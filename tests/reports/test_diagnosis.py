@@ -399,6 +399,21 @@ def test_methods_that_broke_down_are_listed_without_a_diagnosis(tmp_path: Path) 
     assert "unstable: " in as_markdown(explanation_document(cases))
 
 
+def test_a_run_in_which_nothing_was_measured_is_not_healthy(tmp_path: Path) -> None:
+    """Each unsupported method is listed, with the reason, and nothing has the tint of a good result."""
+    engine = FaultyMap("m1", [])
+    with registered(engine):
+        run = bodycheck.run(["heavy-top"], engines=[engine.name], dt_s=[0.01], speed=False)
+    assert {*run.results["outcome"]} == {"unsupported"}
+    write_run(run, tmp_path / "run")
+    cases = explain_run(tmp_path / "run", None)
+    assert [(one.case.columns["outcome"], one.diagnosis) for one in cases] == [("unsupported", None)]
+    assert tints(explanation_document(cases)) == {
+        "unsupported: no continuous loads": "open",
+        "not examined: nothing was measured": "open",
+    }
+
+
 @pytest.mark.slow
 def test_judge_explains_a_trajectory_of_any_program(tmp_path: Path) -> None:
     """With the program's step the fault is named to round-off; without it, relative to the exact flow."""

@@ -207,9 +207,9 @@ class _CasePattern:
 def explain_run(folder: Path, case: str | None, *, allow_code: bool = False) -> list[ExplainedCase]:
     """Return the diagnoses of a run: of every wrong method, or of the cases of a pattern.
 
-    Methods without any case that ended well are listed without a diagnosis. case:
-    SCENARIO[,ENGINE[:METHOD][,STEP]]. Raises InputError where the run cannot be read, or has no such
-    case.
+    Methods all of whose cases broke down are listed without a diagnosis; where no case of the run ended well,
+    so are those that do not support a scenario. case: SCENARIO[,ENGINE[:METHOD][,STEP]]. Raises InputError
+    where the run cannot be read, or has no such case.
     """
     from bodycheck.reports.run_files.run_reader import read_run  # imported here: runs diagnose without it
 
@@ -217,7 +217,7 @@ def explain_run(folder: Path, case: str | None, *, allow_code: bool = False) -> 
     run = read_run(folder, allow_code=allow_code, cache=Cache.default())
     if pattern is None:
         rows: list[Any] = run.methods.to_dict("records")
-        return [*explained_cases(run.problems, run.cases, rows, _orders(run)), *_broken_down(run)]
+        return [*explained_cases(run.problems, run.cases, rows, _orders(run)), *_without_motion(run)]
     found = list(_named(run, pattern))
     if not found:
         known = dict.fromkeys(
@@ -227,13 +227,17 @@ def explain_run(folder: Path, case: str | None, *, allow_code: bool = False) -> 
     return found
 
 
-def _broken_down(run: Run) -> Iterator[ExplainedCase]:
-    """Yield the last case of each method all of whose cases failed or were unstable, without a diagnosis."""
+def _without_motion(run: Run) -> Iterator[ExplainedCase]:
+    """Yield the last case of each method all of whose cases failed or were unstable, without a diagnosis.
+
+    Where no case of the run ended well, also yield that of each method that is unsupported.
+    """
+    listed = FAULTS if any(case.ok for case in run.cases) else (*FAULTS, "unsupported")
     by_method = cases_by_method(run.cases)
     for problem in run.problems:
         for key, cases in by_method.get(problem.scenario.name, {}).items():
             last = cases[-1]
-            if last.columns["outcome"] in FAULTS and not any(case.ok for case in cases):
+            if last.columns["outcome"] in listed and not any(case.ok for case in cases):
                 yield ExplainedCase(problem, key, last, (), None)
 
 

@@ -22,6 +22,7 @@ from bodycheck.reports.diagnosis.fit import planted
 from bodycheck.reports.diagnosis.flow import BASES
 from bodycheck.reports.diagnosis.transitions import QUANTITIES
 from bodycheck.reports.document import Cell, Column, Command, Document, Part, Sentence, Span, Table, page
+from bodycheck.reports.measurement.verdicts import FAULTS
 
 _HOLDS = 30.0  # multiples of the round-off
 _MIN_SHOWN = 1e-18  # below round-off: exact agreement on a logarithmic axis
@@ -134,7 +135,11 @@ def _parts(one: ExplainedCase) -> Iterator[Part]:
         yield Command(str(reproduce), "reproduce", only=("console", "markdown"))
 
 
-_NOT_EXAMINED = "a single sample, no attitude or omega, a callback load, or too many steps per sample"
+_NOT_EXAMINED = {
+    "ok": "a single sample, no attitude or omega, a callback load, or too many steps per sample",
+    "unsupported": "nothing was measured",
+}
+"""Outcome of a case without a diagnosis -> the reason."""
 
 
 def _facts(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
@@ -144,10 +149,12 @@ def _facts(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
         more = len(one.wrong) - 1
         others = f"; other quantities that are wrong: {more}" if more else ""
         yield "wrong", one.wrong[0].text + others
+    outcome = one.case.columns["outcome"]
     if not one.case.ok:
-        yield "outcome", Span(f"{one.case.columns['outcome']}: {one.case.columns['message']}", "bad")
+        text, tint = f"{outcome}: {one.case.columns['message']}", "bad" if outcome in FAULTS else "open"
+        yield "outcome", Span(text, tint)
     if found is None:
-        reason = _NOT_EXAMINED if one.case.ok else "no case of the method ended well"
+        reason = _NOT_EXAMINED.get(outcome, "no case of the method ended well")
         yield "diagnosis", Span(f"not examined: {reason}", "open")
         return
     tint = {"explained": "bad", "lower-order": "bad", "healthy": "good"}.get(found.verdict, "open")
