@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from bodycheck._util.platform_identity import numeric_parts
 from bodycheck.adapters.contract import Engine, Method, Precision, read_back_mismatch
-from bodycheck.adapters.engine_names import with_method
 from bodycheck.adapters.execution import Case
 from bodycheck.adapters.registry import own_code
 from bodycheck.adapters.stable_step import invalid_state

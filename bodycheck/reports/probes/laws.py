@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from bodycheck.adapters.contract import Engine, Method
-from bodycheck.adapters.engine_names import with_method
 from bodycheck.adapters.execution import Case
 from bodycheck.adapters.stable_step import invalid_state
 from bodycheck.reference_impl.arrays import Array, largest_norm

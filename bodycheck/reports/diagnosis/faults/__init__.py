@@ -6,13 +6,13 @@ come before general ones.
 
 from __future__ import annotations
 
-from bodycheck.reports.diagnosis.faults.body import body_faults, gravity_faults
+from bodycheck.reports.diagnosis.faults.body_faults import body_faults, gravity_faults
 from bodycheck.reports.diagnosis.faults.fault import Fault
-from bodycheck.reports.diagnosis.faults.general import general_faults
-from bodycheck.reports.diagnosis.faults.limits import limit_faults
-from bodycheck.reports.diagnosis.faults.loads import load_faults
-from bodycheck.reports.diagnosis.faults.maps import map_faults
-from bodycheck.reports.diagnosis.faults.readings import reading_faults
+from bodycheck.reports.diagnosis.faults.general_faults import general_faults
+from bodycheck.reports.diagnosis.faults.limit_faults import limit_faults
+from bodycheck.reports.diagnosis.faults.load_faults import load_faults
+from bodycheck.reports.diagnosis.faults.map_faults import map_faults
+from bodycheck.reports.diagnosis.faults.reading_faults import reading_faults
 
 FAULTS: tuple[Fault, ...] = (
     *map_faults(),
