@@ -28,10 +28,12 @@ from bodycheck.adapters.optional.mujoco_ports import record_worlds
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.workers import protocol, received_messages
 from bodycheck.adapters.workers.case_messages import batch_message, batch_of
+from bodycheck.cli.ensemble_commands import _new_folder
 from bodycheck.reference_impl.random_bodies import Bodies
 from bodycheck.reports.measurement.case import run_case
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.summary.quantiles import SHARES, QuantileSketch
+from bodycheck.runs.directory import RUNS
 from bodycheck.runs.ensemble_cases import measured, replay_of, truth_of
 from bodycheck.runs.ensemble_merge import merge_ensembles
 from bodycheck.runs.ensemble_result import EnsembleRequest
@@ -591,6 +593,31 @@ def test_worst_start_of_a_hunt_is_repeated_by_its_command(tmp_path: Path) -> Non
     assert again.returncode == 0, again.stderr
     results = pd.read_csv(tmp_path / "again/results.csv")
     assert results["orientation_error_rad"].tolist() == pytest.approx([found["value"]], rel=1e-6)
+
+
+@pytest.mark.slow
+def test_command_of_a_hunt_runs_a_function_and_the_tolerance_of_the_other_method(tmp_path: Path) -> None:
+    """It allows the code of the function, and has the step of one method and the tolerance of the other."""
+    (tmp_path / "still.py").write_text("def step(state, dt):\n    return state\n")
+    words = ("--engine", "still:step", "--against", "reference:taylor", "--dt", "0.5", "--tolerance", "1e-6")
+    words = (*words, "--allow-code", "--evaluations", "240", "--quiet", "--json", "--out", "found")
+    done = run_bodycheck(tmp_path, "hunt", "intermediate-axis", *words)
+    assert done.returncode == 0, done.stderr
+    _, *run = shlex.split(json.loads(done.stdout)["reproduce"])
+    again = run_bodycheck(tmp_path, *run, "--no-speed", "--quiet", "--out", "again")
+    assert again.returncode == 0, again.stderr
+    results = pd.read_csv(tmp_path / "again/results.csv")
+    assert set(results["dt_s"].dropna()) == {0.5}
+    assert set(results["tolerance"].dropna()) == {1e-6}
+
+
+def test_default_folder_is_a_new_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A second ensemble of the same scenario does not refuse the folder of the first."""
+    monkeypatch.chdir(tmp_path)
+    assert _new_folder("ensemble-top-1") == RUNS / "ensemble-top-1"
+    for name in ("ensemble-top-1", "ensemble-top-1-2"):
+        (RUNS / name).mkdir(parents=True)
+    assert _new_folder("ensemble-top-1") == RUNS / "ensemble-top-1-3"
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -203,13 +204,20 @@ def ensemble(
     _run(request, out, as_json=json, quiet=quiet)
 
 
+def _new_folder(name: str) -> Path:
+    """Return a folder of runs that does not exist yet: NAME, NAME-2, NAME-3, ..."""
+    from bodycheck.runs.directory import RUNS
+
+    names = (name if k == 1 else f"{name}-{k}" for k in count(1))
+    return next(RUNS / one for one in names if not (RUNS / one).exists())
+
+
 def _run(request: EnsembleRequest, out: Path | None, *, as_json: bool, quiet: bool) -> None:
     from bodycheck.reports.document import answer
-    from bodycheck.runs.directory import RUNS
     from bodycheck.runs.ensemble_answer import ensemble_data, ensemble_document
     from bodycheck.runs.ensemble_run import run_ensemble
 
-    folder = out or RUNS / f"ensemble-{Path(request.scenario).stem}-{request.seed}"
+    folder = out or _new_folder(f"ensemble-{Path(request.scenario).stem}-{request.seed}")
     result = run_ensemble(request, folder, progress_of(quiet=quiet))
     answer(ensemble_document(result, folder), ensemble_data(result, folder), as_json=as_json)
 
@@ -283,7 +291,6 @@ def hunt(
     """
     from bodycheck.reports.document import answer
     from bodycheck.reports.run_files.writer import check_output
-    from bodycheck.runs.directory import RUNS
     from bodycheck.runs.ensemble_answer import hunt_data, hunt_document
     from bodycheck.runs.ensemble_result import EnsembleRequest
     from bodycheck.runs.hunt_run import HuntRequest, write_hunt
@@ -309,7 +316,7 @@ def hunt(
         measure=measure,
         evaluations=evaluations,
     )
-    folder = out or RUNS / f"hunt-{Path(scenario).stem}-{seed}"
+    folder = out or _new_folder(f"hunt-{Path(scenario).stem}-{seed}")
     check_output(folder)
     result = search(request, progress_of(quiet=quiet))
     write_hunt(result, folder)

@@ -14,9 +14,8 @@ from urllib.parse import quote
 
 import numpy as np
 
-from bodycheck._util.untrusted import shell_join
-from bodycheck.adapters.engine_names import with_method
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reports.measurement.case import reproducing_command
 from bodycheck.reports.render.figures import figure_bytes, rendering
 from bodycheck.reports.run_files.sentinels import write_sentinels
 from bodycheck.reports.summary.quantiles import SHARES, QuantileSketch
@@ -196,13 +195,11 @@ def _worst_rows(result: EnsembleResult, folder: Path, out: Path) -> Iterator[dic
             (folder / "worst").mkdir(exist_ok=True)
             name = f"row-{body.row}.toml"
             (folder / "worst" / name).write_text(scenario_text(scenario), encoding="utf-8")
-            arguments = ["bodycheck", "run", str(out / "worst" / name), "--engine"]
-            arguments.append(with_method(engine.name, method.name))
-            arguments += [] if setting.dt_s is None else ["--dt", repr(setting.dt_s)]
-            arguments += [] if setting.tolerance is None else ["--tolerance", repr(setting.tolerance)]
-            arguments += ["--allow-code"] if result.request.allow_code else []
+            command = reproducing_command(
+                str(out / "worst" / name), engine, method, setting, code=result.request.allow_code
+            )
             cells = {"rank": rank, "row": body.row, "outcome": body.outcome}
-            yield {**_identity(key), **cells, **body.measures, "reproduce": shell_join(arguments)}
+            yield {**_identity(key), **cells, **body.measures, "reproduce": command}
 
 
 def _sketch_rows(result: EnsembleResult) -> Iterator[dict[str, Any]]:

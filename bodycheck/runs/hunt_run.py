@@ -20,6 +20,7 @@ from bodycheck.adapters.batches import BatchAnswer
 from bodycheck.adapters.engine_names import with_method
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.random_bodies import COORDINATES, Bodies, bodies_at
+from bodycheck.reports.measurement.case import ALLOW_CODE
 from bodycheck.reports.run_files.writer import atomic_folder
 from bodycheck.runs.ensemble_cases import ROTATION_MEASURES, BatchTruth, EnginePools, measured, truth_of
 from bodycheck.runs.ensemble_files import SCHEMA_VERSION
@@ -285,10 +286,14 @@ def _active(ensemble: Ensemble) -> list[int]:
 def command_of(result: HuntResult, scenario: Path) -> str:
     """Return the command that runs the worst start by the method, and by the other one if there is one."""
     names = ",".join(with_method(engine.name, method.name) for engine, method, _ in result.keys)
-    setting = result.keys[0][2]
     arguments = ["bodycheck", "run", str(scenario), "--engine", names]
-    arguments += [] if setting.dt_s is None else ["--dt", repr(setting.dt_s)]
-    arguments += [] if setting.tolerance is None else ["--tolerance", repr(setting.tolerance)]
+    settings = [setting for _, _, setting in result.keys]
+    steps = dict.fromkeys(repr(one.dt_s) for one in settings if one.dt_s is not None)
+    tolerances = dict.fromkeys(repr(one.tolerance) for one in settings if one.tolerance is not None)
+    arguments += ["--dt", ",".join(steps)] if steps else []
+    arguments += ["--tolerance", ",".join(tolerances)] if tolerances else []
+    handed_over = any(engine.build.kind == "handed over" for engine, _, _ in result.keys)
+    arguments += [ALLOW_CODE] if handed_over or result.request.ensemble.allow_code else []
     return shell_join(arguments)
 
 

@@ -145,6 +145,10 @@ DAMAGES: dict[str, tuple[Callable[[Path], None], str]] = {
         _text("methods.csv", lambda text: text.replace(",omega_error,", ",omega_fault,")),
         "unknown quantity 'omega_fault'",
     ),
+    "an outcome for a verdict": (
+        _text("methods.csv", lambda text: text.replace(",converges,", ",ok,")),
+        "unknown verdict 'ok'",
+    ),
     "an order without interval": (_without("order_low"), "without order_low"),
     "a column more": (
         _text("methods.csv", lambda text: text.replace("verdict", "judgement")),

@@ -31,12 +31,18 @@ class MethodChanges:
         return [change for change in self.changes if change.status == status]
 
     @property
+    def failing(self) -> list[Change]:
+        """The changes that fail a comparison."""
+        return [change for change in self.changes if change.status in FAILING]
+
+    @property
     def net(self) -> Status:
         """The dominant status: worse or improved by the larger factor, if there is either, else the others.
 
-        A case with another outcome has no factor and outweighs any; a worse change wins a tie.
+        A changed outcome, and a failing change without a factor, such as another verdict, outweigh any
+        factor. A worse change wins a tie.
         """
-        worse, improved = (_weight(self.of(status)) for status in ("worse", "improved"))
+        worse, improved = _weight(self.failing), _weight(self.of("improved"))
         if self.of("improved") and improved > worse:
             return "improved"
         present = {change.status for change in self.changes}
@@ -53,14 +59,19 @@ class MethodChanges:
     @property
     def rank(self) -> tuple[bool, float]:
         """The sort key of methods: failing ones first, then by factor."""
-        failing = bool(self.of("worse") or self.of("missing"))
-        return not failing, -max(_weight(self.of("worse")), _weight(self.of("improved")))
+        return not self.failing, -max(_weight(self.of("worse")), _weight(self.of("improved")))
 
 
 def _weight(changes: Iterable[Change]) -> float:
-    """Return the largest size in decades: infinite for a changed outcome, 0 for a change without a size."""
-    sizes = (math.inf if change.kind == "outcome" else abs(change.decades or 0.0) for change in changes)
-    return max(sizes, default=-1.0)
+    """Return the largest size in decades; -1 without a change."""
+    return max((_decades(change) for change in changes), default=-1.0)
+
+
+def _decades(change: Change) -> float:
+    """Return the size: infinite for an outcome or a failure without a size, 0 for others without one."""
+    if change.kind == "outcome" or (change.decades is None and change.status in FAILING):
+        return math.inf
+    return abs(change.decades or 0.0)
 
 
 def by_method(changes: Iterable[Change]) -> list[MethodChanges]:

@@ -75,7 +75,7 @@ def judge_run(history: History, newest: Tables, thresholds: Thresholds = DEFAULT
         changes = [change for change in comparison.changes if change.kind != "speed"]
         changes += [*_returned(before, levels, aligned, thresholds), *speeds.changes]
         changes.sort(key=lambda change: -change.size)
-        comparison = replace(comparison, changes=tuple(changes))
+        comparison = replace(comparison, changes=tuple(changes), timed=0)  # speeds have their own series
         discarded = redefined(before.manifest, newest.manifest)
         own = {
             a.columns["engine"]: b.columns["engine"] for a, b in zip(aligned.cases, newest.cases, strict=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -107,7 +107,7 @@ def read_tables(folder: Path) -> Tables:
     _check_choices(folder / "laws.csv", laws, "verdict", LAW_VERDICTS)
     _check_commands(folder / "fingerprints.csv", fingerprints)
     _check_commands(folder / "laws.csv", laws)
-    _check_choices(folder / "results.csv", results, "outcome", STATES)
+    _check_choices(folder / "results.csv", results, "outcome", ("ok", *STATES))
     _check_commands(folder / "results.csv", results)
     _check_settings(folder / "results.csv", results)
     _check_measures(folder / "results.csv", results)
@@ -118,7 +118,7 @@ def read_tables(folder: Path) -> Tables:
     _check_intervals(folder / "results.csv", results, "cpu_s")
     _check_intervals(folder / "methods.csv", methods, "order")
     _check_intervals(folder / "methods.csv", methods, "growth_exponent")
-    _check_choices(folder / "stability.csv", stability, "outcome", STATES)
+    _check_choices(folder / "stability.csv", stability, "outcome", ("ok", *STATES))
     run_id, rows = manifest["run_id"], (*results, *methods, *stability, *diagnoses)
     if others := {row["run_id"] for row in (*rows, *probes, *fingerprints, *laws)} - {run_id}:
         raise InputError(f"{folder}: manifest.json is of run {run_id}, but the tables of {', '.join(others)}")
@@ -169,9 +169,9 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     return check_manifest(folder / "manifest.json", _json(folder, "manifest.json"))
 
 
-def _check_choices(path: Path, rows: Iterable[dict[str, Any]], column: str, known: Iterable[str]) -> None:
+def _check_choices(path: Path, rows: Iterable[dict[str, Any]], column: str, known: Collection[str]) -> None:
     """Raise InputError where a row has a word that this version does not write."""
-    if unknown := {row[column] for row in rows} - {"ok", *known}:
+    if unknown := {row[column] for row in rows}.difference(known):
         raise InputError(f"{path}: unknown {column} {sorted(unknown)[0]!r} (available: {', '.join(known)})")
 
 

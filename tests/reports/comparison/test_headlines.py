@@ -256,6 +256,17 @@ def test_methods_are_sorted_by_what_fails_and_by_factor() -> None:
     )
 
 
+def test_failures_without_a_size_outweigh_any_factor() -> None:
+    """A method that no longer converges, or lacks a case, is not improved by a smaller error elsewhere."""
+    error = {"dt_s": 0.02, ERROR: 1e-3}
+    before = run({}, error, methods=[{**of_order(2.0), "verdict": "converges"}])
+    after = run({}, {**error, ERROR: 1e-9}, methods=[{**of_order(2.0), "verdict": "does-not-converge"}])
+    (wrong,) = by_method(compare(before, after).changes)
+    assert (wrong.net, bool(wrong.of("improved"))) == ("worse", True)
+    (missing,) = by_method(compare(before, run({**error, ERROR: 1e-9})).changes)
+    assert (missing.net, bool(missing.of("improved"))) == ("missing", True)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "status"),
     [("ok", "failed", "worse"), ("failed", "ok", "improved")],

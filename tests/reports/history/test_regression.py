@@ -284,6 +284,8 @@ def test_speed_is_judged_by_all_baseline_runs(monkeypatch: pytest.MonkeyPatch) -
     usual = [tables(k, timed[0]) for k in range(8)]
     once = judgement_of(*usual, tables(8, timed[1]), monkeypatch=monkeypatch)
     assert kinds_and_steps(once) == []
+    assert once.comparison is not None
+    assert once.comparison.timed == 0
     slow = judgement_of(*usual, *(tables(k, timed[1]) for k in range(8, 13)), monkeypatch=monkeypatch)
     assert kinds_and_steps(slow) == [("speed", "worse", None)]
     assert slow.status == "regression"
