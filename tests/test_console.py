@@ -177,7 +177,7 @@ def test_the_verdict_of_each_method_is_second_and_whole(
 ) -> None:
     """The verdict is next to the name of the method or directly below it, and each error has its step."""
     lines = terminal[1]["run"].splitlines()
-    lines = lines[: lines.index("Worst result of each method")]
+    lines = lines[lines.index("Methods") : lines.index("Worst result of each method")]
     for one in overviews(summary_cells(read_tables(folder / "run"))):
         head, tail = re.escape(one.method[:5]), re.escape(one.method[-5:])
         (place,) = [k for k, line in enumerate(lines) if re.match(rf"{head}\S*{tail}( |$)", line)]

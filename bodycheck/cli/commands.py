@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -42,9 +42,6 @@ from bodycheck.cli.options import (
 from bodycheck.cli.stored_runs import questions
 from bodycheck.cli.versions_command import environment_commands, versioning
 from bodycheck.runs.run_options import TIMEOUT_S
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 app = typer.Typer(
     name="bodycheck",
@@ -203,10 +200,7 @@ def truth(
         solved = runner.truth(scenario, numbers(at, "--at") or [], allow_code=allow_code)
     table = trajectory_table(solved.trajectory)
     table["bound_rad"] = solved.bound_rad
-    if json:
-        sys.stdout.write(FORMATS["json"](table).decode())
-    else:
-        _print_csv(table)
+    sys.stdout.write(FORMATS["json" if json else "csv"](table).decode())
 
 
 @app.command(
@@ -415,11 +409,3 @@ app.add_typer(identity_commands)
 app.add_typer(adapter_commands)
 app.add_typer(ensemble_commands)
 app.add_typer(environment_commands, name="environments", rich_help_panel=WATCH)
-
-
-def _print_csv(table: pd.DataFrame) -> None:
-    """Write a table to standard output; tolerate a reader that closes the pipe early."""
-    try:
-        table.to_csv(sys.stdout, index=False)
-    except BrokenPipeError:
-        sys.stderr.close()

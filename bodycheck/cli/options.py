@@ -297,48 +297,36 @@ def progress_of(*, quiet: bool, label: str = "") -> ProgressFactory:
     return lambda cases_listed: LiveProgress(cases_listed, label)
 
 
-_ANSWER_SUFFIXES = (".html", ".md", ".json", "")
-
-
-def check_out_files(paths: Sequence[Path] | None) -> None:
-    """Raise InputError for a file that --out names and that has another suffix or cannot be written."""
-    from bodycheck._util.files import check_file
-
-    for path in paths or ():
-        if path.suffix not in _ANSWER_SUFFIXES:
-            raise InputError(f"--out {path}: must end in .html, .md or .json")
-        check_file("--out", path)
-
-
-def write_out_files(paths: Sequence[Path] | None, texts: Mapping[str, Callable[[Path], str]]) -> None:
-    """Write each file that --out names, by its suffix; texts: suffix -> function path -> content."""
-    from bodycheck._util.files import write_file
-
-    for path in paths or ():
-        write_file(path, texts[path.suffix or ".md"](path).encode())
-
-
 PICTURES = (".png", ".svg", ".pdf")
 """The formats of figures."""
 
+_TEXTS = (".html", ".md", ".json")
 
-def check_explanation_files(paths: Sequence[Path] | None) -> None:
-    """Raise InputError for a file of an explanation that has another suffix or cannot be written."""
+
+def check_out_files(paths: Sequence[Path] | None, *, figures: bool = False) -> None:
+    """Raise InputError for a file that --out names and that has another suffix or cannot be written.
+
+    figures: whether the answer can also be drawn. A name without suffix is Markdown.
+    """
     from bodycheck._util.files import check_file
 
+    formats = (*_TEXTS, *PICTURES) if figures else _TEXTS
     for path in paths or ():
+        if path.suffix not in ("", *formats):
+            raise InputError(f"--out {path}: must end in {', '.join(formats)}, or have no suffix")
         if path.suffix in PICTURES:
             from bodycheck.reports.render.figures import check_picture
 
             check_picture(path)
-        elif path.suffix not in (".html", ".md", ".json"):
-            raise InputError(f"--out {path}: must end in .html, .md, .json, {', '.join(PICTURES)}")
         check_file("--out", path)
 
 
-def write_explanations(paths: Sequence[Path] | None, contents: Mapping[str, Callable[[], bytes]]) -> None:
-    """Write each file, by its suffix; contents: suffix -> function that returns the content."""
+def write_out_files(
+    paths: Sequence[Path] | None, contents: Mapping[str, Callable[[Path], str | bytes]]
+) -> None:
+    """Write each file that --out names, by its suffix; contents: suffix -> function path -> content."""
     from bodycheck._util.files import write_file
 
     for path in paths or ():
-        write_file(path, contents[path.suffix]())
+        content = contents[path.suffix or ".md"](path)
+        write_file(path, content.encode() if isinstance(content, str) else content)

@@ -19,7 +19,6 @@ from bodycheck.cli.options import (
     Quiet,
     Threshold,
     Tolerances,
-    check_explanation_files,
     check_out_files,
     complete_scenarios,
     described,
@@ -27,7 +26,6 @@ from bodycheck.cli.options import (
     progress_of,
     refuse_others,
     thresholds_of,
-    write_explanations,
     write_out_files,
 )
 from bodycheck.reports.gates.thresholds import THRESHOLD
@@ -261,22 +259,19 @@ def explain(
     from bodycheck.reports.document import markdown as as_markdown
     from bodycheck.reports.render.progress import status_line
 
-    check_explanation_files(out)
+    check_out_files(out, figures=True)
     with status_line("comparing the motions with each fault", quiet=quiet):
         cases = explain_run(run, case, allow_code=allow_code)
     from bodycheck.reports.diagnosis import explanation_document as explanations
 
     document, data = explanations.explanation_document(cases), explanations.explanation_data(cases)
-    texts: dict[str, Callable[[], bytes]] = {
-        ".html": lambda: explanations.explanation_page(cases).encode(),
-        ".md": lambda: as_markdown(document).encode(),
-        ".json": lambda: (json_text(data) + "\n").encode(),
-        **{
-            suffix: lambda suffix=suffix: explanations.explanation_figure(cases, suffix)  # type: ignore[misc]
-            for suffix in PICTURES
-        },
+    texts: dict[str, Callable[[Path], str | bytes]] = {
+        ".html": lambda _: explanations.explanation_page(cases),
+        ".md": lambda _: as_markdown(document),
+        ".json": lambda _: json_text(data) + "\n",
+        **dict.fromkeys(PICTURES, lambda path: explanations.explanation_figure(cases, path.suffix)),
     }
-    write_explanations(out, texts)
+    write_out_files(out, texts)
     answer(document, data, as_json=json)
 
 
@@ -354,16 +349,7 @@ def table(
     if as_ is not None and suffix in FORMATS and suffix != as_:
         raise InputError(f"--out {out}: has the suffix of another format than --format {as_}")
     format_name = as_ or (suffix if suffix in FORMATS else "csv")
-    tables = read_tables(run)
-    found = {
-        "results": tables.results,
-        "methods": tables.methods,
-        "stability": tables.stability,
-        "probes": tables.probes,
-        "diagnoses": tables.diagnoses,
-        "fingerprints": tables.fingerprints,
-        "laws": tables.laws,
-    }[which]
+    found = getattr(read_tables(run), which)
     if columns is not None:
         requested = [name.strip() for name in columns.split(",")]
         if unknown := [name for name in requested if name not in found.columns]:
