@@ -99,6 +99,14 @@ def test_sdformat_has_its_defaults_and_names_models(tmp_path: Path) -> None:
     assert [shape.size for shape in second.shapes] == [(1.0, 2.0, 3.0)]
 
 
+@pytest.mark.parametrize(("degrees", "angle"), [("1", "90"), ("true", "90"), ("0", "1.5707963267948966")])
+def test_sdformat_angles_are_in_degrees_where_stated(degrees: str, angle: str, tmp_path: Path) -> None:
+    """The angles of a pose are in degrees where the attribute is true or 1, in rad where it is false or 0."""
+    pose = f"<pose degrees='{degrees}'>0 0 0 0 0 {angle}</pose>"
+    model = _read(f"<sdf><model name='m'><link name='a'>{pose}</link></model></sdf>", tmp_path)
+    np.testing.assert_allclose(doubles(model.links[0].pose.rotation)[:, 0], [0.0, 1.0, 0.0], atol=1e-15)
+
+
 @pytest.mark.parametrize("spelling", spellings(), ids=lambda one: f"{one.format} {one.name}")
 def test_spellings_state_one_body(spelling: Spelling, tmp_path: Path) -> None:
     """Each spelling's links together form the same body, to the rounding of the numbers in the file."""
@@ -353,6 +361,9 @@ def _row(values: np.ndarray) -> str:
         "<child>a</child></joint></model></sdf>",
         "<sdf><model name='m'><link name='a'/><joint name='j' type='fixed'><parent>a</parent>"
         "<child>a</child></joint></model></sdf>",
+        "<sdf><model name='m'><link name='a'><pose relative_to='euler_rpy'/></link></model></sdf>",
+        "<sdf><model name='m'><link name='a'><pose rotation_format='quat_xyzw'/></link></model></sdf>",
+        "<sdf><model name='m'><link name='a'><pose degrees='yes'>0 0 0 0 0 0</pose></link></model></sdf>",
     ],
 )
 def test_wrong_file_gives_one_line_that_names_the_place(

@@ -29,6 +29,7 @@ _KINDS = (
     "gearbox",
     "fixed",
 )
+_BOOLEANS = {"true": True, "false": False, "1": True, "0": False}
 
 
 def read_sdf(root: Any, path: Path) -> ModelFile:
@@ -113,13 +114,21 @@ def _pose(node: Node) -> Frame:
     pose = node.child("pose")
     if pose is None:
         return Frame.of()
-    for name in ("relative_to", "rotation_format"):
-        if pose.element.get(name, "") not in ("", "euler_rpy"):
+    for name, known in (("relative_to", ("",)), ("rotation_format", ("", "euler_rpy"))):
+        if pose.text(name, "") not in known:
             raise InputError(f"{pose.where}: {name} is not read here; write the pose in the model, as rpy")
     x, y, z, *angles = _numbers(pose, 6)
-    if pose.element.get("degrees") == "true":
+    if _is_true(pose, "degrees"):
         angles = [math.radians(angle) for angle in angles]
     return Frame.of((x, y, z), rotation_of_rpy(angles))
+
+
+def _is_true(node: Node, name: str) -> bool:
+    """Return an attribute that is false by default; raises InputError if it is not a boolean of XML."""
+    word = node.text(name, "false")
+    if word not in _BOOLEANS:
+        raise InputError(f"{node.where}: {name} = {word!r:.60} (available: {', '.join(_BOOLEANS)})")
+    return _BOOLEANS[word]
 
 
 def _joint(node: Node) -> Joint:
