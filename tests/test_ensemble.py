@@ -6,6 +6,7 @@ import json
 import math
 import shlex
 import shutil
+import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -40,7 +41,7 @@ from bodycheck.runs.ensemble_result import EnsembleRequest
 from bodycheck.runs.ensemble_run import run_ensemble
 from bodycheck.runs.hunt_run import HuntRequest, hunt, write_hunt
 from bodycheck.runs.run_options import no_progress
-from bodycheck.scenarios.ensemble import Ensemble, default_distribution
+from bodycheck.scenarios.ensemble import Ensemble, default_distribution, toml_text
 from bodycheck.scenarios.library import load_scenario
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.in_process_cli import run_bodycheck
@@ -76,6 +77,12 @@ def test_row_scenario_has_the_numbers_of_the_row() -> None:
     assert np.array_equal(np.diag(scene.body.inertia), bodies.moments[0])
     assert np.array_equal(scene.initial.quaternion, bodies.quaternion[0])
     assert np.array_equal(scene.initial.omega_body, bodies.omega_body[0])
+
+
+def test_text_with_any_character_is_toml() -> None:
+    """A text with quotes, control characters and letters of any script is read back unchanged."""
+    data = {"summary": "".join(map(chr, range(0x100))) + "\u2028 \U0001f680"}
+    assert tomllib.loads(toml_text(data)) == data
 
 
 def test_distribution_is_as_documented() -> None:

@@ -153,7 +153,7 @@ def _value(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # which only TOML forbids
     if isinstance(value, list | tuple):
         return f"[{', '.join(_value(part) for part in value)}]"
     return repr(value)
