@@ -36,7 +36,8 @@ from bodycheck.scenarios.model_files.mjcf_shapes import SIZES, exact_of, geom_in
 from bodycheck.scenarios.model_files.model_file import Joint, ModelFile, ModelLink, Shape, StatedInertia
 from bodycheck.scenarios.model_files.xml_file import Node, parse_xml
 
-_TINY_MASS = 1e-14  # lighter geoms do not count
+_TINY_MASS = 1e-14  # kg; lighter geoms do not count
+_TINY_LENGTH = 1e-14  # m; half the length of a geom is greater
 _ALTERNATIVES = ("axisangle", "euler", "xyaxes", "zaxis")
 _GENERATORS = ("composite", "flexcomp", "attach")
 _MAX_COPIES = 10_000
@@ -431,7 +432,7 @@ class _Reader:
         if kind not in ("capsule", "cylinder", "box", "ellipsoid") or not size or not size[0] > 0:
             raise InputError(f"{node.where}: fromto needs a capsule, cylinder, box or ellipsoid with a size")
         half = norm(along) / 2
-        if not half > _TINY_MASS:
+        if not half > _TINY_LENGTH:
             raise InputError(f"{node.where}: the points of fromto are too close")
         shape = [size[0], size[0], half] if kind in ("box", "ellipsoid") else [size[0], half]
         return Frame(rotation_to(along), (ends[:3] + ends[3:]) / 2), shape
