@@ -11,7 +11,7 @@ import numpy as np
 
 from bodycheck.adapters.batches import Batch, BatchAnswer
 from bodycheck.adapters.contract import Method, ReadBack, Reading, SceneSolver, Simulation, Solver, Stepping
-from bodycheck.reference_impl.batch import BatchMethod, advance_checked
+from bodycheck.reference_impl.batch import BatchMethod, advance_batch
 from bodycheck.reference_impl.closed_forms.exact_motion import closed_form_of
 from bodycheck.reference_impl.continuous_loads import packed_continuous_loads
 from bodycheck.reference_impl.integrators import SINGLE_PRECISION, STEPPED
@@ -263,7 +263,7 @@ def _stepped_together(batch: Batch, method: BatchMethod) -> BatchAnswer:
     moments, torque = np.ascontiguousarray(bodies.moments.T), np.ascontiguousarray(bodies.torque_body.T)
     states = [state.copy()]
     for _ in range(batch.template.samples - 1):
-        advance_checked(state, moments, torque, dt_s, stride, method, threads=1)
+        advance_batch(state, moments, torque, dt_s, stride, method)
         states.append(state.copy())
     motion = np.array(states).transpose(2, 0, 1)
     return BatchAnswer.all_ok(np.ascontiguousarray(motion[..., 9:]), np.ascontiguousarray(motion[..., 6:9]))

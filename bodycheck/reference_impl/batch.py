@@ -1,17 +1,14 @@
 """Step many free bodies at once, each with its principal moments and an optional torque in body axes.
 
 The state is one array (13, n) with one row per quantity, so that one instruction steps several bodies. A
-block of bodies makes all its steps before the next block is fetched from memory. Numba's threads share the
-blocks (numba.set_num_threads); the results do not depend on the number of threads. The kernels release the
-GIL, so several threads may also call `advance_batch` at the same time, each with a batch of its own.
+block of bodies makes all its steps before the next block is fetched from memory. The kernels release the GIL,
+so several threads may call `advance_batch` at the same time, each with a batch of its own.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -30,7 +27,6 @@ WIDTH = 64
 _Q, _HALF_SPIN, _ABOUT, _ROWS = 0, 4, 7, 13  # rows: q, omega / 2, the constants `about` of `_rates`
 _LINE = 64  # bytes
 _SERIES = 0.25  # of (h |omega| / 2)^2: up to it, the series below have all bits of the sine and the cosine
-_FLAT = 1e-12  # relative: by how much rounding may raise a plate's largest moment above the sum of the others
 
 
 @inlined_kernel
@@ -229,39 +225,33 @@ def _scatter(block: Array, state: Array, begin: int, duration: float) -> None:
 
 
 @long_kernel
-def _advance_m1(
-    state: Array, moments: Array, torque: Array, dt: float, steps: int, first: int, end: int
-) -> None:
-    """Make the steps in place, of the blocks from first to end."""
-    for k in range(first, end):
-        block = _gathered(state, moments, torque, k * WIDTH)
+def _advance_m1(state: Array, moments: Array, torque: Array, dt: float, steps: int) -> None:
+    """Make the steps in place, block by block."""
+    for begin in range(0, state.shape[1], WIDTH):
+        block = _gathered(state, moments, torque, begin)
         _m1_block(block, dt, steps)
-        _scatter(block, state, k * WIDTH, dt * steps)
+        _scatter(block, state, begin, dt * steps)
 
 
 @long_kernel
-def _advance_rk4(
-    state: Array, moments: Array, torque: Array, dt: float, steps: int, first: int, end: int
-) -> None:
-    """Make the steps in place, of the blocks from first to end."""
-    for k in range(first, end):
-        block = _gathered(state, moments, torque, k * WIDTH)
+def _advance_rk4(state: Array, moments: Array, torque: Array, dt: float, steps: int) -> None:
+    """Make the steps in place, block by block."""
+    for begin in range(0, state.shape[1], WIDTH):
+        block = _gathered(state, moments, torque, begin)
         _rk4_block(block, dt, steps)
-        _scatter(block, state, k * WIDTH, dt * steps)
+        _scatter(block, state, begin, dt * steps)
 
 
 @long_kernel
-def _advance_dop853(
-    state: Array, moments: Array, torque: Array, dt: float, steps: int, first: int, end: int
-) -> None:
-    """Make the steps in place, of the blocks from first to end."""
-    for k in range(first, end):
-        block = _gathered(state, moments, torque, k * WIDTH)
+def _advance_dop853(state: Array, moments: Array, torque: Array, dt: float, steps: int) -> None:
+    """Make the steps in place, block by block."""
+    for begin in range(0, state.shape[1], WIDTH):
+        block = _gathered(state, moments, torque, begin)
         _dop853_block(block, dt, steps)
-        _scatter(block, state, k * WIDTH, dt * steps)
+        _scatter(block, state, begin, dt * steps)
 
 
-_ADVANCE: dict[str, Callable[[Array, Array, Array, float, int, int, int], None]] = {
+_ADVANCE: dict[BatchMethod, Callable[[Array, Array, Array, float, int], None]] = {
     "m1": _advance_m1,
     "rk4": _advance_rk4,
     "dop853": _advance_dop853,
@@ -269,87 +259,16 @@ _ADVANCE: dict[str, Callable[[Array, Array, Array, float, int, int, int], None]]
 
 
 def advance_batch(
-    state: Array,
-    moments: Array,
-    dt: float,
-    steps: int,
-    method: BatchMethod = "rk4",
-    torque: Array | None = None,
-    threads: int | None = None,
+    state: Array, moments: Array, torque: Array, dt: float, steps: int, method: BatchMethod
 ) -> None:
     """Make `steps` steps of dt seconds for n bodies, in place.
 
     state (13, n), C-contiguous doubles: position and velocity in world axes, omega in body axes,
     quaternion (w, x, y, z); each column is laid out as in the single-body kernels. Body axes are principal
     axes. Quaternions are not renormalised. moments (3, n): the principal moments, kg m^2. torque (3, n):
-    constant in body axes, N m; None for free bodies. method: "m1", the map of most engines, of order 1;
-    "rk4", the classical Runge-Kutta method of order 4; "dop853", that of Dormand and Prince of order 8
+    constant in body axes, N m. method: "m1", the map of most engines, of order 1; "rk4", the classical
+    Runge-Kutta method of order 4; "dop853", that of Dormand and Prince of order 8
     (integrators/explicit_gyro.py, rk4.py, dop853.py), whose steps these equal up to the order of the sums:
-    some 16 ulp per step. threads: [default: numba.get_num_threads()].
-
-    Raises ValueError, naming the value, for a state of another shape or dtype, numbers that are not finite,
-    dt <= 0, steps < 0, an unknown method, and moments that no body can have.
+    some 16 ulp per step. Nothing is checked: a state that diverged may go on.
     """
-    if method not in _ADVANCE:
-        raise ValueError(f"method must be one of {', '.join(_ADVANCE)}, got {method!r}")
-    if not 0.0 < dt < math.inf:
-        raise ValueError(f"dt must be a positive number of seconds, got {dt!r}")
-    if steps != int(steps) or steps < 0:
-        raise ValueError(f"steps must be a number of steps, 0 or more, got {steps!r}")
-    if state.ndim != 2 or len(state) != 13:
-        raise ValueError(f"state must have shape (13, n), got {state.shape}")
-    if state.dtype != np.float64 or not state.flags.c_contiguous or not state.flags.writeable:
-        raise ValueError(f"state must be writeable C-contiguous float64, got {state.dtype}, {state.strides}")
-    n = state.shape[1]
-    torques = _checked("torque", np.zeros((3, n)) if torque is None else torque, n)
-    moments = _checked("moments", moments, n)
-    _check_finite("state", state)
-    _check_bodies(moments)
-    advance_checked(state, moments, torques, float(dt), int(steps), method, threads or _threads())
-
-
-def advance_checked(
-    state: Array, moments: Array, torque: Array, dt: float, steps: int, method: BatchMethod, threads: int
-) -> None:
-    """Make the steps of `advance_batch`, which has checked its arguments; a state that diverged may go on."""
-    blocks, advance = (state.shape[1] + WIDTH - 1) // WIDTH, _ADVANCE[method]
-    threads = min(threads, blocks)
-    if threads <= 1:
-        advance(state, moments, torque, dt, steps, 0, blocks)
-        return
-    ends = [blocks * k // threads for k in range(threads + 1)]
-    with ThreadPoolExecutor(threads) as pool:
-        done = [pool.submit(advance, state, moments, torque, dt, steps, *part) for part in pairwise(ends)]
-        for one in done:
-            one.result()
-
-
-def _threads() -> int:
-    import numba  # imported here: it takes a second
-
-    return int(numba.get_num_threads())
-
-
-def _checked(name: str, value: Array, n: int) -> Array:
-    """Return a (3, n) array of finite numbers as C-contiguous doubles, or raise ValueError."""
-    if np.shape(value) != (3, n):
-        raise ValueError(f"{name} must have shape (3, {n}) as the state has, got {np.shape(value)}")
-    array = np.ascontiguousarray(value, dtype=np.float64)
-    _check_finite(name, array)
-    return array
-
-
-def _check_finite(name: str, array: Array) -> None:
-    finite = np.isfinite(array)
-    if not finite.all():
-        row, body = (int(i) for i in np.argwhere(~finite)[0])
-        raise ValueError(f"{name} must be finite, got {array[row, body]} in row {row} of body {body}")
-
-
-def _check_bodies(moments: Array) -> None:
-    """Check J > 0 and J1 + J2 >= J3 for each body, up to round-off for flat bodies."""
-    largest = moments.max(axis=0)
-    bad = (moments.min(axis=0) <= 0.0) | (moments.sum(axis=0) - largest < largest * (1.0 - _FLAT))
-    if bad.any():
-        body = int(np.argmax(bad))
-        raise ValueError(f"no body has the principal moments {moments[:, body].tolist()} of body {body}")
+    _ADVANCE[method](state, moments, torque, dt, steps)
