@@ -26,11 +26,10 @@ def batch(effort: Effort) -> list[Measured]:
     """Measure both methods, a hundred steps to a call; each thread steps an equal part of the bodies."""
     state, moments = bodies(effort.bodies)
     threads = min(_THREADS, os.cpu_count() or 1)
+    arrays = (state, moments, np.zeros_like(moments))
     parts = [
-        (np.ascontiguousarray(states), np.ascontiguousarray(of), np.zeros_like(of))
-        for states, of in zip(
-            *(np.array_split(array, threads, axis=1) for array in (state, moments)), strict=True
-        )
+        [np.ascontiguousarray(array[:, rows]) for array in arrays]
+        for rows in np.array_split(np.arange(effort.bodies), threads)
     ]
     methods: tuple[BatchMethod, ...] = ("rk4", "dop853")
     with ThreadPoolExecutor(threads) as pool:
@@ -43,9 +42,8 @@ def batch(effort: Effort) -> list[Measured]:
     ]
 
 
-def _advance(
-    pool: ThreadPoolExecutor, parts: Sequence[tuple[Array, Array, Array]], method: BatchMethod
-) -> None:
+def _advance(pool: ThreadPoolExecutor, parts: Sequence[Sequence[Array]], method: BatchMethod) -> None:
+    """Step every part, whose arrays are those of `advance_batch`, in a thread of its own."""
     for done in [pool.submit(advance_batch, *part, _DT_S, _STEPS, method) for part in parts]:
         done.result()
 

@@ -129,9 +129,8 @@ def truth_of(template: Scene, bodies: Bodies, *, free: bool) -> BatchTruth:
         except ValueError as error:
             fastest = number(float(np.max(np.linalg.norm(bodies.omega_body, axis=-1))))
             raise InputError(f"no truth where |omega| is up to {fastest} rad/s: {error}") from None
-        bounds, round_offs = found.bounds[:, 0], found.round_offs[:, 0]
         trusted = np.ones(len(bodies), dtype=np.bool_)
-        return BatchTruth(found.quaternion, found.omega_body, bounds, round_offs, trusted)
+        return BatchTruth(found.quaternion, found.omega_body, found.bound_rad, found.round_off_rad, trusted)
     truths = [
         solve_truth(scene_of(template, bodies, row), template.sample_times) for row in range(len(bodies))
     ]

@@ -8,7 +8,8 @@ import pytest
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 from bodycheck.reference_impl.truth.certification import solve_truth
-from bodycheck.reference_impl.truth.free_batch import FREE_QUANTITIES, FreeTruths, free_truths
+from bodycheck.reference_impl.truth.free_batch import FreeTruths, free_truths
+from tests.helpers.expected_messages import ExpectedMessage
 
 TIMES = np.array([0.0, 2.5, 5.0, 7.5, 10.0])
 
@@ -42,10 +43,8 @@ def one_by_one(inertia: Array, quaternion: Array, omega: Array) -> FreeTruths:
     return FreeTruths(
         np.array([truth.trajectory.attitude for truth in found]),
         np.array([truth.trajectory.omega_body for truth in found]),
-        *(
-            np.array([[getattr(truth, f"{kind}_{name}")[-1] for name in FREE_QUANTITIES] for truth in found])
-            for kind in ("bound", "round_off")
-        ),
+        np.array([truth.bound_rad[-1] for truth in found]),
+        np.array([truth.round_off_rad[-1] for truth in found]),
     )
 
 
@@ -56,8 +55,8 @@ def test_batch_of_truths_equals_single_truths() -> None:
     batch, single = free_truths(*given, TIMES), one_by_one(*given)
     assert np.array_equal(batch.quaternion, single.quaternion)
     assert np.array_equal(batch.omega_body, single.omega_body)
-    np.testing.assert_allclose(batch.bounds, single.bounds, rtol=1e-6, atol=1e-300)
-    np.testing.assert_allclose(batch.round_offs, single.round_offs, rtol=1e-6)
+    np.testing.assert_allclose(batch.bound_rad, single.bound_rad, rtol=1e-6)
+    np.testing.assert_allclose(batch.round_off_rad, single.round_off_rad, rtol=1e-6)
 
 
 def test_order_and_size_of_a_batch_do_not_matter() -> None:
@@ -66,5 +65,11 @@ def test_order_and_size_of_a_batch_do_not_matter() -> None:
     whole = free_truths(*given, TIMES)
     some = np.random.default_rng(1).permutation(40)[:9]
     part = free_truths(*(array[some] for array in given), TIMES)
-    for name in ("quaternion", "omega_body", "bounds", "round_offs"):
+    for name in ("quaternion", "omega_body", "bound_rad", "round_off_rad"):
         assert np.array_equal(getattr(part, name), getattr(whole, name)[some])
+
+
+def test_no_times_are_refused(expected_message: ExpectedMessage) -> None:
+    """A truth at no times is refused with the name of the argument."""
+    with expected_message.raises(ValueError):
+        free_truths(*bodies(7), TIMES[:0])
