@@ -58,7 +58,7 @@ def put(numbers: Numbers, i: int, k: int, x: Any) -> None:
 
 
 def high_part(numbers: Any) -> Any:
-    """Return the numbers rounded to doubles, or None for None."""
+    """Return the numbers rounded to doubles; anything but double-doubles unchanged."""
     return numbers[0] if isinstance(numbers, tuple) else numbers
 
 

@@ -7,16 +7,15 @@ not start from rounded sums. Terms that a scene does not have are None, and are 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from fractions import Fraction
-from typing import overload
 
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import gyration_radius
 from bodycheck.reference_impl.kernels.double_double import DoubleDouble
-from bodycheck.reference_impl.kernels.generic_precision import Numbers
+from bodycheck.reference_impl.kernels.generic_precision import Numbers, high_part
 from bodycheck.reference_impl.loads.load import ContinuousLoad, Instants, checked_continuous, total_wrench
 from bodycheck.reference_impl.loads.tape import Tape, recorded
 from bodycheck.reference_impl.pivot import inertia_about
@@ -88,19 +87,7 @@ class Forcing:
 
     def rounded(self) -> Forcing:
         """Return the same constants rounded to doubles."""
-        return Forcing(
-            _high(self.rotational),
-            _high(self.damping),
-            self.body_sines,
-            _high(self.world),
-            self.world_sines,
-            _high(self.orbit),
-            _high(self.translational),
-            self.springs,
-            _high(self.torsion),
-            self.recorded,
-            self.on_parabola,
-        )
+        return Forcing(**{field.name: high_part(getattr(self, field.name)) for field in fields(self)})
 
 
 def forcing_between(scene: Scene, begin_s: float, end_s: float) -> Forcing:
@@ -256,11 +243,3 @@ def _pairs(values: Iterable[Fraction]) -> Numbers:
 def _columns(values: Sequence[DoubleDouble]) -> Numbers:
     columns = np.array(values, dtype=np.float64).T
     return np.ascontiguousarray(columns[0]), np.ascontiguousarray(columns[1])
-
-
-@overload
-def _high(numbers: Numbers) -> Array: ...
-@overload
-def _high(numbers: None) -> None: ...
-def _high(numbers: Numbers | None) -> Array | None:
-    return numbers[0] if isinstance(numbers, tuple) else numbers

@@ -50,7 +50,7 @@ from bodycheck.reference_impl.loads.tape import (
 )
 from bodycheck.reference_impl.taylor.forcing import MASS_INVERSE
 from bodycheck.reference_impl.taylor.taylor_terms import OMEGA as BODY_OMEGA
-from bodycheck.reference_impl.taylor.taylor_terms import R, V, X, cauchy, vector_terms
+from bodycheck.reference_impl.taylor.taylor_terms import R, V, X, cauchy, quotient, vector_terms
 
 
 @inlined_kernel
@@ -104,7 +104,7 @@ def _operate(series: Numbers, operation: Array, first: int, row: int, k: int) ->
     elif code == PRODUCT:
         put(series, row, k, cauchy(series, a, b, k))
     elif code == QUOTIENT:
-        put(series, row, k, _quotient(series, a, b, row, k))
+        put(series, row, k, quotient(series, a, b, row, k))
     elif code == SCALED:
         put(series, row, k, times(term(series, a, k), constant))
     elif code == SHIFTED:
@@ -137,15 +137,6 @@ def may_vanish(high: Array, recorded: Array, row: int, h: float, order: int) -> 
             if high[a, 0] == 0.0 or change >= abs(high[a, 0]):
                 return True
     return False
-
-
-@kernel
-def _quotient(series: Numbers, a: int, b: int, row: int, k: int) -> Any:
-    """f = a / b: f_k = (a_k - sum over n >= 1 of b_n f_(k-n)) / b_0."""
-    total = term(series, a, k)
-    for n in range(1, k + 1):
-        total = subtract_product(total, term(series, b, n), term(series, row, k - n))
-    return over(renorm(total), term(series, b, 0))
 
 
 @kernel

@@ -36,6 +36,7 @@ from bodycheck.reference_impl.taylor.taylor_terms import (
     added,
     cauchy,
     put_vector,
+    quotient,
     rotated_to_body,
     vector_terms,
 )
@@ -240,15 +241,6 @@ def _half_angle_cosine(series: Numbers, full: int, half: int, k: int) -> None:
 
 
 @kernel
-def _quotient(series: Numbers, above: int, below: int, row: int, k: int) -> None:
-    """f = a / b: f_k = (a_k - sum over n >= 1 of b_n f_(k-n)) / b_0."""
-    total = term(series, above, k)
-    for n in range(1, k + 1):
-        total = subtract_product(total, term(series, below, n), term(series, row, k - n))
-    put(series, row, k, over(renorm(total), term(series, below, 0)))
-
-
-@kernel
 def _nested_series(series: Numbers, row: int, k: int) -> None:
     """(b / sin b)_k = 1 + 2/3 x (1 + 4/5 x (1 + 6/7 x ..)), x = sin^2(b/2) = (1 - cos b) / 2, b = a/16.
 
@@ -273,7 +265,7 @@ def _angle_over_sine(series: Numbers, row: int, k: int) -> None:
     for i in range(1, _HALVINGS):
         put(series, row + _PRODUCT + i - 1, k, cauchy(series, product, row + _COSINE + i, k))
         product = row + _PRODUCT + i - 1
-    _quotient(series, row + _NEST, product, row + _FACTOR, k)
+    put(series, row + _FACTOR, k, quotient(series, row + _NEST, product, row + _FACTOR, k))
 
 
 @kernel

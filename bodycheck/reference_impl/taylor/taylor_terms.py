@@ -21,6 +21,7 @@ from bodycheck.reference_impl.kernels.generic_precision import (
     exactly,
     minus,
     nothing,
+    over,
     over_double,
     phase,
     plus,
@@ -60,6 +61,15 @@ def cauchy(series: Numbers, i: int, j: int, k: int) -> Any:
     for n in range(k + 1):
         total = add_product(total, term(series, i, n), term(series, j, k - n))
     return renorm(total)
+
+
+@kernel
+def quotient(series: Numbers, i: int, j: int, row: int, k: int) -> Any:
+    """f = a / b: f_k = (a_k - sum over n >= 1 of b_n f_(k-n)) / b_0; a, b and f in the rows i, j and row."""
+    total = term(series, i, k)
+    for n in range(1, k + 1):
+        total = subtract_product(total, term(series, j, n), term(series, row, k - n))
+    return over(renorm(total), term(series, j, 0))
 
 
 @kernel
