@@ -28,6 +28,7 @@ from bodycheck.reference_impl.taylor.solution import (
     forcings_of,
     packed_state,
     resolution_for,
+    trajectory_of,
 )
 from bodycheck.reference_impl.taylor.taylor_terms import STATE, V, X
 from bodycheck.reference_impl.trajectory import Trajectory
@@ -46,13 +47,7 @@ class TaylorSolution(NamedTuple):
     @property
     def trajectory(self) -> Trajectory:
         """Return the solution as a trajectory."""
-        return Trajectory(
-            t_s=self.t_s,
-            position_m=self.states[:, 10:13],
-            velocity_m_s=self.states[:, 7:10],
-            quaternion=self.states[:, 0:4],
-            omega_body_rad_s=self.states[:, 4:7],
-        )
+        return trajectory_of(self.t_s, self.states)
 
 
 class _Solver(Protocol):

@@ -26,6 +26,7 @@ from bodycheck.reference_impl.taylor.taylor_steps import (
     integrate,
 )
 from bodycheck.reference_impl.taylor.taylor_terms import OMEGA, SINES, STATE, V, X
+from bodycheck.reference_impl.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -110,6 +111,17 @@ def packed_state(start: State) -> tuple[Array, Array]:
     state[:4], rest[:4] = np.array(unit_quaternion(start.quaternion)).T
     state[4:7], rest[4:7] = paired_omega(start)
     return state, rest
+
+
+def trajectory_of(t_s: Array, states: Array) -> Trajectory:
+    """Return the states (n, 13), q, omega_body, v, x, at t_s (n,) as a trajectory."""
+    return Trajectory(
+        t_s=t_s,
+        position_m=states[:, X:],
+        velocity_m_s=states[:, V:X],
+        quaternion=states[:, :OMEGA],
+        omega_body_rad_s=states[:, OMEGA:V],
+    )
 
 
 def _advance(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ from bodycheck.reference_impl.taylor.solution import (
     follow_scene,
     forcings_of,
     packed_state,
+    trajectory_of,
 )
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth.motion_distance import distances, rounding, scales, small_distances
@@ -134,7 +135,7 @@ def certified_truth(scene: Scene, t_s: Array) -> Truth:
         follow_scene(scene, forcings, packed_state(scene.initial), t_s, resolution)
         for resolution in (_FINE, _CHECK)
     )
-    motion = _trajectory(t_s, fine)
+    motion = trajectory_of(t_s, fine.high)  # the nearest double to high + low is high
     _check_finite(motion, fine.lost)
     growths = _certified_growths(scene, forcings, motion, fine)
     gaps = small_distances(scene, motion, (check.high - fine.high) + (check.low - fine.low))
@@ -184,7 +185,7 @@ def _certified_growths(scene: Scene, forcings: Forcings, motion: Trajectory, fin
     """Return growths (6, n) as `_growths`, from finer nudges in double-double where coarse ones saturate."""
     t_s = motion.t_s
     neighbours = [
-        _trajectory(t_s, follow_scene(scene, forcings, packed_state(start), t_s, _NUDGED))
+        trajectory_of(t_s, follow_scene(scene, forcings, packed_state(start), t_s, _NUDGED).high)
         for start in _nudges(scene, motion)
     ]
     gaps = _largest_gaps(scene, motion, neighbours)
@@ -201,18 +202,6 @@ def _certified_growths(scene: Scene, forcings: Forcings, motion: Trajectory, fin
         difference = (found.high - fine.high) + (found.low - fine.low)
         apart = np.maximum(apart, _known(small_distances(scene, motion, difference)))
     return np.maximum.accumulate(np.maximum(growths, apart / (NUDGE * _FINE_NUDGE)), axis=1)
-
-
-def _trajectory(t_s: Array, solution: Solution) -> Trajectory:
-    """Round a solution to doubles."""
-    state = solution.high  # the nearest double to high + low is high
-    return Trajectory(
-        t_s=t_s,
-        position_m=state[:, 10:13],
-        velocity_m_s=state[:, 7:10],
-        quaternion=state[:, 0:4],
-        omega_body_rad_s=state[:, 4:7],
-    )
 
 
 def _largest_gaps(scene: Scene, motion: Trajectory, neighbours: list[Trajectory]) -> Array:
@@ -257,16 +246,11 @@ def _rounded(start: State) -> State:
 
 def _reordered(truth: Truth, order: NDArray[np.intp]) -> Truth:
     motion = truth.trajectory
-    assert motion.quaternion is not None
-    assert motion.omega_body_rad_s is not None
-    arrays: dict[str, Any] = {
-        name: value[order] for name, value in vars(truth).items() if isinstance(value, np.ndarray)
-    }
-    trajectory = Trajectory(
-        t_s=motion.t_s[order],
-        position_m=motion.position_m[order],
-        velocity_m_s=motion.velocity_m_s[order],
-        quaternion=motion.quaternion[order],
-        omega_body_rad_s=motion.omega_body_rad_s[order],
-    )
-    return replace(truth, trajectory=trajectory, **arrays)
+    trajectory = replace(motion, **_rows(motion, order))
+    return replace(truth, trajectory=trajectory, **_rows(truth, order))
+
+
+def _rows(samples: Truth | Trajectory, order: NDArray[np.intp]) -> dict[str, Any]:
+    """Return the arrays of samples in another order, by the names of their fields."""
+    values = {field.name: getattr(samples, field.name) for field in fields(samples)}
+    return {name: value[order] for name, value in values.items() if isinstance(value, np.ndarray)}
