@@ -14,7 +14,7 @@ import pytest
 from bodycheck.adapters.contract import Build, Engine, Method, ReadBack, Reading, Setting
 from bodycheck.adapters.execution import Answer, Case
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.one_step_maps import BY_ALIAS, EXACT, MAPS
+from bodycheck.reference_impl.one_step_maps import EXACT, MAPS
 from bodycheck.reference_impl.one_step_maps.one_step_map import Motion, Solid, Step, scene_loads
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.scene import RigidBody, Scene, State, Torque
@@ -33,6 +33,8 @@ from bodycheck.reports.probes.fingerprint import (
 )
 from bodycheck.reports.probes.laws import LAWS, REPLAY, REVERSE, STATES, Checked, check_laws, law_rows
 from bodycheck.runs.engine_checks import laws
+
+BY_ALIAS = {alias: one for one in MAPS.values() for alias in (one.name, *one.aliases)}
 
 
 def no_loads(*motion: Array) -> tuple[Array, Array]:

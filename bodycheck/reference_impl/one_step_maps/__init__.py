@@ -11,15 +11,11 @@ from bodycheck.reference_impl.one_step_maps.lie_group import lie_group_maps
 from bodycheck.reference_impl.one_step_maps.one_step_map import OneStepMap
 from bodycheck.reference_impl.one_step_maps.runge_kutta_maps import exact_flow, runge_kutta_maps
 
-__all__ = ["BY_ALIAS", "EXACT", "MAPS", "OneStepMap"]
+__all__ = ["EXACT", "MAPS", "OneStepMap"]
 
 EXACT = OneStepMap(
     "exact flow", "the exact motion, to round-off", "", 99, exact_flow, reversible=True, stages=True
 )
-_ALL = (EXACT, *first_order_maps(), *runge_kutta_maps(), *lie_group_maps())
 
-MAPS = {one.name: one for one in _ALL}
+MAPS = {one.name: one for one in (EXACT, *first_order_maps(), *runge_kutta_maps(), *lie_group_maps())}
 """The maps by name. Names are unique, and no two of them are the same map."""
-
-BY_ALIAS = {alias: one for one in _ALL for alias in (one.name, *one.aliases)}
-"""The maps by name and alias."""

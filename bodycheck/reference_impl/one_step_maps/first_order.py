@@ -233,16 +233,43 @@ def _added_and_normalised(q: Array, angle: Array) -> Array:
     return normalised(_added(q, angle))
 
 
-_QUATERNION_UPDATES: dict[str, tuple[Callable[[Array, Array], Array], str]] = {
-    "": (rotated, "q+ = q exp(dt w / 2)"),
-    ", step angle at most pi/4": (
-        _rotated_at_most,
-        "q+ = q (cos(a/2), dt w sin(a/2) / a) normalised, a = dt |w| up to pi/4",
-    ),
-    ", additive quaternion": (_added, "q+ = q + dt q w / 2, never renormalised"),
-    ", additive quaternion renormalised": (_added_and_normalised, "q+ = q + dt q w / 2, divided by |q+|"),
-}
-_MATRIX_UPDATES = {", additive matrix": False, ", additive matrix projected": True}
+@dataclass(frozen=True)
+class _Update:
+    """How the attitude is advanced with w: by a function of the quaternion, or by adding to a matrix."""
+
+    suffix: str
+    """The end of a map's name."""
+    formula: str
+    attitude: Attitude
+    of_quaternion: Callable[[Array, Array], Array] | None = None
+
+
+def _updates(matrix_rate: str) -> tuple[_Update, ...]:
+    """Return every update; matrix_rate: the formula of R'."""
+    return (
+        _Update("", "q+ = q exp(dt w / 2)", "group", rotated),
+        _Update(
+            ", step angle at most pi/4",
+            "q+ = q (cos(a/2), dt w sin(a/2) / a) normalised, a = dt |w| up to pi/4",
+            "group",
+            _rotated_at_most,
+        ),
+        _Update(", additive quaternion", "q+ = q + dt q w / 2, never renormalised", "quaternion", _added),
+        _Update(
+            ", additive quaternion renormalised",
+            "q+ = q + dt q w / 2, divided by |q+|",
+            "unit quaternion",
+            _added_and_normalised,
+        ),
+        _Update(", additive matrix", f"R+ = R + dt {matrix_rate}", "matrix"),
+        _Update(
+            ", additive matrix projected",
+            f"R+ = R + dt {matrix_rate}, projected onto SO(3)",
+            "projected matrix",
+        ),
+    )
+
+
 _POSES: dict[Pose, str] = {"new": "w = omega+", "old": "w = omega", "mean": "w = (omega + omega+) / 2"}
 
 
@@ -253,13 +280,13 @@ class _Scheme:
     rule: Rule | None
     pose: Pose
     carried: Carried
-    update: Callable[[Array, Array], Array] | None
-    projected: bool = False
+    update: _Update
 
     def __call__(self, solid: Solid, motion: Motion, dt: Array, loads: Loads) -> Motion:
         h = np.asarray(dt)[..., None]
         rotation = motion.orthogonal
-        matrix = _matrix_of(motion) if self.update is None else rotation
+        advanced = self.update.of_quaternion
+        matrix = motion.matrix if advanced is None else rotation
         omega_world = times(rotation, motion.omega)
         force, torque = loads(motion.t, motion.position, matrix, motion.velocity, omega_world)
         velocity = motion.velocity + h * force / solid.mass[..., None]
@@ -273,12 +300,11 @@ class _Scheme:
             old, new = motion.omega, self.rule(solid, motion.omega, torque, h)
         angle = h * _chosen(self.pose, old, new)
         after = replace(stepped(motion, np.asarray(dt)), position=position, velocity=velocity)
-        if self.update is None:
-            after = _with_matrix(
-                after, _advanced_matrix(matrix, rotation, angle, self.carried, self.projected)
-            )
+        if advanced is None:
+            projected = self.update.attitude == "projected matrix"
+            after = _with_matrix(after, _advanced_matrix(matrix, rotation, angle, self.carried, projected))
         else:
-            after = replace(after, quaternion=self.update(motion.quaternion, angle), rotation=None)
+            after = replace(after, quaternion=advanced(motion.quaternion, angle), rotation=None)
         if self.carried == "body":
             return replace(after, omega=new)
         if self.carried == "world":
@@ -288,10 +314,6 @@ class _Scheme:
 
 def _chosen(pose: Pose, old: Array, new: Array) -> Array:
     return new if pose == "new" else old if pose == "old" else 0.5 * (old + new)
-
-
-def _matrix_of(motion: Motion) -> Array:
-    return motion.orthogonal if motion.rotation is None else motion.rotation
 
 
 def _advanced_matrix(
@@ -316,8 +338,7 @@ def momentum_of(solid: Solid, matrix: Array, omega_world: Array) -> Array:
 
 def _omega_of(solid: Solid, after: Motion, momentum: Array) -> Array:
     """omega in body axes of the momentum (n, 3) in world axes."""
-    matrix = _matrix_of(after)
-    omega_world = times(matrix, times(solid.inverse, back(matrix, momentum)))
+    omega_world = times(after.matrix, times(solid.inverse, back(after.matrix, momentum)))
     return back(after.orthogonal, omega_world)
 
 
@@ -342,34 +363,18 @@ def _with_updates(rule: _OmegaRule, pose: Pose, carried: Carried) -> Iterator[On
     natural = pose == rule.default_pose and carried == "body"
     reversible = rule.reversible and natural
     order = rule.order if natural else min(rule.order, 1)
-    for suffix, (update, formula) in _QUATERNION_UPDATES.items():
-        full = name + suffix
+    for update in _updates("R [w]x"):
+        full = name + update.suffix
         yield OneStepMap(
             full,
-            f"{rule.formula}; {formula}, {_POSES[pose]}",
+            f"{rule.formula}; {update.formula}, {_POSES[pose]}",
             rule.source,
             order,
             _Scheme(rule.rule, pose, carried, update),
-            _attitude(suffix),
+            update.attitude,
             aliases=_ALIASES.get(full, rule.aliases if full == rule.name else ()),
-            reversible=reversible,
+            reversible=reversible and update.of_quaternion is not None,
         )
-    for suffix, projected in _MATRIX_UPDATES.items():
-        formula = "R+ = R + dt R [w]x" + (", projected onto SO(3)" if projected else "")
-        yield OneStepMap(
-            name + suffix,
-            f"{rule.formula}; {formula}, {_POSES[pose]}",
-            rule.source,
-            order,
-            _Scheme(rule.rule, pose, carried, None, projected),
-            "projected matrix" if projected else "matrix",
-        )
-
-
-def _attitude(suffix: str) -> Attitude:
-    if not suffix.startswith(", additive"):
-        return "group"
-    return "unit quaternion" if suffix.endswith("renormalised") else "quaternion"
 
 
 _ALIASES = {
@@ -379,6 +384,9 @@ _ALIASES = {
     "M3, step angle at most pi/4": ("Bullet's btRigidBody",),
     "M1, pose from the old omega": ("explicit Euler on the rotation group",),
     "M1, pose from the old omega, additive quaternion": ("explicit Euler", "quaternion-euler"),
+    "Buss 2000, order 1": ("lie-euler",),
+    "Buss 2000, order 1, additive matrix": ("Baraff and Witkin 1997",),
+    "Buss 2000, order 1, additive matrix projected": ("euler-svd",),
 }
 
 
@@ -392,18 +400,14 @@ def _momentum_maps() -> Iterator[OneStepMap]:
     for pose, name in names.items():
         shared = f"L+ = L + dt tau, omega+ = I(R+)^-1 L+, {_POSES[pose]} with I(R)^-1 L+ for omega+"
         source = "Buss (2000), J. Comput. Phys. 164, 377" if pose == "old" else "Baraff and Witkin (1997)"
-        for suffix, (update, formula) in _QUATERNION_UPDATES.items():
-            aliases = ("lie-euler",) if pose == "old" and not suffix else ()
-            scheme = _Scheme(None, pose, "momentum", update)
+        for update in _updates("[w]x R"):
+            full = name + update.suffix
             yield OneStepMap(
-                name + suffix, f"{shared}; {formula}", source, 1, scheme, _attitude(suffix), aliases=aliases
-            )
-        for suffix, projected in _MATRIX_UPDATES.items():
-            formula = "R+ = R + dt [w]x R" + (", projected onto SO(3)" if projected else "")
-            known = {False: "Baraff and Witkin 1997", True: "euler-svd"} if pose == "old" else {}
-            aliases = (known[projected],) if known else ()
-            scheme = _Scheme(None, pose, "momentum", None, projected)
-            attitude: Attitude = "projected matrix" if projected else "matrix"
-            yield OneStepMap(
-                name + suffix, f"{shared}; {formula}", source, 1, scheme, attitude, aliases=aliases
+                full,
+                f"{shared}; {update.formula}",
+                source,
+                1,
+                _Scheme(None, pose, "momentum", update),
+                update.attitude,
+                aliases=_ALIASES.get(full, ()),
             )

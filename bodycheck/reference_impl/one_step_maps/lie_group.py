@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -17,7 +17,6 @@ from bodycheck.reference_impl.one_step_maps.one_step_map import (
     Solid,
     back,
     rotated,
-    stepped,
     times,
     weighted_sum,
 )
@@ -111,13 +110,12 @@ class _LieRungeKutta:
         u = h * weighted_sum(self.tableau.b, angle_rates, spin)
         q = self._attitude(motion.quaternion, self.tableau.b, angle_rates, u, h)
         omega = _omega_of(solid, self.carried, end[..., 6:], quaternion_to_matrix(q))
-        return replace(
-            stepped(motion, np.asarray(dt)),
+        return Motion(
+            t=motion.t + np.asarray(dt),
             position=end[..., :3],
             velocity=end[..., 3:6],
             quaternion=q,
             omega=omega,
-            rotation=None,
         )
 
     def _attitude(self, q: Array, weights: Array, angle_rates: list[Array], u: Array, h: Array) -> Array:
@@ -210,13 +208,12 @@ def _commutator_free(solid: Solid, motion: Motion, dt: Array, loads: Loads) -> M
     q = rotated(q, h * (3.0 * w1 + 2.0 * w2 + 2.0 * w3 - w4) / 12.0)
     q = rotated(q, h * (-w1 + 2.0 * w2 + 2.0 * w3 + 3.0 * w4) / 12.0)
     momentum = momentum + h * (t1 + 2.0 * t2 + 2.0 * t3 + t4) / 6.0
-    return replace(
-        stepped(motion, np.asarray(dt)),
+    return Motion(
+        t=motion.t + np.asarray(dt),
         position=x + h * (v + 2.0 * v2 + 2.0 * v3 + v4) / 6.0,
         velocity=v + h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0,
         quaternion=q,
         omega=_omega_of(solid, "momentum", momentum, quaternion_to_matrix(q)),
-        rotation=None,
     )
 
 
@@ -254,13 +251,12 @@ class _Buss:
         q = quaternion_product(exp_quaternion(h * mean), motion.quaternion)
         momentum = momentum + h * torque
         velocity = motion.velocity + h * force / solid.mass[..., None]
-        return replace(
-            stepped(motion, np.asarray(dt)),
+        return Motion(
+            t=motion.t + np.asarray(dt),
             position=motion.position + 0.5 * h * (motion.velocity + velocity),
             velocity=velocity,
             quaternion=q,
             omega=_omega_of(solid, "momentum", momentum, quaternion_to_matrix(q)),
-            rotation=None,
         )
 
     @staticmethod
@@ -294,13 +290,12 @@ def _spiral(solid: Solid, motion: Motion, dt: Array, loads: Loads) -> Motion:
     rate = times(solid.inverse, torque - gyroscopic(solid, motion.omega))
     q = rotated(rotated(motion.quaternion, h * motion.omega), 0.5 * h * h * rate)
     velocity = motion.velocity + h * force / solid.mass[..., None]
-    return replace(
-        stepped(motion, np.asarray(dt)),
+    return Motion(
+        t=motion.t + np.asarray(dt),
         position=motion.position + h * velocity,
         velocity=velocity,
         quaternion=q,
         omega=_ssp_spin(solid, motion.omega, torque, h),
-        rotation=None,
     )
 
 
@@ -315,13 +310,12 @@ def _verlet_spiral(solid: Solid, motion: Motion, dt: Array, loads: Loads) -> Mot
     force, torque = loads(
         motion.t + np.asarray(dt), position, end_rotation, middle, times(end_rotation, omega)
     )
-    return replace(
-        stepped(motion, np.asarray(dt)),
+    return Motion(
+        t=motion.t + np.asarray(dt),
         position=position,
         velocity=middle + 0.5 * h * force / solid.mass[..., None],
         quaternion=q,
         omega=_ssp_spin(solid, omega, torque, 0.5 * h),
-        rotation=None,
     )
 
 
@@ -371,13 +365,12 @@ class _Kicked:
         force, torque = loads(
             motion.t + np.asarray(dt), position, end_rotation, middle, times(end_rotation, omega)
         )
-        return replace(
-            stepped(motion, np.asarray(dt)),
+        return Motion(
+            t=motion.t + np.asarray(dt),
             position=position,
             velocity=middle + 0.5 * h * force / solid.mass[..., None],
             quaternion=q,
             omega=times(solid.inverse, momentum + 0.5 * h * torque),
-            rotation=None,
         )
 
 
@@ -456,13 +449,12 @@ def _composed_splitting(solid: Solid, motion: Motion, dt: Array, loads: Loads) -
         x = x + h * drift * v
         t = t + np.asarray(dt) * drift
         rotation = quaternion_to_matrix(q)
-    return replace(
-        stepped(motion, np.asarray(dt)),
+    return Motion(
+        t=motion.t + np.asarray(dt),
         position=x,
         velocity=v,
         quaternion=q,
         omega=_omega_of(solid, "momentum", momentum, rotation),
-        rotation=None,
     )
 
 
@@ -482,9 +474,8 @@ def _single_maps() -> Iterator[OneStepMap]:
         ("Buss 2000, order 3", 3, True),
         ("Buss 2000, order 4", 4, True),
     ):
-        order = 2 if terms == 2 else terms
         formula = "R+ = exp(dt w) R, w the mean omega to this order under a constant torque; L+ = L + dt tau"
-        yield OneStepMap(name, formula, source, order, _Buss(terms, augmented))
+        yield OneStepMap(name, formula, source, terms, _Buss(terms, augmented))
     source = "del Valle, Angelidakis, Roy, Munoz and Poschel (2023), Comput. Phys. Commun., 109077"
     formula = "q+ = q exp(dt omega / 2) exp(dt^2 omega' / 4), omega+ by SSP RK3"
     yield OneStepMap("SPIRAL", formula, source, 2, _spiral)

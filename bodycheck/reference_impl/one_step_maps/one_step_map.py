@@ -82,6 +82,11 @@ class Motion:
             return project_to_so3(self.rotation)
         return quaternion_to_matrix(self.quaternion)
 
+    @property
+    def matrix(self) -> Array:
+        """R (n, 3, 3) as the engine holds it, which need not be orthogonal; otherwise that of q / |q|."""
+        return self.orthogonal if self.rotation is None else self.rotation
+
     def part(self, rows: slice | NDArray[np.intp]) -> Motion:
         """Return some of the states."""
         matrices = None if self.rotation is None else self.rotation[rows]

@@ -40,6 +40,7 @@ _ITERATIONS = 60
 _SLOW = 0.2  # the least reduction of an iteration for which the derivative is kept
 _CONVERGED = 1e-16
 _DIFFERENCE = 1e-6
+_PARTS = 8  # of a step of the exact flow
 
 DOP853 = NamedTableau(
     "RK8 (dop853)", 8, _DOP853.a, _DOP853.b, "Dormand and Prince (1989); Hairer, Norsett and Wanner (1993)"
@@ -67,8 +68,7 @@ class _Formulation:
     def _stored_attitude(self, motion: Motion) -> Array:
         if not self.matrix:
             return motion.quaternion
-        matrix = motion.orthogonal if motion.rotation is None else motion.rotation
-        return matrix.reshape(*matrix.shape[:-2], 9)
+        return motion.matrix.reshape(*motion.matrix.shape[:-2], 9)
 
     def _frame(self, attitude: Array) -> Array:
         if self.matrix:
@@ -251,9 +251,9 @@ def _map(tableau: NamedTableau, what: str, step: _Explicit | _Implicit) -> OneSt
     )
 
 
-def exact_flow(solid: Solid, motion: Motion, dt: Array, loads: Loads, parts: int = 8) -> Motion:
+def exact_flow(solid: Solid, motion: Motion, dt: Array, loads: Loads) -> Motion:
     """Return the exact flow to round-off for |omega| dt of up to 2, by steps of dop853."""
     step = _Explicit(DOP853, _Formulation("body"), projected=True)
-    for _ in range(parts):
-        motion = step(solid, motion, np.asarray(dt) / parts, loads)
+    for _ in range(_PARTS):
+        motion = step(solid, motion, np.asarray(dt) / _PARTS, loads)
     return motion
