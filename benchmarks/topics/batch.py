@@ -44,8 +44,12 @@ def batch(effort: Effort) -> list[Measured]:
 
 def _advance(pool: ThreadPoolExecutor, parts: Sequence[Sequence[Array]], method: BatchMethod) -> None:
     """Step every part, whose arrays are those of `advance_batch`, in a thread of its own."""
-    for done in [pool.submit(advance_batch, *part, _DT_S, _STEPS, method) for part in parts]:
-        done.result()
+    made = [
+        pool.submit(advance_batch, state, moments, torque, _DT_S, _STEPS, method)
+        for state, moments, torque in parts
+    ]
+    for one in made:
+        one.result()
 
 
 def bodies(count: int) -> tuple[Array, Array]:
