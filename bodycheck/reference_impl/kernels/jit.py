@@ -34,7 +34,7 @@ def interpreted() -> Iterator[None]:
 class Kernel:
     """A function that is compiled when it is first called, or interpreted within `interpreted()`."""
 
-    def __init__(self, function: Callable[..., Any], options: dict[str, Any], *, for_literals: bool) -> None:
+    def __init__(self, function: Callable[..., Any], *, for_literals: bool = True, **options: Any) -> None:
         update_wrapper(self, function)
         self.py_func = function
         self._options, self._for_literals = options, for_literals
@@ -90,10 +90,6 @@ def _without_literals(dispatcher: Any) -> Any:
     return dispatcher
 
 
-def _compile(function: Callable[..., Any], *, for_literals: bool = True, **options: Any) -> Any:
-    return Kernel(function, options, for_literals=for_literals)
-
-
 def as_exact(kernel: Kernel) -> Any:
     """Return the same function, compiled exactly as written."""
     original = kernel.py_func
@@ -105,17 +101,17 @@ def as_exact(kernel: Kernel) -> Any:
 
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function for speed: products and sums may be fused, but not reordered."""
-    return _compile(function, fastmath={"contract"})
+    return Kernel(function, fastmath={"contract"})
 
 
 def unspecialised_kernel(function: Callable[..., Any]) -> Any:
     """Compile as `kernel` does, but only once: numba would do so for each constant integer in a call."""
-    return _compile(function, for_literals=False, fastmath={"contract"})
+    return Kernel(function, for_literals=False, fastmath={"contract"})
 
 
 def long_kernel(function: Callable[..., Any]) -> Any:
     """Compile as `kernel` does, and release the GIL, so that threads that report progress can run."""
-    return _compile(function, fastmath={"contract"}, nogil=True)
+    return Kernel(function, fastmath={"contract"}, nogil=True)
 
 
 def borrowing_kernel(function: Callable[..., Any]) -> Any:
@@ -124,28 +120,28 @@ def borrowing_kernel(function: Callable[..., Any]) -> Any:
     The reference counts are atomic. They are updated wherever an inlined function takes an array, even in the
     innermost loops. An undocumented option of numba leaves them out.
     """
-    return _compile(function, fastmath={"contract"}, _nrt=False)
+    return Kernel(function, fastmath={"contract"}, _nrt=False)
 
 
 def borrowing_inline(function: Callable[..., Any]) -> Any:
     """Compile as `borrowing_kernel` does, force-inlined into the callers; numba types it only once."""
-    return _compile(function, for_literals=False, fastmath={"contract"}, _nrt=False, forceinline=True)
+    return Kernel(function, for_literals=False, fastmath={"contract"}, _nrt=False, forceinline=True)
 
 
 def inlined_kernel(function: Callable[..., Any]) -> Any:
     """Inline a function of a few lines into its callers: compiling it separately costs 50 ms."""
-    return _compile(function, fastmath={"contract"}, inline="always")
+    return Kernel(function, fastmath={"contract"}, inline="always")
 
 
 def exact_kernel(function: Callable[..., Any]) -> Any:
     """Compile a function exactly as written, each operation rounded: for error-free arithmetic."""
     # explicit, because a function without the flag inherits it from the first kernel that calls it
-    return _compile(function, fastmath=False)
+    return Kernel(function, fastmath=False)
 
 
 def long_exact_kernel(function: Callable[..., Any]) -> Any:
     """Compile as `exact_kernel` does, and release the GIL, so that threads can share a batch."""
-    return _compile(function, fastmath=False, nogil=True)
+    return Kernel(function, fastmath=False, nogil=True)
 
 
 @cache
