@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.arrays import Array, largest_norm
 from bodycheck.reference_impl.dynamics import angular_momentum, gravity_potential, gyration_radius
 from bodycheck.reference_impl.loads.load import checked_continuous
 from bodycheck.reference_impl.pivot import kinetic_energies, rotational_inertia
@@ -45,7 +45,7 @@ def distances(scene: Scene, one: Trajectory, other: Trajectory) -> Array:
     kinetic = [kinetic_energies(scene, motion)[0] for motion in (one, other)]
     energies = [k + potential_energy(scene, motion) for k, motion in zip(kinetic, (one, other), strict=True)]
     energy_scale = np.max(np.abs(kinetic[0]), initial=0.0) or 1.0
-    momentum_scale = np.max(np.linalg.norm(momenta[0], axis=-1), initial=0.0) or 1.0
+    momentum_scale = largest_norm(momenta[0]) or 1.0
     return np.stack(
         [
             geodesic_angle(one.attitude, other.attitude),
@@ -66,7 +66,7 @@ def scales(scene: Scene, motion: Trajectory) -> Array:
     """
     radius = gyration_radius(scene.body.mass, rotational_inertia(scene))
     omega, distance, speed = (
-        float(np.max(np.linalg.norm(part, axis=-1), initial=0.0))
+        largest_norm(part)
         for part in (motion.omega_body, motion.position_m - scene.initial.position, motion.velocity_m_s)
     )
     found = np.array([1.0, 1.0, 1.0, omega, max(distance, radius), max(speed, omega * radius)])

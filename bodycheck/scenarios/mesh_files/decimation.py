@@ -20,16 +20,16 @@ _RESOLUTIONS = (20, 16, 13, 11, 9, 8, 7, 6, 5, 4)
 """Numbers of cells along the longest edge of the bounding box, finest first."""
 
 
-def decimated(vertices: Array, triangles: Triangles, limit: int = MAX_TRIANGLES) -> tuple[Array, Triangles]:
+def decimated(vertices: Array, triangles: Triangles) -> tuple[Array, Triangles]:
     """Merge the vertices (n, 3) in each cell of ever coarser cubic grids until few triangles remain.
 
     A mesh that has no more triangles (m, 3) is returned unchanged.
     """
     for resolution in _RESOLUTIONS:
-        if len(triangles) <= limit:
+        if len(triangles) <= MAX_TRIANGLES:
             break
         vertices, triangles = _clustered(vertices, triangles, resolution)
-    return vertices, triangles[:limit]
+    return vertices, triangles[:MAX_TRIANGLES]
 
 
 def _clustered(vertices: Array, triangles: Triangles, resolution: int) -> tuple[Array, Triangles]:
