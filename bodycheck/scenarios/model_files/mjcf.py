@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -42,6 +42,9 @@ _ALTERNATIVES = ("axisangle", "euler", "xyaxes", "zaxis")
 _GENERATORS = ("composite", "flexcomp", "attach")
 _MAX_COPIES = 10_000
 
+_Class: TypeAlias = dict[str, dict[str, str]]
+"""A default class: element -> its attributes, those of the parent class included."""
+
 
 def read_mjcf(root: Any, path: Path) -> ModelFile:
     """Return the model of a <mujoco> element; raises InputError with one line if it cannot be read."""
@@ -60,16 +63,6 @@ def expanded(root: Any, path: Path) -> Any:
     """Return a <mujoco> element with the content of every <include> in its place."""
     _Reader(path).expand(Node(root, path))
     return root
-
-
-@dataclass
-class _Class:
-    """A default class: element -> its attributes, those of the parent class included."""
-
-    attributes: dict[str, dict[str, str]] = field(default_factory=dict)
-
-    def below(self) -> _Class:
-        return _Class({tag: dict(own) for tag, own in self.attributes.items()})
 
 
 @dataclass
@@ -108,7 +101,6 @@ class _Reader:
         self.links: list[ModelLink] = []
         self.compiler: dict[str, str] = {}
         self.settings = _Settings()
-        self._roots: list[Node] = []
         self._meshes: dict[str, tuple[Node, dict[str, str]]] = {}
         self._solids: dict[str, tuple[float, Exact, Exact]] = {}
         self._names: set[str] = set()
@@ -120,7 +112,7 @@ class _Reader:
         self._files: dict[Any, Path] = {}
         self._included = {self.path.resolve()}
         self._include(root.element, self.path)
-        self._roots = [root]
+        self._root = root
 
     def _include(self, element: Any, file: Path) -> None:
         for child in list(element):
@@ -158,8 +150,7 @@ class _Reader:
 
     def sections(self, tag: str) -> Iterator[Node]:
         """Yield the sections of this name."""
-        for root in self._roots:
-            yield from self._nodes(root, tag)
+        yield from self._nodes(self._root, tag)
 
     def read_settings(self) -> None:
         """Read compiler settings, default classes and meshes."""
@@ -168,7 +159,7 @@ class _Reader:
             self._compiler_at = section
         if self.compiler:
             self.settings = self._settings(self._compiler_at)
-        self._classes = {"main": _Class()}
+        self._classes: dict[str, _Class] = {"main": {}}
         for section in self.sections("default"):
             self._default(section, "main")
         for assets in self.sections("asset"):
@@ -214,12 +205,12 @@ class _Reader:
 
     def _default(self, section: Node, parent: str) -> None:
         name = section.text("class", parent)
-        own = self._classes[parent] if name == parent else self._classes[parent].below()
+        own = self._classes[parent] if name == parent else dict(self._classes[parent])
         self._classes[name] = own
         for node in self._nodes(section):
             if node.tag in ("mesh", "geom", "joint"):
                 attributes = {str(k): str(v) for k, v in node.element.attrib.items()}
-                own.attributes[node.tag] = _overridden(own.attributes.get(node.tag, {}), attributes)
+                own[node.tag] = _overridden(own.get(node.tag, {}), attributes)
         for node in self._nodes(section, "default"):
             if "class" not in node:
                 raise InputError(f"{node.where}: has no attribute 'class'")
@@ -232,7 +223,7 @@ class _Reader:
             known = ", ".join(sorted(self._classes))
             raise InputError(f"{node.where}: unknown default class {name!r:.60} (available: {known:.200})")
         attributes = {str(k): str(v) for k, v in node.element.attrib.items()}
-        return _overridden(self._classes[name].attributes.get(node.tag, {}), attributes)
+        return _overridden(self._classes[name].get(node.tag, {}), attributes)
 
     def _mesh_path(self, name: str) -> Path:
         name = name.replace("\\", "/")
