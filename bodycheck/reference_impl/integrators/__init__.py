@@ -1,11 +1,6 @@
-"""The fixed-step integrators, one module each.
+"""The fixed-step integrators: one module each, which assigns an `Integrator` to METHOD.
 
-To add an integrator, add a module to this package that assigns an `Integrator` to METHOD. The registry, the
-reference engine and `bodycheck list methods` find it there. An explicit Runge-Kutta method needs only its
-tableau and its facts, as in `midpoint.py`. Any other method needs a kernel: the one in `explicit_gyro.py`
-holds loads constant over the step (zero-order hold), the one in `cf4.py` evaluates them at every stage. The
-facts select the laws that the tests apply: order, angle per step, preserved structure. CONTRIBUTING.md lists
-what to run.
+CONTRIBUTING.md describes how to add one.
 """
 
 from __future__ import annotations
