@@ -145,8 +145,11 @@ def _known(
     rows: Iterable[Mapping[str, Any]], error: str, index: Mapping[MethodKey, int], *columns: str
 ) -> dict[int, list[float]]:
     """Return these columns of methods.csv for this error, of each method that has them all."""
-    found = {index[key_of(row)]: [row[name] for name in columns] for row in rows if row["quantity"] == error}
-    return {m: list(map(rounded, own)) for m, own in found.items() if all(x == x for x in own)}
+    return {
+        index[key_of(row)]: [rounded(row[name]) for name in columns]
+        for row in rows
+        if row["quantity"] == error and all(row[name] == row[name] for name in columns)
+    }
 
 
 def _mark(m: int, case: CaseResult) -> dict[str, Any]:
