@@ -138,15 +138,15 @@ def print_judgement(judged: Judgement, run_folder: Path, out: Sequence[Path] | N
     from bodycheck.reports.document import answer, json_text, markdown
     from bodycheck.reports.history.history_output import nightly_data, nightly_document, nightly_page
 
-    data = {**nightly_data(judged), "folder": run_folder}
-    answer(nightly_document(judged), data, as_json=json)
+    document, data = nightly_document(judged), {**nightly_data(judged), "folder": run_folder}
+    answer(document, data, as_json=json)
     if not json:
         print(run_folder / "night.html")
     write_out_files(
         out,
         {
             ".html": lambda path: nightly_page(judged, relpath(run_folder, path.parent) + "/"),
-            ".md": lambda _: markdown(nightly_document(judged)),
+            ".md": lambda _: markdown(document),
             ".json": lambda _: json_text(data) + "\n",
         },
     )

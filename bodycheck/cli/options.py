@@ -134,6 +134,12 @@ def methods_of(engine: str) -> tuple[str, ...]:
     return tuple(found.methods) if isinstance(found, Engine) else ()
 
 
+def _positive_seconds(value: float) -> float:
+    if not 0.0 < value < math.inf:
+        raise InputError(f"--timeout-s {value}: must be a positive number of seconds")
+    return value
+
+
 Scenarios: TypeAlias = Annotated[
     list[str] | None,
     typer.Argument(
@@ -164,7 +170,7 @@ TimeoutS: TypeAlias = Annotated[
     float,
     typer.Option(
         help="Time limit of one case in s.",
-        callback=lambda value: _positive_seconds(value),
+        callback=_positive_seconds,
         rich_help_panel=HOW,
     ),
 ]
@@ -267,12 +273,6 @@ def refuse_others(context: typer.Context, reason: str, applicable: Collection[st
             written = (parameter.secondary_opts if negated else parameter.opts)[0]
             shown = written if isinstance(parameter, TyperOption) else written.upper()
             raise InputError(f"{reason}; {shown} does not apply")
-
-
-def _positive_seconds(value: float) -> float:
-    if not 0.0 < value < math.inf:
-        raise InputError(f"--timeout-s {value}: must be a positive number of seconds")
-    return value
 
 
 def thresholds_of(threshold: float, tolerances: Path | None) -> Thresholds:

@@ -69,9 +69,8 @@ def _weight(changes: Iterable[Change]) -> float:
 
 def _decades(change: Change) -> float:
     """Return the size: infinite for an outcome or a failure without a size, 0 for others without one."""
-    if change.kind == "outcome" or (change.decades is None and change.status in FAILING):
-        return math.inf
-    return abs(change.decades or 0.0)
+    counts = change.kind == "outcome" or change.status in FAILING
+    return change.size if counts else abs(change.decades or 0.0)
 
 
 def by_method(changes: Iterable[Change]) -> list[MethodChanges]:
