@@ -8,6 +8,9 @@ real engine, none of which may report a change of accuracy. Measured: this many 
 speeds, of the smoke suite in all engines and the reference's rk4. No change of speed may be reported, neither
 in the measured order nor in any of the sequences of 30 runs drawn from them at random. If one engine takes a
 fifth longer from some run on, in the measured order or in drawn runs, that must be reported within five runs.
+Creeping: of this many synthetic series with a spread of 2.8 %, each disturbed in 15 % of 120 runs, at least
+90 % must be reported before they are 20 % slower, where they become 0.4 % slower in each run; of five times
+as many constant ones at most 1 % may be reported.
 Prints the figures. Exit status 1 if a trial failed.
 """
 
@@ -30,10 +33,11 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import numpy as np
 import pandas as pd
 
+from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.queries import history_table, query, recorded_cases
 from bodycheck.reports.history.regression import Speeds, speeds_of
-from bodycheck.reports.history.step_detection import MIN_AFTER, MIN_BEFORE, pooled_spread
+from bodycheck.reports.history.step_detection import MIN_AFTER, MIN_BEFORE, detect_steps, pooled_spread
 from tests.helpers.scenario_texts import SCENARIO
 
 _QUICK = ["tumble.toml", "--engine", "mujoco:euler,reference:rk4", "--no-speed"]
@@ -51,6 +55,7 @@ def main() -> int:
     parser.add_argument("--unchanged", type=int, default=20)
     parser.add_argument("--measured", type=int, default=20)
     parser.add_argument("--sequences", type=int, default=100)
+    parser.add_argument("--creeping", type=int, default=40)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(
         "--keep", type=Path, help="history of the measured nightly runs, created or continued"
@@ -61,6 +66,7 @@ def main() -> int:
         (folder / "tumble.toml").write_text(_SCENARIO)
         failed = killed(folder, requested.kills, requested.seed) if requested.kills else 0
         failed += unchanged(folder, requested.unchanged) if requested.unchanged else 0
+        failed += crept(requested.creeping, requested.seed) if requested.creeping else 0
         if requested.measured:
             kept = (requested.keep or folder / "measured").absolute()
             measure(folder, kept, requested.measured)
@@ -197,6 +203,24 @@ def simulated(nights: pd.DataFrame, sequences: int, seed: int) -> int:
         slower = slowed(drawn(nights, chance, first + _WITHIN), engine, first)
         delays.append(delay(slower, engine, first))
     return false + report(delays)
+
+
+def crept(count: int, seed: int) -> int:
+    """Judge series that creep and series that do not; return 1 if too few or too many are reported."""
+    runs, first, chance = 120, 20, np.random.default_rng(seed)
+
+    def constant(methods: int) -> Array:
+        shape = (first + runs, methods)
+        load = np.where(chance.random(shape) < 0.15, chance.random(shape), 0.0)
+        return np.asarray(0.012 * chance.normal(size=shape) + np.log10(1.5) * load)
+
+    shift = np.maximum(np.arange(first + runs) - first + 1.0, 0.0) * np.log10(1.004)
+    late = first + int(np.argmax(shift > np.log10(_SLOWER)))
+    moved = detect_steps(constant(count) + shift[:, None])
+    found = sum(any(s.size > 0.0 and first <= s.detected_at < late for s in steps) for steps in moved)
+    false = sum(map(bool, detect_steps(constant(5 * count))))
+    print(f"0.4 % slower in each run: {count}, reported before 20 %: {found}; constant: {5 * count}, {false}")
+    return int(found < 0.9 * count or false > 0.05 * count)
 
 
 def report(delays: list[int | None]) -> int:

@@ -1,8 +1,9 @@
-"""Detect steps in noisy series online, each from the values known at the time.
+"""Detect steps and creep in noisy series online, each from the values known at the time.
 
 A disturbed machine makes everything slower, never faster, in every tenth or even every second nightly run.
 The level is therefore where most runs lie close together, and the fastest of several runs is the least
-disturbed.
+disturbed. A step is found from the runs just before it. A level that creeps moves with these, so that the
+latest runs are also compared with the accepted level: that of the first runs, or of those after a step.
 """
 
 from __future__ import annotations
@@ -27,37 +28,70 @@ MIN_AFTER = 5
 _MAX_BEFORE = 20
 _SIGMAS = 2.5
 _MIN_STEP = math.log10(1.08)
+_CREEP_RUNS = 15  # that are compared with the accepted level
+_CREEP_SIGMAS = 2.0
+_UNDISTURBED = 0.15  # quantile of a level whose slower half may be disturbed
 _HALF_TO_SIGMA = 1.0 / 0.6745  # half of a normal distribution lies within 0.6745 sigma
 
 
 @dataclass(frozen=True)
 class Step:
-    """A step to another level: its first run, the run in which it was detected, and its size in decades."""
+    """A step to another level: its first run, the run in which it was detected, and its size in decades.
+
+    creeps: whether the level crept there from the accepted one, which no single step explains.
+    """
 
     first: int
     detected_at: int
     size: float
+    creeps: bool = False
 
 
-def detect_steps(series: Array) -> list[list[Step]]:
+def detect_steps(series: Array, accepted: Array | None = None) -> list[list[Step]]:
     """Return the steps of each column of series (runs, methods); NaN: not measured.
 
     Up if min(last five) - level(baseline) > T, down if min(baseline) - median(last five) > T, where the
     baseline is the m <= 20 runs before the last five, T = max(8 %, 2.5 sigma) and sigma is the median over
-    the columns. After a step, the runs before it are ignored. The result for a run does not depend on later
-    runs.
+    the columns. Creep if |q(last 15) - q(first 20)| > max(8 %, 2 sigma) with the 15 % quantile q. After a
+    step, the runs before it are ignored. The result for a run does not depend on later runs.
+
+    accepted (methods,): q of the level that was accepted before the first run [default, and NaN: that of the
+    first runs].
     """
     found: list[list[Step]] = [[] for _ in range(series.shape[1])]
+    levels = np.full(series.shape[1], np.nan) if accepted is None else accepted
+    changes = np.diff(series, axis=0) / math.sqrt(2.0)  # creep does not widen these
     for run in range(MIN_BEFORE + MIN_AFTER - 1, len(series)):
-        edge = max(_MIN_STEP, _SIGMAS * pooled_spread(series[: run + 1], found))
-        for column, steps in zip(series.T, found, strict=True):
+        spread = pooled_spread(series[: run + 1], found)
+        edge = max(_MIN_STEP, _SIGMAS * spread)
+        creep = max(_MIN_STEP, _CREEP_SIGMAS * min(spread, pooled_spread(changes[:run], found)))
+        for column, steps, level in zip(series.T, found, levels, strict=True):
             if math.isnan(column[run]):
                 continue
             (measured,) = np.nonzero(~np.isnan(column[: run + 1]))
-            step = _step_detected(column, measured[measured >= _level_start(steps)], edge)
+            on_level = measured[measured >= _level_start(steps)]
+            step = _step_detected(column, on_level, edge) or _creep_detected(
+                column, on_level, math.nan if steps else level, creep
+            )
             if step is not None:
                 steps.append(step)
     return found
+
+
+def accepted_levels(series: Array, steps: Sequence[Sequence[Step]], accepted: Array | None = None) -> Array:
+    """Return the accepted level (methods,) after the last run, for `detect_steps`; NaN: too few runs yet.
+
+    The parameters: as for, and from, `detect_steps`.
+    """
+    levels = np.full(series.shape[1], np.nan)
+    for number, (column, moved) in enumerate(zip(series.T, steps, strict=True)):
+        first = column[_level_start(moved) :]
+        first = first[~np.isnan(first)][:_MAX_BEFORE]
+        if accepted is not None and not moved and not math.isnan(accepted[number]):
+            levels[number] = accepted[number]
+        elif len(first) == _MAX_BEFORE:
+            levels[number] = _undisturbed(first)
+    return levels
 
 
 def pooled_spread(series: Array, steps: Sequence[Sequence[Step]]) -> float:
@@ -96,6 +130,27 @@ def _step_detected(column: Array, measured: NDArray[np.intp], edge: float) -> St
     size = (_shortest_half(now)[0] if slower else float(np.median(now))) - level
     first = int(np.argmax((now - level) / size > 0.5))
     return Step(int(measured[-MIN_AFTER + first]), int(measured[-1]), size)
+
+
+def _creep_detected(column: Array, measured: NDArray[np.intp], level: float, edge: float) -> Step | None:
+    """Return the creep of one column from its accepted level; None if there is none.
+
+    measured: the runs on the level. level: the accepted one; NaN: that of the first of these runs. Half of
+    the shift must precede the last five runs: otherwise it is a step, or no level yet.
+    """
+    before, now = column[measured[:-_CREEP_RUNS][:_MAX_BEFORE]], column[measured[-_CREEP_RUNS:]]
+    if len(now) < _CREEP_RUNS or (math.isnan(level) and len(before) < _MAX_BEFORE):
+        return None
+    level = _undisturbed(before) if math.isnan(level) else level
+    size, earlier = _undisturbed(now) - level, _undisturbed(now[:-MIN_AFTER]) - level
+    if abs(size) <= edge or earlier / size <= 0.5:
+        return None
+    return Step(int(measured[-_CREEP_RUNS]), int(measured[-1]), size, creeps=True)
+
+
+def _undisturbed(values: Array) -> float:
+    """Return the level of values (n,) of which the slower half may be disturbed: their 15 % quantile."""
+    return float(np.quantile(values, _UNDISTURBED))
 
 
 def _shortest_half(values: Array) -> tuple[float, float]:

@@ -16,6 +16,7 @@ from bodycheck.reports.history.step_detection import (
     MIN_BEFORE,
     Series,
     Step,
+    accepted_levels,
     detect_steps,
     pooled_spread,
     series_of,
@@ -127,6 +128,63 @@ def test_smallest_detectable_step_is_reported() -> None:
         series[20:] += size
         detected += [bool(steps) for steps in detect_steps(series)]
     assert np.mean(detected) >= 0.98
+
+
+CREEP = math.log10(1.004)
+
+
+def creeping(seed: int, runs: int, before: int, methods: int = 20, disturbed: float = 0.0) -> Array:
+    """Return noise with every method 0.4 % slower in each run after the first `before`."""
+    slower = CREEP * np.maximum(np.arange(before + runs) - before + 1.0, 0.0)
+    return noise(seed, before + runs, methods, disturbed) + slower[:, None]
+
+
+@pytest.mark.parametrize("disturbed", [0.0, 0.15])
+@pytest.mark.parametrize("before", [0, 20])
+def test_creep_is_reported_before_it_reaches_a_fifth(before: int, disturbed: float) -> None:
+    """Of 40 methods that become 0.4 % slower in each run, at least 36 are reported within 45 such runs."""
+    found = detect_steps(creeping(before, 45, before, methods=40, disturbed=disturbed))
+    assert sum(any(step.size > 0.0 and step.detected_at >= before for step in one) for one in found) >= 36
+
+
+def test_creep_of_one_method_is_reported_once_for_each_shift() -> None:
+    """The level after a report is the accepted one; the 19 constant methods are not reported."""
+    series = noise(8, 120)
+    series[:, 0] += CREEP * np.arange(120)
+    moved, *constant = detect_steps(series)
+    assert not any(constant)
+    assert len(moved) >= 2
+    assert moved[0].creeps
+    assert all(step.size > LEAST for step in moved)
+    assert sum(step.size for step in moved) < CREEP * 120
+
+
+def test_creep_to_a_faster_level_has_its_sign() -> None:
+    """A method that becomes 0.4 % faster in each run is reported with a negative size."""
+    (found,) = detect_steps(-CREEP * np.arange(45.0)[:, None])
+    assert [(step.creeps, step.size < -LEAST) for step in found] == [(True, True)]
+
+
+def test_level_accepted_before_the_first_run_counts() -> None:
+    """Runs at a constant level creep if the accepted level is lower; no step is among them."""
+    series = noise(9, 30)
+    accepted = np.full(20, math.nan)
+    accepted[3] = -0.06
+    found = detect_steps(series, accepted)
+    assert [bool(one) for one in found] == [number == 3 for number in range(20)]
+    assert found[3][0].creeps
+    assert not any(detect_steps(series))
+
+
+def test_accepted_level_is_that_of_the_first_twenty_runs_after_a_step() -> None:
+    """It stays while the runs creep below the threshold, and is unknown before there are twenty."""
+    series = np.concatenate([column((0.0, 10), (0.5, 40)), column((0.0, 50)), column((0.0, 50))], axis=1)
+    series[:, 1] += 1e-4 * np.arange(50)
+    found = detect_steps(series)
+    assert [len(steps) for steps in found] == [1, 0, 0]
+    levels = accepted_levels(series, found, np.array([0.1, math.nan, 0.2]))
+    np.testing.assert_allclose(levels, [0.5, 1e-4 * 0.15 * 19, 0.2], atol=1e-15)
+    assert np.isnan(accepted_levels(series[:19], [[], [], []])).all()
 
 
 # -------------------------------------------------------------------------------------- series without noise
