@@ -10,10 +10,12 @@ import tomllib
 from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+from typer.main import get_command
 from typer.testing import CliRunner
 
 import bodycheck
@@ -190,13 +192,13 @@ UNUSED = [
     ("audit mine.toml --no-spins --shard 1/2 --out x", "--shard"),
     ("ensemble mine.toml --row 1 --first-row 0", "--first-row"),
     ("ensemble mine.toml --row 1 --jobs 2", "--jobs"),
-    ("gate standard --tolerances t.toml --run used", "SCENARIOS"),
-    ("gate --tolerances t.toml --run used --reuse", "--reuse"),
-    ("gate --tolerances t.toml --run used --out x", "--out"),
+    ("gate standard --gates t.toml --run used", "SCENARIOS"),
+    ("gate --gates t.toml --run used --reuse", "--reuse"),
+    ("gate --gates t.toml --run used --out x", "--out"),
     ("merge used --out x --threshold 0.1", "--threshold"),
-    ("nightly mine.toml --shard 1/2 --part x --json", "--json"),
-    ("nightly mine.toml --shard 1/2 --part x --history h", "--history"),
-    ("report used --markdown --allow-code", "--allow-code"),
+    ("nightly mine.toml --shard 1/2 --out x --json", "--json"),
+    ("nightly mine.toml --shard 1/2 --out x --history h", "--history"),
+    ("report used --markdown m.md --allow-code", "--allow-code"),
     ("run standard --resume x", "SCENARIOS"),
     ("run --resume x --timeout-s 120", "--timeout-s"),
     ("versions mujoco --since 3.6 --audit mine.toml --dt x", "--dt"),
@@ -476,3 +478,42 @@ def test_a_broken_law_is_printed_with_its_size_and_ends_with_status_1(tmp_path: 
     assert broken == {("multibody@defaults", "boost"), ("multibody@defaults", "scale-time")}
     assert printed.stdout.splitlines()[-1] == "2 broken"
     assert run_bodycheck(tmp_path, "laws", "reference:rk4", "--quiet").returncode == 0
+
+
+def every_option() -> list[Any]:
+    """Return the options of all commands."""
+    root: Any = get_command(app)
+    groups = [root, *(one for one in root.commands.values() if hasattr(one, "commands"))]
+    return [
+        one
+        for group in groups
+        for command in group.commands.values()
+        for one in command.params
+        if one.opts[0].startswith("-")
+    ]
+
+
+def test_an_option_has_one_meaning_in_all_commands() -> None:
+    """--out is a folder; an option that takes a FILE to write is named by the format of the file."""
+    found = every_option()
+    folders = [one.help for one in found if one.opts[0] == "--out"]
+    assert len(folders) > 5
+    assert all("older" in text for text in folders), folders
+    kinds: dict[str, set[str]] = {}
+    for one in found:
+        if str(one.help).startswith("Write"):
+            kinds.setdefault(one.opts[0], set()).add(f"{one.metavar} {one.multiple}")
+    formats = ("html", "markdown", "junit", "sarif", "svg", "pdf", "png", "gif", "mp4", "parquet")
+    assert {f"--{name}" for name in formats} <= kinds.keys()
+    assert all(kinds[f"--{name}"] == {"FILE False"} for name in formats)
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["gate --tolerances t.toml", "compare a b --thresholdz t.toml", "advise --quantity omega_error"],
+)
+def test_an_unknown_option_gets_the_nearest_or_all(words: str, expected_message: ExpectedMessage) -> None:
+    """An option that resembles one is corrected; otherwise the message lists the options of the command."""
+    done = run_bodycheck(Path(), *words.split())
+    assert (done.returncode, done.stdout) == (2, "")
+    expected_message(done.stderr.strip())

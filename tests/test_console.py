@@ -215,7 +215,7 @@ def test_colour_is_off_where_no_color_is_set(folder: Path) -> None:
 
 ANSWERS = {
     "compare": (("compare", "run", "other"), {"before", "after", "sentences", "changes"}),
-    "advise": (("advise", "--error", "1e-3", "--run", "run"), {"error", "quantity", "run", "answers"}),
+    "advise": (("advise", "--error", "1e-3", "--run", "run"), {"error", "measure", "run", "answers"}),
     "doctor": (("doctor",), {"versions", "caches", "checks"}),
     "truth": (("truth", "free-flight", "--at", "0,1"), None),
     "list": (("list", "suites"), None),
@@ -260,8 +260,8 @@ SUGGESTED = {
     "engine": ("run", "free-flight", "--engine", "mujco"),
     "method": ("run", "free-flight", "--engine", "reference:splitting"),
     "suite": ("run", "standrad"),
-    "figure": ("plot", "run", "--figure", "work-precison", "--out", "a.svg"),
-    "measure": ("advise", "--error", "1", "--quantity", "energy-drfit", "--run", "run"),
+    "figure": ("plot", "run", "--figure", "work-precison", "--svg", "a.svg"),
+    "measure": ("advise", "--error", "1", "--measure", "energy-drfit", "--run", "run"),
     "column": ("table", "run", "--columns", "scenrio"),
     "command": ("comapre", "run", "other"),
 }

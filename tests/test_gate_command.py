@@ -89,7 +89,7 @@ def gate(*words: str | Path) -> Result:
 def test_gates_that_hold_end_with_status_0(folder: Path, stored_run: Path) -> None:
     """The output has one line per gate with its worst value, and the count; nothing is written."""
     before = sorted(folder.iterdir())
-    done = gate("--tolerances", "kept.toml", "--run", stored_run)
+    done = gate("--gates", "kept.toml", "--run", stored_run)
     assert done.exit_code == 0, done.output
     lines = done.stdout.splitlines()
     assert [line.split()[0] for line in lines] == ["passed", "passed", "2"]
@@ -103,7 +103,7 @@ def test_gates_that_hold_end_with_status_0(folder: Path, stored_run: Path) -> No
 @pytest.mark.usefixtures("folder")
 def test_failed_gate_ends_with_status_1_and_its_commands(stored_run: Path) -> None:
     """The table has value, bound, distance and command of each case, followed by the reason of the gate."""
-    done = gate("--tolerances", "broken.toml", "--run", stored_run)
+    done = gate("--gates", "broken.toml", "--run", stored_run)
     assert done.exit_code == 1
     assert done.stdout.splitlines()[-1] == "3 gates: 2 passed, 1 failed"
     lines = done.stdout.splitlines()
@@ -121,8 +121,8 @@ def test_a_failed_order_lists_the_error_at_each_step(folder: Path, stored_run: P
     bound = 'measure = "order.orientation_error_rad"\nlower = 3.9\n'
     head, _, tail = BROKEN.partition("measure = ")
     (folder / "order.toml").write_text(head + bound + tail[tail.index("reason") :])
-    done = gate("--tolerances", "order.toml", "--run", stored_run, "--junit", "a.xml")
-    data = gate("--tolerances", "order.toml", "--run", stored_run, "--json")
+    done = gate("--gates", "order.toml", "--run", stored_run, "--junit", "a.xml")
+    data = gate("--gates", "order.toml", "--run", stored_run, "--json")
     assert done.exit_code == data.exit_code == 1
     table = read_tables(stored_run).results
     own = table[table["reproduce"].str.contains("free.toml --engine reference:m1 ", regex=False)]
@@ -139,7 +139,7 @@ def test_a_failed_order_lists_the_error_at_each_step(folder: Path, stored_run: P
 @pytest.mark.usefixtures("folder")
 def test_gates_that_measured_nothing_end_with_status_1(stored_run: Path) -> None:
     """An engine that always fails and a missing scenario are reported as measuring nothing."""
-    done = gate("--tolerances", "idle.toml", "--run", stored_run)
+    done = gate("--gates", "idle.toml", "--run", stored_run)
     assert done.exit_code == 1
     nothing = [line for line in done.stdout.splitlines() if line.startswith("nothing")]
     assert len(nothing) == 2
@@ -153,7 +153,7 @@ def test_gates_that_measured_nothing_end_with_status_1(stored_run: Path) -> None
 
 def test_junit_and_json_equal_the_terminal(folder: Path, stored_run: Path) -> None:
     """JUnit has one test case per gate and a failure for each that did not pass; JSON has all digits."""
-    done = gate("--tolerances", "idle.toml", "--run", stored_run, "--junit", "g.xml", "--json")
+    done = gate("--gates", "idle.toml", "--run", stored_run, "--junit", "g.xml", "--json")
     assert done.exit_code == 1
     suite = ElementTree.parse(folder / "g.xml").getroot()[0]
     assert (suite.get("tests"), suite.get("failures")) == ("4", "2")
@@ -182,7 +182,7 @@ def test_any_message_of_an_engine_fits_into_xml_and_json() -> None:
 @pytest.mark.slow
 def test_update_tightens_the_bounds_and_prints_the_margin(folder: Path, stored_run: Path) -> None:
     """The bound becomes the worst value plus the margin, and a second update changes nothing."""
-    words = ("--tolerances", "kept.toml", "--run", stored_run, "--update", "--margin", "0.5")
+    words = ("--gates", "kept.toml", "--run", stored_run, "--update", "--margin", "0.5")
     done = gate(*words)
     assert done.exit_code == 0, done.output
     assert "upper 0.001 -> " in done.stdout
@@ -200,7 +200,7 @@ def test_update_tightens_the_bounds_and_prints_the_margin(folder: Path, stored_r
 
 def test_update_loosens_nothing_without_a_reason(folder: Path, stored_run: Path) -> None:
     """A failed bound is kept; with a reason it is loosened and the reason is stored."""
-    words = ("--tolerances", "broken.toml", "--run", stored_run, "--update")
+    words = ("--gates", "broken.toml", "--run", stored_run, "--update")
     done = gate(*words)
     assert done.exit_code == 1
     assert "upper = 1e-9\n" in (folder / "broken.toml").read_text()
@@ -213,28 +213,28 @@ def test_update_loosens_nothing_without_a_reason(folder: Path, stored_run: Path)
 
 
 WRONG = {
-    "no file": (["--tolerances", "no.toml"], "no.toml: cannot be read"),
-    "no gates": (["--tolerances", "mine.toml"], "gate: needs at least one [[gate]] table"),
-    "no run": (["--tolerances", "kept.toml", "--run", "."], "not a run folder"),
-    "unknown scenario": (["nope", "--tolerances", "kept.toml"], "nope: is neither"),
+    "no file": (["--gates", "no.toml"], "no.toml: cannot be read"),
+    "no gates": (["--gates", "mine.toml"], "gate: needs at least one [[gate]] table"),
+    "no run": (["--gates", "kept.toml", "--run", "."], "not a run folder"),
+    "unknown scenario": (["nope", "--gates", "kept.toml"], "nope: is neither"),
     "margin alone": (
-        ["--tolerances", "kept.toml", "--margin", "1"],
+        ["--gates", "kept.toml", "--margin", "1"],
         "--margin and --loosen require --update",
     ),
     "reason alone": (
-        ["--tolerances", "kept.toml", "--loosen", "x"],
+        ["--gates", "kept.toml", "--loosen", "x"],
         "--margin and --loosen require --update",
     ),
-    "no reason": (["--tolerances", "kept.toml", "--update", "--loosen", " "], "must state the reason"),
+    "no reason": (["--gates", "kept.toml", "--update", "--loosen", " "], "must state the reason"),
     "negative margin": (
-        ["--tolerances", "kept.toml", "--update", "--margin", "-1"],
+        ["--gates", "kept.toml", "--update", "--margin", "-1"],
         "must be between 0 and 300 decades",
     ),
     "endless margin": (
-        ["--tolerances", "kept.toml", "--update", "--margin", "400"],
+        ["--gates", "kept.toml", "--update", "--margin", "400"],
         "must be between 0 and 300 decades",
     ),
-    "no jobs": (["mine.toml", "--tolerances", "kept.toml", "--jobs", "0"], "1 or more, not 0"),
+    "no jobs": (["mine.toml", "--gates", "kept.toml", "--jobs", "0"], "1 or more, not 0"),
 }
 
 
@@ -257,7 +257,7 @@ def test_new_run_is_compared_with_the_gates(folder: Path) -> None:
         '[[gate]]\nengine = "reference"\nmethod = "rk4"\ndt_s = 0.05\nmeasure = "orientation_error_rad"\n'
         'upper = 1e-12\nreason = "too tight"\n'
     )
-    words = [sys.executable, "-m", "bodycheck", "gate", "mine.toml", "--tolerances"]
+    words = [sys.executable, "-m", "bodycheck", "gate", "mine.toml", "--gates"]
     done = subprocess.run([*words, "t.toml"], capture_output=True, text=True, check=False)
     assert done.returncode == 1, done.stderr
     assert done.stdout.splitlines()[-1] == "1 gate: 1 failed"
@@ -266,7 +266,7 @@ def test_new_run_is_compared_with_the_gates(folder: Path) -> None:
     kept = subprocess.run([*words, "t.toml", "--out", "kept"], capture_output=True, text=True, check=False)
     assert kept.returncode == 1, kept.stderr
     assert kept.stderr.splitlines()[-1] == "kept/report.html"
-    assert gate("--tolerances", "t.toml", "--run", "kept").exit_code == 1
+    assert gate("--gates", "t.toml", "--run", "kept").exit_code == 1
     wrong = subprocess.run([*words, "mine.toml"], capture_output=True, text=True, check=False)
     assert wrong.returncode == 2
     assert wrong.stdout == ""

@@ -15,8 +15,8 @@ from tests.helpers.file_permissions import obey_file_permissions
 
 GATES = '[[gate]]\nmeasure = "outcome"\nequals = "ok"\nreason = "any"\n'
 WRITING = {
-    "--junit": ("gate", "smoke", "--tolerances", "gates.toml"),
-    "--out": ("nightly", "smoke", "--history", "kept"),
+    "--junit": ("gate", "smoke", "--gates", "gates.toml"),
+    "--markdown": ("nightly", "smoke", "--history", "kept"),
 }
 PLACES = {
     "absent/told": "cannot be written: there is no folder",
@@ -51,7 +51,7 @@ def test_unwritable_tolerance_file_is_refused_before_the_run(tmp_path: Path) -> 
     """A file in a read-only folder gives one line and status 2 and is left unchanged."""
     (tmp_path / "gates.toml").write_text(GATES)
     tmp_path.chmod(0o555)
-    words = ["gate", "smoke", "--tolerances", "gates.toml", "--update"]
+    words = ["gate", "smoke", "--gates", "gates.toml", "--update"]
     done = subprocess.run(
         [sys.executable, "-m", "bodycheck", *words],
         cwd=tmp_path,

@@ -472,7 +472,7 @@ def test_each_gate_of_a_file_is_a_test(inner: pytest.Pytester) -> None:
     """A gate that holds passes, a gate that is violated fails, and so does a gate that measured nothing."""
     inner.makefile(".toml", gates=GATES)
     inner.makepyfile(USING_GATES)
-    done = run(inner, "--bodycheck-tolerances", "gates.toml", "--bodycheck-suite", "mine.toml")
+    done = run(inner, "--bodycheck-gates", "gates.toml", "--bodycheck-suite", "mine.toml")
     done.assert_outcomes(passed=1, failed=2)
     done.stdout.fnmatch_lines(
         [
@@ -486,8 +486,8 @@ def test_each_gate_of_a_file_is_a_test(inner: pytest.Pytester) -> None:
     "options",
     [
         (),
-        ("--bodycheck-tolerances", "mine.toml"),
-        ("--bodycheck-tolerances", "no.toml"),
+        ("--bodycheck-gates", "mine.toml"),
+        ("--bodycheck-gates", "no.toml"),
     ],
 )
 def test_gates_without_a_valid_file_stop_the_session(

@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import duckdb
 import pandas as pd
 import pytest
 
@@ -33,10 +34,11 @@ def command(stored_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 def test_two_equal_runs_did_not_change(command: Command) -> None:
     """The text, Markdown and page state it in one sentence, and the status is 0 even with --fail-on moved."""
-    files = ("--out", "changes.html", "--out", "changes.md", "--out", "changes.json")
-    status, out, _ = command("compare", "run", "other", "--fail-on", "moved", *files)
+    files = {"--html": "changes.html", "--markdown": "changes.md"}
+    words = [word for pair in files.items() for word in pair]
+    status, out, _ = command("compare", "run", "other", "--fail-on", "moved", *words)
     assert status == 0
-    for text in (out, *(Path(file).read_text() for file in files if file != "--out")):
+    for text in (out, *(Path(file).read_text() for file in files.values())):
         assert "Nothing changed beyond round-off" in text
 
 
@@ -47,7 +49,7 @@ def test_two_equal_runs_did_not_change(command: Command) -> None:
         (1.01, (), {"never": 0, "worse": 0, "moved": 1}),
         (1.05, (), {"never": 0, "worse": 1, "moved": 1}),
         (1.05, ("--threshold", "0.1"), {"never": 0, "worse": 0, "moved": 1}),
-        (1.05, ("--tolerances", "thresholds.toml"), {"never": 0, "worse": 0, "moved": 1}),
+        (1.05, ("--thresholds", "thresholds.toml"), {"never": 0, "worse": 0, "moved": 1}),
         (0.5, (), {"never": 0, "worse": 0, "moved": 0}),
     ],
 )
@@ -76,13 +78,9 @@ def test_the_status_is_1_where_what_fails_is_found(
     [
         (("--threshold", "-0.1"), "--threshold -0.1: must be 0 or more, like 0.02 for 2 %"),
         (("--threshold", "nan"), "--threshold nan: must be 0 or more, like 0.02 for 2 %"),
-        (("--tolerances", "absent.toml"), "absent.toml: cannot be read"),
-        (("--tolerances", "wrong.toml"), "wrong.toml: change[0].measure: verdict has no threshold"),
-        (("--out", "made.html", "--out", "absent/told.md"), "--out absent/told.md"),
-        (
-            ("--out", "made.html", "--out", "told.pdf"),
-            "--out told.pdf: must end in .html, .md, .json, or",
-        ),
+        (("--thresholds", "absent.toml"), "absent.toml: cannot be read"),
+        (("--thresholds", "wrong.toml"), "wrong.toml: change[0].measure: verdict has no threshold"),
+        (("--html", "made.html", "--markdown", "absent/told.md"), "--markdown absent/told.md"),
     ],
 )
 def test_a_wrong_comparison_is_refused(command: Command, words: tuple[str, ...], reported: str) -> None:
@@ -136,7 +134,9 @@ def test_a_report_is_written_anew(command: Command) -> None:
 
 def test_the_markdown_says_what_failed_and_how_to_see_it_again(command: Command) -> None:
     """The Markdown has under 60 lines: outcomes, the failure with its command, versions and machine."""
-    status, out, _ = command("report", "run", "--markdown")
+    status, printed, _ = command("report", "run", "--markdown", "summary.md")
+    assert printed == "summary.md\n"
+    out = Path("summary.md").read_text()
     manifest = json.loads(Path("run/manifest.json").read_text())
     lines = out.splitlines()
     assert status == 0
@@ -289,18 +289,22 @@ def test_a_table_is_printed_or_written(command: Command) -> None:
     assert command("table", "run", "methods", "--columns", "verdict, method")[1].startswith(
         "verdict,method\n"
     )
-    assert command("table", "run", "--format", "md", "--columns", "scenario", "--out", "t.md")[:2] == (0, "")
-    assert Path("t.md").read_text().startswith("| scenario |\n| --- |\n| free |\n")
-    assert command("table", "run", "--columns", "scenario", "--out", "u.json")[0] == 0
-    assert json.loads(Path("u.json").read_text())[0] == {"scenario": "free"}
+    words = ("table", "run", "--columns", "scenario")
+    assert command(*words, "--format", "md")[1].startswith("| scenario |\n| --- |\n| free |\n")
+    assert json.loads(command(*words, "--format", "json")[1])[0] == {"scenario": "free"}
+    assert command(*words, "--parquet", "t.parquet")[:2] == (0, "")
+    assert duckdb.sql("SELECT scenario FROM 't.parquet' LIMIT 1").fetchall() == [("free",)]
 
 
 @pytest.mark.slow
 def test_a_figure_is_drawn(command: Command) -> None:
-    """`plot` writes the named file."""
+    """`plot` writes and prints the named files."""
     pytest.importorskip("matplotlib")
-    assert command("plot", "run", "--figure", "order", "--scenario", "free", "--out", "a.svg")[0] == 0
+    files = ("--svg", "a.svg", "--png", "a.png")
+    done = command("plot", "run", "--figure", "order", "--scenario", "free", *files)
+    assert done[:2] == (0, "a.svg\na.png\n")
     assert Path("a.svg").read_text().startswith("<?xml")
+    assert Path("a.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize("suffix", ["gif", "svg"])
@@ -308,7 +312,7 @@ def test_a_movie_is_written(suffix: str, command: Command) -> None:
     """`movie` writes the named file and prints its name."""
     pytest.importorskip("matplotlib")
     out = f"film.{suffix}"
-    assert command("movie", "run", "--scenario", "free", "--engine", "reference", "--out", out)[:2] == (
+    assert command("movie", "run", "--scenario", "free", "--engine", "reference", f"--{suffix}", out)[:2] == (
         0,
         f"{out}\n",
     )
@@ -322,7 +326,7 @@ def body(inertia: str = "2e-3,3e-3,4e-3", spin: str = "20") -> list[str]:
 
 WRONG = {
     "no run": (["compare", "run", "nowhere"], "nowhere/manifest.json: missing: not a run folder"),
-    "a page nowhere": (["compare", "run", "other", "--out", "no/a.html"], "no/a.html: cannot be written"),
+    "a page nowhere": (["compare", "run", "other", "--html", "no/a.html"], "no/a.html: cannot be written"),
     "no run to report": (["report", "."], "manifest.json: missing: not a run folder"),
     "no error": (["advise", "--run", "run"], "give either --error, the tolerance to meet, or --dt"),
     "an error and a step": (
@@ -363,50 +367,45 @@ WRONG = {
     "an error in words": (["advise", "--error", "small"], "Invalid value for '--error'"),
     "an error below 0": (["advise", "--error=-1"], "--error -1.0: must be a positive number"),
     "an unknown quantity": (
-        ["advise", "--error", "1", "--quantity", "beauty"],
-        "--quantity beauty: unknown quantity (available: orientation_error_rad",
+        ["advise", "--error", "1", "--measure", "beauty"],
+        "--measure beauty: unknown measure (available: orientation_error_rad",
     ),
     "an unknown column": (
         ["table", "run", "--columns", "beauty"],
         "results has no beauty (available: run_id",
     ),
     "a column twice": (["table", "run", "--columns", "dt_s,dt_s"], "has a column twice"),
-    "two formats": (["table", "run", "--format", "md", "--out", "t.json"], "--out t.json: has the suffix of"),
     "an unknown table": (["table", "run", "beauty"], "'beauty' is not one of"),
-    "parquet as text": (
-        ["table", "run", "--format", "parquet"],
-        "is a binary format; name a file with --out",
-    ),
     "no scenario": (
-        ["plot", "run", "--figure", "order", "--out", "a.svg"],
+        ["plot", "run", "--figure", "order", "--svg", "a.svg"],
         "--scenario is required (available: free",
     ),
     "another scenario": (
-        ["plot", "run", "--figure", "order", "--out", "a.svg", "--scenario", "x"],
+        ["plot", "run", "--figure", "order", "--svg", "a.svg", "--scenario", "x"],
         "--scenario x: not in this run (available: free",
     ),
     "a figure without a format": (
-        ["plot", "run", "--figure", "order", "--out", "a", "--scenario", "free"],
-        "--out a: must end in .svg, .pdf or .png",
+        ["plot", "run", "--figure", "order", "--scenario", "free"],
+        "plot: name a file with --svg or --pdf or --png",
     ),
     "a figure nowhere": (
-        ["plot", "run", "--figure", "order", "--out", "no/a.svg", "--scenario", "free"],
-        "--out no/a.svg: cannot be written: there is no folder",
+        ["plot", "run", "--figure", "order", "--svg", "no/a.svg", "--scenario", "free"],
+        "--svg no/a.svg: cannot be written: there is no folder",
     ),
     "a figure of nothing": (
-        [*("plot", "run", "--figure", "order", "--out", "a.svg", "--scenario", "free"), "--quantity", "x"],
-        "--quantity x: unknown measure (available: energy_drift",
+        [*("plot", "run", "--figure", "order", "--svg", "a.svg", "--scenario", "free"), "--measure", "x"],
+        "--measure x: unknown measure (available: energy_drift",
     ),
     "a film without a format": (
-        ["movie", "run", "--scenario", "free", "--out", "a.avi"],
-        "--out a.avi: must end in .gif, .mp4 or .svg",
+        ["movie", "run", "--scenario", "free"],
+        "movie: name a file with --gif or --mp4 or --svg",
     ),
     "a film of an unmeasured step": (
-        ["movie", "run", "--scenario", "free", "--out", "a.gif", "--dt", "0.3"],
+        ["movie", "run", "--scenario", "free", "--gif", "a.gif", "--dt", "0.3"],
         "--dt 0.3: no motion has this step (available: ",
     ),
     "a film of an unknown engine": (
-        ["movie", "run", "--scenario", "free", "--out", "a.gif", "--engine", "nobody"],
+        ["movie", "run", "--scenario", "free", "--gif", "a.gif", "--engine", "nobody"],
         "--engine nobody: not in this run (available: ",
     ),
 }

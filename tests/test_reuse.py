@@ -34,7 +34,7 @@ upper = 1.0
 reason = "r"
 """
 RUN = ["run", "mine.toml", "--engine", "reference:m1", "--no-speed"]
-HELD = ["gate", "mine.toml", "--tolerances", "gates.toml"]
+HELD = ["gate", "mine.toml", "--gates", "gates.toml"]
 NIGHT = ["nightly", "mine.toml", "--engine", "reference:m1", "--no-speed", "--history", "kept"]
 COMMANDS = [
     (RUN, "installed"),
@@ -109,7 +109,7 @@ def test_run_from_python_reuses_the_same(fresh: bool | None, reuse: str) -> None
 def test_gates_in_tests_measure_again(requested: bool, reuse: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The fixture reuses what the command reuses, and --bodycheck-reuse is equivalent to --reuse."""
     reported = {
-        "--bodycheck-tolerances": "gates.toml",
+        "--bodycheck-gates": "gates.toml",
         "--bodycheck-suite": "mine.toml",
         "--bodycheck-reuse": requested,
     }

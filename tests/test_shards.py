@@ -293,7 +293,7 @@ def test_shards_of_a_nightly_run_are_judged_as_one(folder: Path, tmp_path: Path)
     (tmp_path / "mine.toml").write_text((folder / "mine.toml").read_text())
     words = ["nightly", "mine.toml", "--engine", "reference:m1,reference:rk4", "--no-speed", "--quiet"]
     for k in (1, 2):
-        ended = run_bodycheck(tmp_path, *words, "--shard", f"{k}/2", "--part", f"part-{k}")
+        ended = run_bodycheck(tmp_path, *words, "--shard", f"{k}/2", "--out", f"part-{k}")
         assert ended.returncode == 0, ended.stderr
     for status in (3, 0):
         ended = run_bodycheck(tmp_path, "merge", "part-1", "part-2", "--history", "nights")

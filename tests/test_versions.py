@@ -487,7 +487,7 @@ def test_mujocos_4_0_0_improved_and_3_17_0_is_worse(
     words = ("nightly", "intermediate-axis", "--history", "kept", "--no-speed", "--engine")
     status, out, error = command(*words, "mujoco==3.17.0")
     assert status == 3, out + error
-    status, out, error = command(*words, "mujoco==4.0.0", "--out", "told.md")
+    status, out, error = command(*words, "mujoco==4.0.0", "--markdown", "told.md")
     assert status == 0, out + error
     first, headline, *_ = out.splitlines()
     assert first == "No regression; mujoco:rk4 improved."

@@ -15,7 +15,8 @@ from bodycheck.cli import commands
 
 _FOLDER = Path(__file__).parents[1] / ".github" / "workflows"
 WORKFLOWS = sorted(_FOLDER.glob("*.yml"))
-SCRIPTS = [*WORKFLOWS, _FOLDER.parents[1] / "scripts" / "nightly.sh"]
+_ROOT = _FOLDER.parents[1]
+SCRIPTS = [*WORKFLOWS, _ROOT / "scripts" / "nightly.sh", _ROOT / ".ci" / "run"]
 
 
 def jobs(file: Path) -> dict[str, Any]:

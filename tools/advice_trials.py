@@ -51,7 +51,7 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("run", type=Path, help="folder of a run with the coarse steps")
-    parser.add_argument("--quantity", default="orientation_error_rad")
+    parser.add_argument("--measure", default="orientation_error_rad")
     parser.add_argument("--errors", default="1e-1,1e-2,1e-3,1e-4,1e-5,1e-6", help="requested errors")
     parser.add_argument("--engines", default="", help="only these engines [default: all of the run]")
     parser.add_argument("--most-steps", type=float, default=3e5, help="limit per measured case")
@@ -62,7 +62,7 @@ def main() -> int:
     run = read_tables(requested.run)
     curves = {
         place: curve
-        for place, curve in curves_of(run, requested.quantity).items()
+        for place, curve in curves_of(run, requested.measure).items()
         if curve.control == "dt" and (not requested.engines or place[1][0] in requested.engines.split(","))
     }
     kinds = Counter[str]()
@@ -80,7 +80,7 @@ def main() -> int:
         measured = measure_steps(run, steps, RunOptions(speed=False), lambda _: nullcontext(NULL_PROGRESS))
         cases = {(case.columns["scenario"], key_of(case.columns)): case for case in measured.cases}
         for one in batch:
-            ratio = largest_error(cases[one.place], requested.quantity) / one.error
+            ratio = largest_error(cases[one.place], requested.measure) / one.error
             found[f"{one.estimate.basis}, {'holds' if ratio <= FACTOR else 'fails'}"] += 1
             if one.estimate.basis == "predicted":
                 factors.append(ratio)

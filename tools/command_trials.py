@@ -72,17 +72,17 @@ COMMANDS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
     "list": (("scenarios", "suites", "measures", *ODD), {}),
     "gate": (
         TOML,
-        {"--tolerances": PATHS, "--run": PATHS, "--junit": PATHS, "--json": (), "--margin": ODD},
+        {"--gates": PATHS, "--run": PATHS, "--junit": PATHS, "--json": (), "--margin": ODD},
     ),
-    "compare": (PATHS, {"--out": PATHS, "--json": ()}),
-    "advise": (TOML, {"--error": NUMBERS, "--quantity": ("energy_drift", *ODD), "--run": PATHS}),
-    "report": (PATHS, {"--markdown": ()}),
-    "table": (PATHS, {"--format": ("csv", "json", "md", "parquet", *ODD), "--columns": ODD, "--out": PATHS}),
+    "compare": (PATHS, {"--html": PATHS, "--markdown": PATHS, "--json": ()}),
+    "advise": (TOML, {"--error": NUMBERS, "--measure": ("energy_drift", *ODD), "--run": PATHS}),
+    "report": (PATHS, {"--markdown": PATHS}),
+    "table": (PATHS, {"--format": ("csv", "json", "md", *ODD), "--columns": ODD, "--parquet": PATHS}),
     "plot": (
         PATHS,
-        {"--figure": ("order", "stability", *ODD), "--out": ("new.svg", *PATHS), "--scenario": TOML},
+        {"--figure": ("order", "stability", *ODD), "--svg": ("new.svg", *PATHS), "--scenario": TOML},
     ),
-    "nightly": (TOML, {"--history": PATHS, "--engine": ENGINES, "--out": PATHS, "--timeout-s": ODD}),
+    "nightly": (TOML, {"--history": PATHS, "--engine": ENGINES, "--markdown": PATHS, "--timeout-s": ODD}),
     "history list": (PATHS, {}),
     "history query": (PATHS, {}),
     "history prune": (PATHS, {"--keep": ("1", "100", *ODD)}),
@@ -104,9 +104,9 @@ NEEDED = {
     "truth": {"--at": "0,1"},
     "judge": {"--scenario": "mine.toml"},
     "body": {"--density-kg-m3": "1000"},
-    "gate": {"--tolerances": "gates.toml", "--run": "run"},
+    "gate": {"--gates": "gates.toml", "--run": "run"},
     "advise": {"--error": "1e-3", "--run": "run"},
-    "plot": {"--figure": "order", "--out": "new.svg"},
+    "plot": {"--figure": "order", "--svg": "new.svg"},
     "nightly": {"--history": "nowhere/\x00", "--engine": "reference:m1"},
     "history prune": {"--keep": "1"},
 }
@@ -133,7 +133,7 @@ def drawn(dice: random.Random) -> list[str]:
             del chosen[option]
     line = [*command.split(), *words]
     for option, value in chosen.items():
-        line += [option] if option in ("--json", "--markdown") else [option, value]
+        line += [option] if option == "--json" else [option, value]
     return [word.replace("\x00", "") for word in line]
 
 

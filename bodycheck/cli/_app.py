@@ -27,7 +27,7 @@ from bodycheck._util.errors import (
     StoppedError,
     error_text,
 )
-from bodycheck._util.formatting import nearest
+from bodycheck._util.formatting import nearest, suggestion
 from bodycheck._util.untrusted import printable, printable_lines
 
 if TYPE_CHECKING:
@@ -125,11 +125,20 @@ def _status_of(app: typer.Typer, name: str) -> int:
     except usage_error as error:
         context = getattr(error, "ctx", None)
         command = context.command_path if context else name
-        message = " ".join(error.format_message().split())
+        message = _unknown_option(error) or " ".join(error.format_message().split())
         _print_error(f"{_with_suggestion(message)} (help: {command} --help)")
         return int(error.exit_code)
     except Abort as error:  # typer raises it from an EOFError
         raise (error.__cause__ or error) from None
+
+
+def _unknown_option(error: Any) -> str | None:
+    """Return the message for an option that the command does not have; None for another usage error."""
+    if not hasattr(error, "possibilities") or not hasattr(error, "option_name") or error.ctx is None:
+        return None
+    parameters = error.ctx.command.get_params(error.ctx)
+    known = [name for one in parameters for name in one.opts if name.startswith("--") and name != "--help"]
+    return f"No such option: {error.option_name}{suggestion(error.option_name, known)}"
 
 
 def _with_suggestion(message: str) -> str:

@@ -8,7 +8,19 @@ from typing import Annotated
 import typer
 
 from bodycheck._util.errors import InputError
-from bodycheck.cli.options import MEASURE, OUTPUT, Json, Quiet, TimeoutS, described, refuse_others
+from bodycheck.cli.options import (
+    MEASURE,
+    OUTPUT,
+    HtmlFile,
+    Json,
+    Quiet,
+    SarifFile,
+    TimeoutS,
+    check_files,
+    described,
+    refuse_others,
+    write_files,
+)
 
 auditing = typer.Typer()
 
@@ -59,15 +71,8 @@ def audit(
             "difference or failed import (difference), or on both, like error,difference."
         ),
     ] = "never",
-    html: Annotated[
-        Path | None, typer.Option(help="Also write a page to this file.", rich_help_panel=OUTPUT)
-    ] = None,
-    sarif: Annotated[
-        Path | None,
-        typer.Option(
-            help="Also write findings and differences as SARIF to this file.", rich_help_panel=OUTPUT
-        ),
-    ] = None,
+    html: HtmlFile = None,
+    sarif: SarifFile = None,
     shard: Annotated[
         str | None,
         typer.Option(
@@ -96,7 +101,6 @@ def audit(
     """
     from importlib.metadata import version
 
-    from bodycheck._util.files import check_file, write_file
     from bodycheck._util.shard import Shard
     from bodycheck.reports.audit.audit_document import audit_data, audit_document, failures
     from bodycheck.reports.audit.audit_document import sarif as as_sarif
@@ -125,19 +129,21 @@ def audit(
         raise InputError("--shard and --out: give both, to audit a shard")
     if out is not None:
         check_output(out)
-    outputs = {"--html": html, "--sarif": sarif}
-    for option, path in outputs.items():
-        check_file(option, path)
+    files = {"html": html, "sarif": sarif}
+    check_files(files)
     engines = [] if lint else None if engine is None else engine.split(",")
     part = None if shard is None else Shard.parse(shard)
     with status_line(f"auditing {model}", quiet=quiet):
         found = audited(model, AuditOptions(engines, not no_spins, timeout_s, part))
     if part is not None and out is not None:
         write_shard(found, part, out)
-    if html is not None:
-        write_file(html, audit_page(found).encode())
-    if sarif is not None:
-        write_file(sarif, json_text(as_sarif(found, version("bodycheck"))).encode())
+    write_files(
+        files,
+        {
+            "html": lambda _: audit_page(found),
+            "sarif": lambda _: json_text(as_sarif(found, version("bodycheck"))),
+        },
+    )
     answer(audit_document(found), audit_data(found), as_json=json)
     if failures(found, levels):
         raise typer.Exit(1)

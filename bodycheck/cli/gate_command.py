@@ -17,12 +17,15 @@ from bodycheck.cli.options import (
     Fresh,
     Jobs,
     Json,
+    JunitFile,
     Quiet,
     Scenarios,
     TimeoutS,
+    check_files,
     described,
     progress_of,
     refuse_others,
+    write_files,
 )
 from bodycheck.runs.run_options import TIMEOUT_S
 
@@ -37,7 +40,7 @@ if TYPE_CHECKING:
 gating = typer.Typer()
 
 _FAILED = 1
-_OF_A_STORED_RUN = ("tolerances", "run", "junit", "update", "margin", "loosen", "json", "quiet")
+_OF_A_STORED_RUN = ("gates", "run", "junit", "update", "margin", "loosen", "json", "quiet")
 _MAX_MARGIN = 300.0  # decades; a larger margin would overflow the bound
 
 
@@ -45,13 +48,13 @@ _MAX_MARGIN = 300.0  # decades; a larger margin would overflow the bound
     short_help="Check engines against the bounds of a file.",
     **described(
         WATCH,
-        "bodycheck gate standard --tolerances tolerances.toml --junit gates.xml",
-        "bodycheck gate --tolerances tolerances.toml --run first --json",
+        "bodycheck gate standard --gates tolerances.toml --junit gates.xml",
+        "bodycheck gate --gates tolerances.toml --run first --json",
     ),
 )
 def gate(
     context: typer.Context,
-    tolerances: Annotated[Path, typer.Option(help="TOML file with the gates, see docs/gates.md.")],
+    gates: Annotated[Path, typer.Option(metavar="FILE", help="TOML file with the gates, see docs/gates.md.")],
     scenarios: Scenarios = None,
     run: Annotated[
         Path | None, typer.Option(help="Check the stored run of this folder.", show_default="a new run")
@@ -64,10 +67,7 @@ def gate(
             rich_help_panel=OUTPUT,
         ),
     ] = None,
-    junit: Annotated[
-        Path | None,
-        typer.Option(help="Also write the results as JUnit XML to this file.", rich_help_panel=OUTPUT),
-    ] = None,
+    junit: JunitFile = None,
     update: Annotated[
         bool, typer.Option("--update", help="Tighten the bounds in the file to what the run meets.")
     ] = False,
@@ -95,7 +95,6 @@ def gate(
     _check(update=update, margin=margin, loosen=loosen)
     if run is not None:
         refuse_others(context, f"--run {run}: checks a stored run", _OF_A_STORED_RUN)
-    from bodycheck._util.files import check_file, write_file
     from bodycheck.reports.document import answer, print_document
     from bodycheck.reports.gates.gate import read_gates
     from bodycheck.reports.gates.gate_output import as_junit, results_data, results_document
@@ -104,10 +103,9 @@ def gate(
     from bodycheck.reports.run_files.writer import check_output
     from bodycheck.runs.run_options import RunOptions, reuse_of
 
-    gates = read_gates(tolerances)
-    outputs = {"--junit": junit, "--update": tolerances if update else None}
-    for option, path in outputs.items():
-        check_file(option, path)
+    bounds = read_gates(gates)
+    files = {"junit": junit}
+    check_files({**files, "update": gates if update else None})
     if out is not None:
         check_output(out)
     measured: Run | Tables
@@ -115,19 +113,18 @@ def gate(
         options = RunOptions(jobs=jobs, timeout_s=timeout_s, reuse=reuse_of(fresh, "truths"))
         make_progress = progress_of(quiet=quiet)
         measured = _new_run(
-            gates, scenarios or ["standard"], options, make_progress, out, allow_code=allow_code
+            bounds, scenarios or ["standard"], options, make_progress, out, allow_code=allow_code
         )
     else:
         measured = read_tables(run)
-    results = check_gates(gates, measured)
-    answer(results_document(results), results_data(results, str(tolerances), measured.run_id), as_json=json)
-    if junit is not None:
-        write_file(junit, as_junit(results, str(tolerances)))
+    results = check_gates(bounds, measured)
+    answer(results_document(results), results_data(results, str(gates), measured.run_id), as_json=json)
+    write_files(files, {"junit": lambda _: as_junit(results, str(gates))})
     if update:
-        changes = _update(tolerances, results, margin, loosen)
+        changes = _update(gates, results, margin, loosen)
         if not json:
             print_document(changes)
-        results = check_gates(read_gates(tolerances), measured)
+        results = check_gates(read_gates(gates), measured)
     if any(result.status != "passed" for result in results):
         raise typer.Exit(_FAILED)
 

@@ -15,7 +15,7 @@ from bodycheck.cli.options import (
     AllowCode,
     Json,
     Threshold,
-    Tolerances,
+    ThresholdsFile,
     described,
     refuse_others,
     thresholds_of,
@@ -57,7 +57,7 @@ def merge(
         ),
     ] = None,
     threshold: Threshold = THRESHOLD,
-    tolerances: Tolerances = None,
+    thresholds: ThresholdsFile = None,
     allow_code: AllowCode = False,
     json: Json = False,
 ) -> None:
@@ -80,7 +80,7 @@ def merge(
 
     if (out is None) == (history is None):
         raise InputError("--out or --history: give one of them")
-    thresholds = thresholds_of(threshold, tolerances)
+    levels = thresholds_of(threshold, thresholds)
     if out is not None:
         refuse_others(
             context, f"--out {out}: compares the whole with no other run", (*_OF_A_WHOLE, "allow_code")
@@ -99,8 +99,8 @@ def merge(
         return
     run = merged(parts, allow_code=allow_code)
     if history is not None:
-        judged, run_folder = store_nightly(run, History.at(history), thresholds)
-        print_judgement(judged, run_folder, None, json=json)
+        judged, run_folder = store_nightly(run, History.at(history), levels)
+        print_judgement(judged, run_folder, {}, json=json)
         return
     assert out is not None
     report = write_run(run, out)

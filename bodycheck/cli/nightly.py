@@ -16,22 +16,24 @@ from bodycheck.cli.options import (
     WATCH,
     AllowCode,
     Engines,
+    Files,
+    HtmlFile,
     Jobs,
     Json,
+    MarkdownFile,
     NoSpeed,
-    OutFiles,
     Quiet,
     Scenarios,
     ShardOption,
     Threshold,
+    ThresholdsFile,
     TimeoutS,
-    Tolerances,
-    check_out_files,
+    check_files,
     described,
     progress_of,
     refuse_others,
     thresholds_of,
-    write_out_files,
+    write_files,
 )
 from bodycheck.reports.gates.thresholds import THRESHOLD
 from bodycheck.runs.run_options import TIMEOUT_S
@@ -54,7 +56,7 @@ _OF_A_SHARD = (
     "timeout_s",
     "no_speed",
     "shard",
-    "part",
+    "out",
     "allow_code",
     "quiet",
 )
@@ -78,17 +80,18 @@ def nightly_(
     ] = None,
     scenarios: Scenarios = None,
     engine: Engines = None,
-    out: OutFiles = None,
     threshold: Threshold = THRESHOLD,
-    tolerances: Tolerances = None,
+    thresholds: ThresholdsFile = None,
     jobs: Jobs = None,
     timeout_s: TimeoutS = TIMEOUT_S,
     no_speed: NoSpeed = False,
     shard: ShardOption = None,
-    part: Annotated[
+    out: Annotated[
         Path | None,
         typer.Option(help="With --shard: new or empty folder for this shard.", rich_help_panel=OUTPUT),
     ] = None,
+    html: HtmlFile = None,
+    markdown: MarkdownFile = None,
     allow_code: AllowCode = False,
     json: Json = False,
     quiet: Quiet = False,
@@ -101,8 +104,9 @@ def nightly_(
     from bodycheck.runs.directory import RunRequest, run_to_folder
     from bodycheck.runs.nightly_run import SPEED_PASSES, run_nightly
 
-    thresholds = thresholds_of(threshold, tolerances)
-    check_out_files(out)
+    levels = thresholds_of(threshold, thresholds)
+    files = {"html": html, "markdown": markdown}
+    check_files(files)
     request = RunRequest(
         scenarios=scenarios or ["standard"],
         engines=None if engine is None else engine.split(","),
@@ -117,37 +121,34 @@ def nightly_(
     if shard is not None:
         reason = f"--shard {shard}: `bodycheck merge --history` stores and compares the whole run"
         refuse_others(context, reason, _OF_A_SHARD)
-        if part is None:
-            raise InputError(f"--shard {shard}: requires --part, the folder of this shard")
-        _, report = run_to_folder(request, part, progress_of(quiet=quiet))
+        if out is None:
+            raise InputError(f"--shard {shard}: requires --out, the folder of this shard")
+        _, report = run_to_folder(request, out, progress_of(quiet=quiet))
         print(report)
         return
-    if history is None or part is not None:
-        raise InputError(
-            "--part: requires --shard" if part else "--history: required, the folder of a history"
-        )
+    if history is None or out is not None:
+        raise InputError("--out: requires --shard" if out else "--history: required, the folder of a history")
     try:
-        judged, run_folder = run_nightly(request, history, progress_of(quiet=quiet), thresholds)
+        judged, run_folder = run_nightly(request, history, progress_of(quiet=quiet), levels)
     except KeyboardInterrupt:
         raise StoppedError("stopped; nothing was stored") from None
-    print_judgement(judged, run_folder, out, json=json)
+    print_judgement(judged, run_folder, files, json=json)
 
 
-def print_judgement(judged: Judgement, run_folder: Path, out: Sequence[Path] | None, *, json: bool) -> None:
-    """Print the judgement of a stored nightly run, write the files of --out, and exit with its status."""
-    from bodycheck.reports.document import answer, json_text, markdown
+def print_judgement(judged: Judgement, run_folder: Path, files: Files, *, json: bool) -> None:
+    """Print the judgement of a stored nightly run, write the files, and exit with its status."""
+    from bodycheck.reports.document import answer, markdown
     from bodycheck.reports.history.history_output import nightly_data, nightly_document, nightly_page
 
     document, data = nightly_document(judged), {**nightly_data(judged), "folder": run_folder}
     answer(document, data, as_json=json)
     if not json:
         print(run_folder / "night.html")
-    write_out_files(
-        out,
+    write_files(
+        files,
         {
-            ".html": lambda path: nightly_page(judged, relpath(run_folder, path.parent) + "/"),
-            ".md": lambda _: markdown(document),
-            ".json": lambda _: json_text(data) + "\n",
+            "html": lambda path: nightly_page(judged, relpath(run_folder, path.parent) + "/"),
+            "markdown": lambda _: markdown(document),
         },
     )
     raise typer.Exit(_EXITS[judged.status])

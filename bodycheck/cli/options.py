@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
@@ -204,8 +204,13 @@ Threshold: TypeAlias = Annotated[
         help="Relative change above which a measure is worse or improved; a smaller change is moved."
     ),
 ]
-Tolerances: TypeAlias = Annotated[
-    Path | None, typer.Option(help="TOML file with [[change]] tables: thresholds of individual measures.")
+ThresholdsFile: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--thresholds",
+        metavar="FILE",
+        help="TOML file with [[change]] tables: thresholds of individual measures.",
+    ),
 ]
 AllowCode: TypeAlias = Annotated[
     bool,
@@ -233,16 +238,23 @@ OutFolder: TypeAlias = Annotated[
         rich_help_panel=OUTPUT,
     ),
 ]
-OutFiles: TypeAlias = Annotated[
-    list[Path] | None,
-    typer.Option(
-        "--out",
-        metavar="FILE",
-        help="Also write the answer to this file: .html lists all changes, .json has them as data, .md or a "
-        "name without suffix is Markdown. May be given several times.",
-        rich_help_panel=OUTPUT,
-    ),
-]
+
+
+def _file(option: str, what: str) -> Any:
+    return typer.Option(option, metavar="FILE", help=f"Write {what} to this file.", rich_help_panel=OUTPUT)
+
+
+HtmlFile: TypeAlias = Annotated[Path | None, _file("--html", "a page")]
+MarkdownFile: TypeAlias = Annotated[Path | None, _file("--markdown", "a summary in Markdown")]
+JunitFile: TypeAlias = Annotated[Path | None, _file("--junit", "the results as JUnit XML")]
+SarifFile: TypeAlias = Annotated[Path | None, _file("--sarif", "the findings as SARIF")]
+SvgFile: TypeAlias = Annotated[Path | None, _file("--svg", "the picture as SVG")]
+PdfFile: TypeAlias = Annotated[Path | None, _file("--pdf", "the picture as PDF")]
+PngFile: TypeAlias = Annotated[Path | None, _file("--png", "the picture as PNG")]
+GifFile: TypeAlias = Annotated[Path | None, _file("--gif", "the animation as GIF")]
+Mp4File: TypeAlias = Annotated[Path | None, _file("--mp4", "the animation as MP4")]
+Files: TypeAlias = Mapping[str, Path | None]
+"""The files that options name, by format: the name of the option without its dashes."""
 
 
 def numbers(text: str | None, option: str) -> list[float] | None:
@@ -275,15 +287,15 @@ def refuse_others(context: typer.Context, reason: str, applicable: Collection[st
             raise InputError(f"{reason}; {shown} does not apply")
 
 
-def thresholds_of(threshold: float, tolerances: Path | None) -> Thresholds:
+def thresholds_of(threshold: float, file: Path | None) -> Thresholds:
     """Return the thresholds of all measures; raises InputError if the option or the file is wrong."""
     if not 0.0 <= threshold < math.inf:
         raise InputError(f"--threshold {threshold}: must be 0 or more, like 0.02 for 2 %")
-    if tolerances is None:
+    if file is None:
         return Thresholds(threshold)
     from bodycheck.reports.gates.gate import read_thresholds  # imports pydantic
 
-    return read_thresholds(tolerances, threshold)
+    return read_thresholds(file, threshold)
 
 
 def progress_of(*, quiet: bool, label: str = "") -> ProgressFactory:
@@ -297,36 +309,19 @@ def progress_of(*, quiet: bool, label: str = "") -> ProgressFactory:
     return lambda cases_listed: LiveProgress(cases_listed, label)
 
 
-PICTURES = (".png", ".svg", ".pdf")
-"""The formats of figures."""
-
-_TEXTS = (".html", ".md", ".json")
-
-
-def check_out_files(paths: Sequence[Path] | None, *, figures: bool = False) -> None:
-    """Raise InputError for a file that --out names and that has another suffix or cannot be written.
-
-    figures: whether the answer can also be drawn. A name without suffix is Markdown.
-    """
+def check_files(files: Files) -> None:
+    """Raise InputError for a file that cannot be written; call it before a long computation."""
     from bodycheck._util.files import check_file
 
-    formats = (*_TEXTS, *PICTURES) if figures else _TEXTS
-    for path in paths or ():
-        if path.suffix not in ("", *formats):
-            raise InputError(f"--out {path}: must end in {', '.join(formats)}, or have no suffix")
-        if path.suffix in PICTURES:
-            from bodycheck.reports.render.figures import check_picture
-
-            check_picture(path)
-        check_file("--out", path)
+    for format_name, path in files.items():
+        check_file(f"--{format_name}", path)
 
 
-def write_out_files(
-    paths: Sequence[Path] | None, contents: Mapping[str, Callable[[Path], str | bytes]]
-) -> None:
-    """Write each file that --out names, by its suffix; contents: suffix -> function path -> content."""
+def write_files(files: Files, contents: Mapping[str, Callable[[Path], str | bytes]]) -> None:
+    """Write each file that is named; contents: format -> function path -> content."""
     from bodycheck._util.files import write_file
 
-    for path in paths or ():
-        content = contents[path.suffix or ".md"](path)
-        write_file(path, content.encode() if isinstance(content, str) else content)
+    for format_name, path in files.items():
+        if path is not None:
+            content = contents[format_name](path)
+            write_file(path, content.encode() if isinstance(content, str) else content)

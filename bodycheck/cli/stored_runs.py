@@ -12,21 +12,27 @@ from bodycheck._util.formatting import suggestion
 from bodycheck.cli.options import (
     ASK,
     OUTPUT,
-    PICTURES,
     AllowCode,
+    Files,
+    GifFile,
+    HtmlFile,
     Json,
-    OutFiles,
+    MarkdownFile,
+    Mp4File,
+    PdfFile,
+    PngFile,
     Quiet,
+    SvgFile,
     Threshold,
-    Tolerances,
-    check_out_files,
+    ThresholdsFile,
+    check_files,
     complete_scenarios,
     described,
     numbers,
     progress_of,
     refuse_others,
     thresholds_of,
-    write_out_files,
+    write_files,
 )
 from bodycheck.reports.gates.thresholds import THRESHOLD
 
@@ -62,7 +68,7 @@ _AllowCode = Annotated[
     **described(
         ASK,
         "bodycheck compare before after --fail-on worse",
-        "bodycheck compare before after --out changes.html --out changes.md",
+        "bodycheck compare before after --html changes.html --markdown changes.md",
     ),
 )
 def compare(
@@ -76,8 +82,9 @@ def compare(
         ),
     ] = "never",
     threshold: Threshold = THRESHOLD,
-    tolerances: Tolerances = None,
-    out: OutFiles = None,
+    thresholds: ThresholdsFile = None,
+    html: HtmlFile = None,
+    markdown: MarkdownFile = None,
     json: Json = False,
 ) -> None:
     """Print what changed between two runs: outcomes, verdicts, orders, accuracy, speed.
@@ -87,21 +94,19 @@ def compare(
     """
     from bodycheck.reports.comparison.compare import compare as compared
     from bodycheck.reports.comparison.describe import comparison_data, comparison_document, comparison_page
-    from bodycheck.reports.document import answer, json_text
+    from bodycheck.reports.document import answer
     from bodycheck.reports.document import markdown as as_markdown
     from bodycheck.reports.run_files.run_reader import read_tables
 
-    thresholds = thresholds_of(threshold, tolerances)
-    check_out_files(out)
-    comparison = compared(read_tables(before), read_tables(after), thresholds)
-    document, data = comparison_document(comparison), comparison_data(comparison)
-    texts = {
-        ".html": lambda _: comparison_page(comparison),
-        ".md": lambda _: as_markdown(document),
-        ".json": lambda _: json_text(data) + "\n",
-    }
-    write_out_files(out, texts)
-    answer(document, data, as_json=json)
+    levels = thresholds_of(threshold, thresholds)
+    files = {"html": html, "markdown": markdown}
+    check_files(files)
+    comparison = compared(read_tables(before), read_tables(after), levels)
+    document = comparison_document(comparison)
+    write_files(
+        files, {"html": lambda _: comparison_page(comparison), "markdown": lambda _: as_markdown(document)}
+    )
+    answer(document, comparison_data(comparison), as_json=json)
     nothing = fail_on != "never" and not comparison.paired
     if nothing or comparison.of_status(*FAIL_ON[fail_on]):
         raise typer.Exit(_FAILED)
@@ -134,7 +139,7 @@ def advise(
             help="Instead of --error: a step size in s. Prints the error of each method.", show_default=False
         ),
     ] = None,
-    quantity: Annotated[
+    measure: Annotated[
         str,
         typer.Option(
             help="The measure that has to meet the tolerance: orientation_error_rad, position_error, "
@@ -195,7 +200,7 @@ def advise(
     request = advice_run.AdviceRequest(
         error=error,
         dt_s=dt,
-        quantity=quantity,
+        measure=measure,
         horizon_s=horizon_s,
         search=search,
         scenarios=tuple(scenarios or ()),
@@ -225,7 +230,7 @@ def _free_body(
     **described(
         ASK,
         "bodycheck explain first",
-        "bodycheck explain first --case full-tensor,pybullet:multibody@defaults,0.01 --out why.html",
+        "bodycheck explain first --case full-tensor,pybullet:multibody@defaults,0.01 --html why.html",
     ),
 )
 def explain(
@@ -238,13 +243,11 @@ def explain(
             show_default="one per method and scenario with an unfavourable verdict",
         ),
     ] = None,
-    out: Annotated[
-        list[Path] | None,
-        typer.Option(
-            help="Also write to this file: .html, .md, .json, .png, .svg or .pdf; may be repeated.",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
+    html: HtmlFile = None,
+    markdown: MarkdownFile = None,
+    svg: SvgFile = None,
+    pdf: PdfFile = None,
+    png: PngFile = None,
     allow_code: _AllowCode = False,
     json: Json = False,
     quiet: Quiet = False,
@@ -255,49 +258,59 @@ def explain(
     compares the result with the motion of the engine from sample to sample.
     """
     from bodycheck.reports.diagnosis.explain import explain_run
-    from bodycheck.reports.document import answer, json_text
+    from bodycheck.reports.document import answer
     from bodycheck.reports.document import markdown as as_markdown
+    from bodycheck.reports.render.figures import check_drawable
     from bodycheck.reports.render.progress import status_line
 
-    check_out_files(out, figures=True)
+    pictures = {"svg": svg, "pdf": pdf, "png": png}
+    files = {"html": html, "markdown": markdown, **pictures}
+    if any(pictures.values()):
+        check_drawable("figures")
+    check_files(files)
     with status_line("comparing the motions with each fault", quiet=quiet):
         cases = explain_run(run, case, allow_code=allow_code)
     from bodycheck.reports.diagnosis import explanation_document as explanations
 
-    document, data = explanations.explanation_document(cases), explanations.explanation_data(cases)
-    texts: dict[str, Callable[[Path], str | bytes]] = {
-        ".html": lambda _: explanations.explanation_page(cases),
-        ".md": lambda _: as_markdown(document),
-        ".json": lambda _: json_text(data) + "\n",
-        **dict.fromkeys(PICTURES, lambda path: explanations.explanation_figure(cases, path.suffix)),
-    }
-    write_out_files(out, texts)
-    answer(document, data, as_json=json)
+    document = explanations.explanation_document(cases)
+
+    def drawn(kind: str) -> Callable[[Path], bytes]:
+        return lambda _: explanations.explanation_figure(cases, f".{kind}")
+
+    write_files(
+        files,
+        {
+            "html": lambda _: explanations.explanation_page(cases),
+            "markdown": lambda _: as_markdown(document),
+            **{kind: drawn(kind) for kind in pictures},
+        },
+    )
+    answer(document, explanations.explanation_data(cases), as_json=json)
 
 
 @questions.command(
     short_help="Render the report of a run again.",
-    **described(ASK, "bodycheck report first", "bodycheck report first --markdown"),
+    **described(ASK, "bodycheck report first", "bodycheck report first --markdown summary.md"),
 )
 def report(
     context: typer.Context,
     run: _Run,
-    markdown: Annotated[
-        bool, typer.Option("--markdown", help="Print a Markdown summary for a pull request instead.")
-    ] = False,
+    markdown: MarkdownFile = None,
     allow_code: _AllowCode = False,
 ) -> None:
-    """Render the report.html of a stored run again, or print its summary as Markdown."""
+    """Render the report.html of a stored run again; with --markdown, write only its summary."""
+    from bodycheck._util.files import write_file
     from bodycheck.reports.run_files.run_reader import read_run, read_tables
 
-    if markdown:
+    if markdown is not None:
         refuse_others(context, "--markdown: measures nothing again", ("run", "markdown"))
         from bodycheck.reports.document import markdown as as_markdown
         from bodycheck.reports.summary.sentences import run_document
 
-        print(as_markdown(run_document(read_tables(run))), end="")
+        check_files({"markdown": markdown})
+        write_file(markdown, as_markdown(run_document(read_tables(run))).encode())
+        print(markdown)
         return
-    from bodycheck._util.files import write_file
     from bodycheck.reports.cache.disk_cache import Cache
     from bodycheck.reports.render.html import render_report
     from bodycheck.reports.render.progress import status_line
@@ -323,32 +336,25 @@ def table(
         ),
     ] = "results",
     as_: Annotated[
-        Literal["csv", "json", "md", "parquet"] | None,
-        typer.Option(
-            "--format",
-            help="Output format; parquet requires --out.",
-            show_default="that of the suffix of --out, else csv",
-        ),
-    ] = None,
+        Literal["csv", "json", "md"], typer.Option("--format", help="Format of the printed table.")
+    ] = "csv",
     columns: Annotated[
         str | None, typer.Option(help="Columns to print, like scenario,dt_s.", show_default="all")
     ] = None,
-    out: Annotated[
+    parquet: Annotated[
         Path | None,
-        typer.Option(help="Output file.", show_default="standard output", rich_help_panel=OUTPUT),
+        typer.Option(
+            metavar="FILE",
+            help="Write the table as Parquet to this file instead of printing it.",
+            rich_help_panel=OUTPUT,
+        ),
     ] = None,
 ) -> None:
-    """Print a table of a run as CSV, JSON or Markdown, or write it to a file, also as Parquet."""
-    from bodycheck._util.files import write_file
+    """Print a table of a run as CSV, JSON or Markdown, or write it as Parquet."""
     from bodycheck.reports.run_files.run_reader import read_tables
     from bodycheck.reports.run_files.tables import FORMATS
 
-    if as_ == "parquet" and out is None:
-        raise InputError("--format parquet: is a binary format; name a file with --out")
-    suffix = "" if out is None else out.suffix.lower().removeprefix(".")
-    if as_ is not None and suffix in FORMATS and suffix != as_:
-        raise InputError(f"--out {out}: has the suffix of another format than --format {as_}")
-    format_name = as_ or (suffix if suffix in FORMATS else "csv")
+    check_files({"parquet": parquet})
     found = getattr(read_tables(run), which)
     if columns is not None:
         requested = [name.strip() for name in columns.split(",")]
@@ -358,16 +364,14 @@ def table(
         if len(set(requested)) < len(requested):
             raise InputError(f"--columns {columns}: has a column twice")
         found = found[requested]
-    content = FORMATS[format_name](found)
-    if out is None:
-        print(content.decode(), end="")
-    else:
-        write_file(out, content)
+    write_files({"parquet": parquet}, {"parquet": lambda _: FORMATS["parquet"](found)})
+    if parquet is None:
+        print(FORMATS[as_](found).decode(), end="")
 
 
 @questions.command(
     short_help="Draw a figure of a run for a paper.",
-    **described(ASK, "bodycheck plot first --figure work-precision --out figure.svg"),
+    **described(ASK, "bodycheck plot first --figure work-precision --svg figure.svg"),
 )
 def plot(
     run: _Run,
@@ -375,11 +379,13 @@ def plot(
         Literal["work-precision", "order", "drift", "stability", "polhode", "motion"],
         typer.Option(help="The figure: work-precision, order, drift, stability, polhode or motion."),
     ],
-    out: Annotated[Path, typer.Option(help="Output file: .svg, .pdf or .png.", rich_help_panel=OUTPUT)],
+    svg: SvgFile = None,
+    pdf: PdfFile = None,
+    png: PngFile = None,
     scenario: Annotated[
         str | None, typer.Option(help="A scenario of the run.", show_default="the only one")
     ] = None,
-    quantity: Annotated[
+    measure: Annotated[
         str | None,
         typer.Option(
             help="The measure to plot: energy_drift, omega_error, ...", show_default="orientation_error_rad"
@@ -399,7 +405,7 @@ def plot(
 
     Error against CPU time, against step size, or over time; stable steps; the polhode; the body at six times.
     """
-    from bodycheck._util.files import check_file, write_file
+    from bodycheck._util.files import write_file
     from bodycheck.reports.cache.disk_cache import Cache
     from bodycheck.reports.measurement.measure_bounds import TRUTH_BOUNDS
     from bodycheck.reports.render.figures import (
@@ -407,29 +413,39 @@ def plot(
         NEED_MOTIONS,
         STABILITY,
         Appearance,
-        check_picture,
+        check_drawable,
         picture,
     )
     from bodycheck.reports.run_files.run_reader import read_run, read_tables
 
-    check_picture(out)
-    check_file("--out", out)
-    if quantity is not None and (figure in (STABILITY, *BODIES) or quantity not in TRUTH_BOUNDS):
+    files = _required("plot", {"svg": svg, "pdf": pdf, "png": png})
+    check_drawable("figures")
+    check_files(files)
+    if measure is not None and (figure in (STABILITY, *BODIES) or measure not in TRUTH_BOUNDS):
         fault = (
             f"not used by --figure {figure}"
             if figure in (STABILITY, *BODIES)
-            else f"unknown measure{suggestion(quantity, TRUTH_BOUNDS)}"
+            else f"unknown measure{suggestion(measure, TRUTH_BOUNDS)}"
         )
-        raise InputError(f"--quantity {quantity}: {fault}")
+        raise InputError(f"--measure {measure}: {fault}")
     tables = read_tables(run)
     scenario = _scenario_of(tables, scenario)
     engines = _engines_of(tables, engine)
     appearance = Appearance(columns, style, engines)
     needs_motions = figure in NEED_MOTIONS
     found = read_run(run, allow_code=allow_code, cache=Cache.default()) if needs_motions else tables
-    measure = quantity or "orientation_error_rad"
-    write_file(out, picture(found, figure, scenario, measure, out.suffix, appearance))
-    print(out)
+    shown = measure or "orientation_error_rad"
+    for kind, path in files.items():
+        write_file(path, picture(found, figure, scenario, shown, f".{kind}", appearance))
+        print(path)
+
+
+def _required(command: str, files: Files) -> dict[str, Path]:
+    """Return the files that are named, by format; raises InputError if there is none."""
+    named = {kind: path for kind, path in files.items() if path is not None}
+    if not named:
+        raise InputError(f"{command}: name a file with {' or '.join(f'--{kind}' for kind in files)}")
+    return named
 
 
 def _scenario_of(tables: Tables, scenario: str | None) -> str:
@@ -456,13 +472,15 @@ def _engines_of(tables: Tables, engine: str | None) -> tuple[str, ...]:
     short_help="Write an animation of the motions of a run.",
     **described(
         ASK,
-        "bodycheck movie first --scenario intermediate-axis --out flip.gif",
-        "bodycheck movie first --engine mujoco:euler,dart --dt 0.01 --out flip.mp4",
+        "bodycheck movie first --scenario intermediate-axis --gif flip.gif",
+        "bodycheck movie first --engine mujoco:euler,dart --dt 0.01 --mp4 flip.mp4",
     ),
 )
 def movie(
     run: _Run,
-    out: Annotated[Path, typer.Option(help="Output file: .gif, .mp4 or .svg.", rich_help_panel=OUTPUT)],
+    gif: GifFile = None,
+    mp4: Mp4File = None,
+    svg: SvgFile = None,
     scenario: Annotated[
         str | None, typer.Option(help="A scenario of the run.", show_default="the only one")
     ] = None,
@@ -479,21 +497,23 @@ def movie(
     """Write an animation of one scenario: the body of each engine, with the truth over it in grey.
 
     For each engine, the method farthest from the truth is shown. An animation has at most 200 frames, each a
-    stored sample, and lasts about 10 s; .mp4 needs ffmpeg on the path. An .svg is a strip of six frames.
+    stored sample, and lasts about 10 s; MP4 needs ffmpeg on the path. An SVG is a strip of six frames.
     """
-    from bodycheck._util.files import check_file, write_file
+    from bodycheck._util.files import write_file
     from bodycheck.reports.cache.disk_cache import Cache
     from bodycheck.reports.render import movie as films
     from bodycheck.reports.render.progress import status_line
     from bodycheck.reports.run_files.run_reader import read_run, read_tables
 
-    films.check_movie(out)
-    check_file("--out", out)
+    files = _required("movie", {"gif": gif, "mp4": mp4, "svg": svg})
+    films.check_movie(mp4)
+    check_files(files)
     tables = read_tables(run)
     scenario = _scenario_of(tables, scenario)
     engines = _engines_of(tables, engine)
     with status_line("drawing the frames", quiet=quiet):
         found = read_run(run, allow_code=allow_code, cache=Cache.default())
-        film = films.movie(found, scenario, out.suffix, engines, dt)
-    write_file(out, film)
-    print(out)
+        made = [(path, films.movie(found, scenario, f".{kind}", engines, dt)) for kind, path in files.items()]
+    for path, film in made:
+        write_file(path, film)
+        print(path)

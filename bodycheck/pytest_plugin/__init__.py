@@ -30,7 +30,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "[default: none]; also the scenarios for gates [default: standard]",
     )
     group.addoption(
-        "--bodycheck-tolerances",
+        "--bodycheck-gates",
         metavar="FILE",
         help="TOML file with the gates for tests that use bodycheck_gate: run each test once per gate; "
         "required by that fixture",
@@ -83,7 +83,7 @@ def bodycheck(request: pytest.FixtureRequest) -> Bench:
 
 @pytest.fixture
 def bodycheck_gate(request: pytest.FixtureRequest) -> GateCase:
-    """Return one gate of the file that --bodycheck-tolerances names."""
+    """Return one gate of the file that --bodycheck-gates names."""
     case: GateCase = request.param
     return case.within(request)
 

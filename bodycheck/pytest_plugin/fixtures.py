@@ -361,10 +361,10 @@ def _run_of(
 
 
 def parametrize_gates(metafunc: pytest.Metafunc) -> None:
-    """Run a test once per gate of --bodycheck-tolerances."""
-    file = metafunc.config.getoption("--bodycheck-tolerances")
+    """Run a test once per gate of --bodycheck-gates."""
+    file = metafunc.config.getoption("--bodycheck-gates")
     if file is None:
-        _refuse(f"{metafunc.definition.nodeid}: bodycheck_gate needs --bodycheck-tolerances FILE")
+        _refuse(f"{metafunc.definition.nodeid}: bodycheck_gate needs --bodycheck-gates FILE")
     try:
         gates = read_gates(Path(file))
     except InputError as error:

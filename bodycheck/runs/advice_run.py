@@ -190,7 +190,7 @@ class AdviceRequest:
 
     error: float | None = None
     dt_s: float | None = None
-    quantity: str = "orientation_error_rad"
+    measure: str = "orientation_error_rad"
     horizon_s: float | None = None
     search: bool = False
     scenarios: tuple[str, ...] = ()
@@ -201,7 +201,7 @@ class AdviceRequest:
 
 def advise(request: AdviceRequest, make_progress: ProgressFactory) -> Advice:
     """Return the answers to a question; raises InputError if it is wrong."""
-    check_question(request.error, request.dt_s, request.quantity)
+    check_question(request.error, request.dt_s, request.measure)
     if request.horizon_s is not None and not 0.0 < request.horizon_s < math.inf:
         raise InputError(f"--horizon-s {request.horizon_s!r}: must be a positive number")
     if request.search and request.error is None:
@@ -227,7 +227,7 @@ def advise(request: AdviceRequest, make_progress: ProgressFactory) -> Advice:
     answers = (
         _searched(found, request, names, make_progress) if request.search else _answers(found, request, names)
     )
-    return Advice(request.quantity, request.error, request.dt_s, str(folder), answers)
+    return Advice(request.measure, request.error, request.dt_s, str(folder), answers)
 
 
 def _note_shorter(run: Run, scenarios: Sequence[str], horizon_s: float) -> None:
@@ -267,7 +267,7 @@ def _written(body: FreeBody, horizon_s: float | None) -> str:
 def _answers(
     run: RunTables, request: AdviceRequest, scenarios: Sequence[str], more: Sequence[Run] = ()
 ) -> tuple[Answer, ...]:
-    curves = curves_of(run, request.quantity, tuple(case for other in more for case in other.cases))
+    curves = curves_of(run, request.measure, tuple(case for other in more for case in other.cases))
     if request.error is not None:
         return settings_within(curves, request.error, scenarios)
     assert request.dt_s is not None
@@ -282,7 +282,7 @@ def _searched(
     more: list[Run] = []
     for _ in range(_MAX_ROUNDS):
         answers = _answers(run, request, scenarios, more)
-        curves = curves_of(run, request.quantity, tuple(case for other in more for case in other.cases))
+        curves = curves_of(run, request.measure, tuple(case for other in more for case in other.cases))
         steps = {
             key: dt_s
             for key, dt_s in to_measure(curves, answers, request.error).items()

@@ -351,13 +351,15 @@ def test_a_run_diagnoses_wrong_methods_only(
     report = write_run(run, tmp_path / "run")
     assert sentence in report.read_text(encoding="utf-8")
     assert list(read_tables(tmp_path / "run").diagnoses["diagnosis"]) == list(run.diagnoses["diagnosis"])
-    files = ("--out", "why.html", "--out", "why.md", "--out", "why.json", "--out", "why.svg")
+    files = ("--html", "why.html", "--markdown", "why.md", "--svg", "why.svg", "--pdf", "why.pdf")
     done = run_bodycheck(tmp_path, "explain", "run", *files)
     assert (done.returncode, sentence in done.stdout) == (0, True)
-    assert all(sentence in (tmp_path / name).read_text() for name in ("why.html", "why.md", "why.json"))
+    assert all(sentence in (tmp_path / name).read_text() for name in ("why.html", "why.md"))
+    assert (tmp_path / "why.svg").read_text().startswith("<?xml")
+    assert (tmp_path / "why.pdf").read_bytes().startswith(b"%PDF")
     named = run_bodycheck(tmp_path, "explain", "run", "--case", "full-tensor,faulty-m1:sound", "--json")
     assert '"verdict": "healthy"' in named.stdout
-    for words in (("--case", "nothing"), ("--case", "a,b,c"), ("--out", "why.xls")):
+    for words in (("--case", "nothing"), ("--case", "a,b,c"), ("--svg", "no/why.svg")):
         refused = run_bodycheck(tmp_path, "explain", "run", *words)
         assert (refused.returncode, refused.stdout) == (2, "")
         expected_message(refused.stderr.strip())

@@ -132,13 +132,13 @@ def test_no_drawn_table_is_wider_than_its_terminal(seed: int, monkeypatch: pytes
 
 def test_a_short_list_of_a_long_table_says_where_the_rest_is(monkeypatch: pytest.MonkeyPatch) -> None:
     """The console and Markdown both say so."""
-    table = Table((Column("a"),), tuple((f"row {k}",) for k in range(5)), max_rows=2, rest="--out FILE.html")
+    table = Table((Column("a"),), tuple((f"row {k}",) for k in range(5)), max_rows=2, rest="--html FILE")
     lines = on_console((table,), 80, monkeypatch)
-    assert lines == ["a", "row 0", "row 1", "and 3 more lines: --out FILE.html"]
+    assert lines == ["a", "row 0", "row 1", "and 3 more lines: --html FILE"]
     text = markdown(Document("t", (table,)))
     assert "| row 1 |" in text
     assert "| row 2 |" not in text
-    assert "and 3 more lines: --out FILE.html." in text
+    assert "and 3 more lines: --html FILE." in text
 
 
 def test_a_part_or_column_of_some_media_is_left_out_of_the_others(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,8 +21,8 @@ from bodycheck.reports.render.figures import (
     FIGURES,
     STABILITY,
     Appearance,
+    check_drawable,
     check_engines,
-    check_picture,
     drawn_figure,
     picture,
 )
@@ -215,12 +215,10 @@ def test_what_has_no_points_is_no_figure(figure: str, run: Run, expected_message
         picture(run, figure, "nowhere", "orientation_error_rad", ".svg")
 
 
-@pytest.mark.parametrize(("out", "error"), [("a.jpg", InputError), ("a.svg", UnavailableError)])
-def test_format_and_program_of_a_picture_are_checked(
-    out: str, error: type[Exception], monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
+def test_a_missing_matplotlib_is_named(
+    monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
 ) -> None:
-    """Another format is refused; without matplotlib the message names the extra."""
+    """Without matplotlib the message names the extra."""
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(error) as refused:
-        check_picture(Path(out))
-    expected_message(str(refused.value))
+    with expected_message.raises(UnavailableError):
+        check_drawable("figures")

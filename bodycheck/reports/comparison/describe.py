@@ -243,7 +243,7 @@ def comparison_document(comparison: Comparison) -> Document:
             Table((Column("", "fixed"), Column("")), runs),
             *(Sentence(sentence) for sentence in sentences(comparison)),
             *searches(comparison),
-            *change_tables(comparison.changes, "--out FILE.html lists all"),
+            *change_tables(comparison.changes, "--html FILE lists all"),
         ),
     )
 

@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-_SUFFIXES = (".svg", ".pdf", ".png")
 _UNDATED = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
 WIDTHS_IN = {1: 3.5, 2: 7.2}
 """The widths of a figure in columns of a paper."""
@@ -93,18 +92,8 @@ PLAIN = Appearance()
 """A figure of one column, with all methods, in our settings of matplotlib."""
 
 
-def check_picture(out: Path) -> None:
-    """Raise InputError for an unsupported suffix, UnavailableError without matplotlib."""
-    check_drawable(out, _SUFFIXES, "figures")
-
-
-def check_drawable(out: Path, suffixes: Sequence[str], what: str) -> None:
-    """Raise InputError unless the path has one of these suffixes, UnavailableError without matplotlib.
-
-    what: is drawn, in the plural.
-    """
-    if out.suffix not in suffixes:
-        raise InputError(f"--out {out}: must end in {', '.join(suffixes[:-1])} or {suffixes[-1]}")
+def check_drawable(what: str) -> None:
+    """Raise UnavailableError without matplotlib; what: is drawn, in the plural."""
     try:
         import matplotlib  # noqa: F401 - checked before anything is read
     except ImportError:

@@ -87,22 +87,22 @@ class Answer:
 class Advice:
     """The answers to one question: which settings meet `error`, or which error the step `dt_s` has."""
 
-    quantity: str
+    measure: str
     error: float | None
     dt_s: float | None
     run: str
     answers: tuple[Answer, ...]
 
 
-def check_question(error: float | None, dt_s: float | None, quantity: str) -> None:
-    """Raise InputError for an invalid error tolerance or step, or an unknown quantity."""
+def check_question(error: float | None, dt_s: float | None, measure: str) -> None:
+    """Raise InputError for an invalid error tolerance or step, or an unknown measure."""
     if (error is None) == (dt_s is None):
         raise InputError("give either --error, the tolerance to meet, or --dt, the step whose error to print")
     for option, value in (("--error", error), ("--dt", dt_s)):
         if value is not None and not 0.0 < value < math.inf:
             raise InputError(f"{option} {value!r}: must be a positive number")
-    if quantity not in _ADVISED:
-        raise InputError(f"--quantity {quantity}: unknown quantity{suggestion(quantity, _ADVISED)}")
+    if measure not in _ADVISED:
+        raise InputError(f"--measure {measure}: unknown measure{suggestion(measure, _ADVISED)}")
 
 
 def settings_within(

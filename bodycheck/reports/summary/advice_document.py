@@ -35,8 +35,8 @@ def advice_document(advice: Advice) -> Document:
 
 def _question(advice: Advice) -> str:
     if advice.error is None:
-        return f"{advice.quantity} at dt {step(advice.dt_s)} s"
-    return f"{advice.quantity} <= {number(advice.error)}"
+        return f"{advice.measure} at dt {step(advice.dt_s)} s"
+    return f"{advice.measure} <= {number(advice.error)}"
 
 
 def _answer_parts(answer: Answer, scenarios: int) -> Iterator[Part]:
