@@ -46,7 +46,7 @@ from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import baseline_of, readable_runs
 from bodycheck.reports.history.queries import TABLES, query
 from bodycheck.reports.recordings.column_map import ColumnMap, read_map
-from bodycheck.reports.recordings.conversion import recorded_arrays
+from bodycheck.reports.recordings.conversion import recorded_motion
 from bodycheck.reports.render.html import render_report
 from bodycheck.reports.run_files.run_reader import read_run, read_tables
 from bodycheck.reports.run_files.tables import as_parquet
@@ -183,7 +183,7 @@ def _trajectories(sound: Path) -> list[Reader]:
 
 
 def _recorded(path: Path) -> None:
-    recorded_arrays(path, ColumnMap())
+    recorded_motion(path, ColumnMap())
 
 
 def _recordings(sound: Path) -> list[Reader]:
@@ -194,7 +194,7 @@ def _recordings(sound: Path) -> list[Reader]:
     (sound / "map.toml").write_text('t_s = "2*t_s"\nqw = "-qw"\nworld = "NED to ENU"\nignore = ["a*"]\n')
 
     def mapped(path: Path) -> None:
-        recorded_arrays(sound / "judged.csv", read_map([path]))
+        recorded_motion(sound / "judged.csv", read_map([path]))
 
     return [
         Reader("recording .csv", sound / "judged.csv", _recorded, "csv", csv_cell, 2.0),

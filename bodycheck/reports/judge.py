@@ -42,7 +42,7 @@ from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.scales import Scales
 from bodycheck.reports.measurement.study import limit
 from bodycheck.reports.recordings.column_map import ColumnMap
-from bodycheck.reports.recordings.conversion import recorded_arrays
+from bodycheck.reports.recordings.conversion import recorded_motion
 from bodycheck.scenarios.model import Scenario
 
 FROM_START = "_from_start"
@@ -100,7 +100,7 @@ def judge_files(
     """
     if steps_s is not None and (twice := [one for one, times in Counter(steps_s).items() if times > 1]):
         raise InputError(f"--dt: the step {twice[0]!r} is given twice")
-    recordings = {str(path): recorded_arrays(path, column_map) for path in paths}
+    recordings = {str(path): recorded_motion(path, column_map).arrays for path in paths}
     problem = Problem.of(scenario, scenario_spec, cache)
     rows = [
         {"file": str(path), **_judged(path, recordings[str(path)], problem, cache, column_map)}
@@ -248,7 +248,7 @@ def explained_file(
     dt_s: the step of the program that wrote it, None if unknown. Raises InputError as `judge_files` does,
     and where the step does not fit the times.
     """
-    arrays = recorded_arrays(path, column_map)
+    arrays = recorded_motion(path, column_map).arrays
     problem, t_s = Problem.of(scenario, scenario_spec, cache), arrays["t_s"]
     truth = known_truth(scenario.scene, t_s, cache)
     trajectory, known = _completed(arrays, truth.trajectory), frozenset(_quantities(arrays))

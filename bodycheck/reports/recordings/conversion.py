@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +33,7 @@ from bodycheck.reports.recordings.column_map import (
     source_names,
 )
 from bodycheck.reports.recordings.recording import Recording, read_recording
+from bodycheck.reports.recordings.resolution import OF_DOUBLES, Digits, digits_of, largest_finite, since_first
 from bodycheck.reports.run_files.trajectory_files import COLUMNS, checked_arrays
 
 ACCEPTED = "t_s, x_m, y_m, z_m, qw, qx, qy, qz, r00 to r22, vx_m_s ..., wx_body_rad_s ..., wx_world_rad_s ..."
@@ -133,49 +137,127 @@ _VECTORS = {**COLUMNS, "euler": EULER, "place": PLACE, "velocity_body_m_s": BODY
 _ATTITUDES = ("quaternion", "rotation", "euler")
 
 
-def recorded_arrays(path: Path, column_map: ColumnMap) -> dict[str, Array]:
-    """Return t_s (n,) and the quantities of a recording, as an npz of bodycheck has them.
+@dataclass(frozen=True, eq=False)
+class RecordedMotion:
+    """What a recording has of a motion, in the units and axes of the scenario.
+
+    arrays: t_s (n,) and quantities, as an npz of bodycheck has them. resolution: name of each array -> the
+    spacing of the numbers that the file can state, in the unit of the array: () for t_s, (3,) for a vector,
+    (4,) for a quaternion, (3, 3) for a matrix.
+    """
+
+    arrays: dict[str, Array]
+    resolution: dict[str, Array]
+
+
+def recorded_motion(path: Path, column_map: ColumnMap) -> RecordedMotion:
+    """Return the quantities of a recording, and their resolution.
 
     Raises InputError with one line that names the file and the fault.
     """
     recording = read_recording(path, column_map.topic)
-    found = _vectors(recording, _targets(recording, column_map))
-    if column_map.time_origin == "first-sample" and "t_s" in found:
-        found["t_s"] = found["t_s"] - found["t_s"][0]
+    targets = _targets(recording, column_map)
+    found = _vectors(path, {name: target.values for name, target in targets.items()})
     if "t_s" not in found:
         raise InputError(f"{path}: has no t_s{nearest_map(recording.names)}")
+    stated = _vectors(path, _resolutions(targets))
     with np.errstate(invalid="ignore", over="ignore"):  # a diverged motion is an outcome, not an error
         try:
-            return checked_arrays(path, _in_scenario_axes(found, column_map))
+            arrays = checked_arrays(path, _in_scenario_axes(found, column_map))
         except _ConventionError as error:
             raise InputError(f"{path}: {error}") from None
+        return RecordedMotion(arrays, _resolution_in_scenario_axes(stated, arrays, column_map))
 
 
 class _ConventionError(ValueError):
     """Quantities that cannot be combined; the message says which."""
 
 
-def _targets(recording: Recording, column_map: ColumnMap) -> dict[str, Array]:
-    """Return target -> values (n,) in SI units.
+@dataclass(frozen=True, eq=False)
+class _Target:
+    """A quantity in SI units: scale x product of the columns (n,); spacing: of the columns of stamps."""
+
+    scale: float
+    columns: tuple[Array, ...]
+    rows: int
+    spacing: float | None = None
+
+    @cached_property
+    def values(self) -> Array:
+        """The quantity (n,)."""
+        product = np.ones(self.rows)
+        for column in self.columns:
+            product = product * column
+        return product if self.columns and self.scale == 1.0 else product * self.scale
+
+    @cached_property
+    def digits(self) -> tuple[Digits | None, ...]:
+        """How each of its columns is rounded, where that shows."""
+        return tuple(map(digits_of, self.columns))
+
+    def resolution(self, default: Digits) -> float:
+        """Return the spacing of the quantity; default: of columns that do not show their digits."""
+        if self.spacing is not None:
+            return abs(self.scale) * self.spacing
+        largest = [largest_finite(column) for column in self.columns]
+        spacings = [
+            (digits or default).spacing(one) for digits, one in zip(self.digits, largest, strict=True)
+        ]
+        return abs(self.scale) * sum(
+            spacing * math.prod(largest[:index] + largest[index + 1 :])
+            for index, spacing in enumerate(spacings)
+        )
+
+
+def _resolutions(targets: Mapping[str, _Target]) -> dict[str, Array]:
+    """Return target -> resolution (1,): of its digits, else of those of its vector, else of the file's."""
+
+    def finest(names: Iterable[str], default: Digits) -> Digits:
+        shown = [digits for name in names for digits in targets[name].digits if digits is not None]
+        return max(shown, key=lambda digits: digits.rank, default=default)
+
+    of_file = finest([name for name in targets if name != "t_s"], OF_DOUBLES)
+    found: dict[str, Array] = {}
+    for vector in (("t_s",), *_VECTORS.values()):
+        present = [name for name in vector if name in targets]
+        digits = finest(present, of_file)
+        found |= {name: np.array([targets[name].resolution(digits)]) for name in present}
+    return found
+
+
+def _stamped(recording: Recording, column: str, column_map: ColumnMap, scale: float) -> _Target:
+    """Return the times of a column: less the first, where the map says so, before they are scaled."""
+    stamps, spacing = recording.stamps(column)
+    subtracts = column_map.time_origin == "first-sample"
+    values = since_first(stamps) if subtracts else recording.values(column)
+    return _Target(scale, (values,), recording.rows, spacing)
+
+
+def _targets(recording: Recording, column_map: ColumnMap) -> dict[str, _Target]:
+    """Return the quantities of a recording by name.
 
     Raises InputError where a column is neither used nor ignored.
     """
     path = recording.path
-    found: dict[str, Array] = {}
+    found: dict[str, _Target] = {}
     used: set[str] = set()
     try:
         for target, product in column_map.products.items():
             scale, columns = product.settled(target, recording.names)
             used.update(columns)
-            values = np.ones(recording.rows)
-            for column in columns:
-                values = values * recording.values(column)
-            found[target] = values if columns and scale == 1.0 else values * scale
+            if target == "t_s" and len(columns) == 1:
+                found[target] = _stamped(recording, columns[0], column_map, scale)
+            else:
+                found[target] = _Target(scale, tuple(map(recording.values, columns)), recording.rows)
     except InputError as error:
         where = "" if str(error).startswith(str(path)) else f"{path}: "
         raise InputError(f"{where}{error}") from None
     standard = [name for name in recording.names if name in KINDS and not column_map.ignores(name)]
-    found |= {name: recording.values(name) for name in standard if name not in found}
+    for name in standard:
+        if name == "t_s" and name not in found:
+            found[name] = _stamped(recording, name, column_map, 1.0)
+        elif name not in found:
+            found[name] = _Target(1.0, (recording.values(name),), recording.rows)
     unknown = [
         name
         for name in recording.names
@@ -200,14 +282,14 @@ def _some(columns: Sequence[str]) -> str:
     return names(columns) if rest <= 0 else f"{', '.join(columns[:_MAX_NAMED])} and {rest} more"
 
 
-def _vectors(recording: Recording, targets: Mapping[str, Array]) -> dict[str, Array]:
+def _vectors(path: Path, targets: Mapping[str, Array]) -> dict[str, Array]:
     """Return t_s and the whole vectors and matrices; raises InputError where a component is missing."""
     found = {"t_s": targets["t_s"]} if "t_s" in targets else {}
     for array, columns in _VECTORS.items():
         present = [column for column in columns if column in targets]
         if present and len(present) < len(columns):
             missing = ", ".join(column for column in columns if column not in targets)
-            raise InputError(f"{recording.path}: has {present[0]} but not {missing}")
+            raise InputError(f"{path}: has {present[0]} but not {missing}")
         if present:
             stacked = np.stack([targets[column] for column in columns], axis=-1)
             found[array] = stacked.reshape(-1, 3, 3) if array == "rotation" else stacked
@@ -313,6 +395,31 @@ def _rotated(arrays: Mapping[str, Array], turn: Array, world: Array, body: Array
     if "quaternion" in arrays:
         old = conjugate(matrix_to_quaternion(body))
         found["quaternion"] = quaternion_product(quaternion_product(turn, arrays["quaternion"]), old)
+    return found
+
+
+def _resolution_in_scenario_axes(
+    stated: Mapping[str, Array], arrays: Mapping[str, Array], column_map: ColumnMap
+) -> dict[str, Array]:
+    """Return array -> resolution, as in RecordedMotion, for quantities as stated and as converted.
+
+    A quantity that is computed from several columns gets the sum of what each of them leaves open.
+    """
+    axes_are_same = column_map.world is None and column_map.body is None and "place" not in stated
+    found = {}
+    for name, array in arrays.items():
+        if name not in stated:
+            total = 0.5 * stated["euler"].sum() if name == "quaternion" else stated["velocity_body_m_s"].sum()
+            found[name] = np.full(array.shape[1:], total)
+            continue
+        own = np.asarray(stated[name][0])
+        if axes_are_same or name == "t_s":
+            found[name] = own
+        elif name in ("quaternion", "rotation"):
+            found[name] = np.full(own.shape, np.max(own))
+        else:
+            axes = column_map.body if name == "omega_body_rad_s" else column_map.world
+            found[name] = own if axes is None else np.abs(axes) @ own
     return found
 
 

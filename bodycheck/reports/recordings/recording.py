@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from decimal import Decimal
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,7 @@ from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.formatting import suggestion
 from bodycheck._util.untrusted import from_outside, printable
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reports.recordings.resolution import Stamp, are_doubles, stamp_spacing
 from bodycheck.reports.run_files.trajectory_files import COLUMNS, MAX_BYTES, doubles, read_npz
 
 if TYPE_CHECKING:
@@ -36,7 +38,8 @@ class Recording:
     """The columns of a file by name; a column is read as numbers when it is used.
 
     row_name: row -> what a message calls it, such as "line 2". faults: column -> why it cannot be used.
-    metadata: those of them that are no series over time, such as the inertia of the body.
+    metadata: those of them that are no series over time, such as the inertia of the body. text: column -> its
+    cells as written, of a file whose numbers are text.
     """
 
     path: Path
@@ -45,6 +48,7 @@ class Recording:
     row_name: Callable[[int], str] = lambda row: f"row {row + 1}"
     faults: Mapping[str, str] = field(default_factory=dict)
     metadata: Collection[str] = ()
+    text: Callable[[str], Sequence[str]] | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -53,12 +57,7 @@ class Recording:
 
     def values(self, name: str) -> Array:
         """Return a column (n,) as doubles; raises InputError with the first cell that is not a number."""
-        if name in self.faults:
-            raise InputError(f"{self.path}: {self.faults[name]}")
-        column = self.columns[name]
-        kind = column.dtype.kind if hasattr(column, "dtype") else "O"
-        if kind == "b":
-            raise InputError(f"{self.path}: {name} has booleans, not numbers")
+        column, kind = self._column(name)
         try:
             if kind in "fiu":
                 return doubles(np.asarray(column), name)
@@ -66,16 +65,57 @@ class Recording:
             raise InputError(f"{self.path}: {error}") from None
         return np.array([self._number(name, row, cell) for row, cell in enumerate(column)])
 
+    def stamps(self, name: str) -> tuple[list[Stamp], float]:
+        """Return a column of times (n,) exactly, and its resolution.
+
+        Times are integers of any size, decimals, or doubles, also where these are printed in full.
+        """
+        column, kind = self._column(name)
+        is_text = kind == "f" and self.text is not None
+        cells: Any = self.text(name) if is_text and self.text else column
+        exact = [self._exact(name, row, cell) for row, cell in enumerate(cells)]
+        as_doubles = are_doubles(exact)
+        held: Any = column if kind == "f" and (as_doubles or not is_text) else ()
+        if kind == "O":
+            held = [cell for cell in column if isinstance(cell, float)]
+        as_held = float(np.spacing(np.max(np.abs(held)))) if len(held) else 0.0
+        spacing = max(as_held, stamp_spacing(exact))
+        return [Decimal(float(stamp)) for stamp in exact] if as_doubles else exact, spacing
+
+    def _column(self, name: str) -> tuple[Any, str]:
+        """Return a column and the kind of its type, as NumPy's letter."""
+        if name in self.faults:
+            raise InputError(f"{self.path}: {self.faults[name]}")
+        column = self.columns[name]
+        kind = column.dtype.kind if hasattr(column, "dtype") else "O"
+        if kind == "b":
+            raise InputError(f"{self.path}: {name} has booleans, not numbers")
+        return column, kind
+
     def _number(self, name: str, row: int, cell: Any) -> float:
         if isinstance(cell, str) and "_" not in cell:  # float() takes 1_000
             with suppress(ValueError):
                 return float(cell)
-        elif isinstance(cell, int | float | np.number) and not isinstance(cell, bool):
+        elif isinstance(cell, int | float | Decimal | np.number) and not isinstance(cell, bool):
             if not isinstance(cell, int) or abs(cell) <= _EXACT:
                 return float(cell)
             raise InputError(f"{self.path}: {name} has integers above 2^53, which do not fit in doubles")
+        raise self._not_a_number(name, row, cell)
+
+    def _exact(self, name: str, row: int, cell: Any) -> Stamp:
+        if isinstance(cell, int | np.integer) and not isinstance(cell, bool):
+            return int(cell)
+        if isinstance(cell, str | float | Decimal | np.number) and "_" not in str(cell):
+            with suppress(ArithmeticError):
+                exact = Decimal(str(cell).strip())
+                if exact.is_finite():
+                    return exact
+        raise self._not_a_number(name, row, cell)
+
+    def _not_a_number(self, name: str, row: int, cell: Any) -> InputError:
         found = "missing" if cell is None else repr(cell)
-        raise InputError(f"{self.path}: {self.row_name(row)}: {name} is {printable(found, 40)}, not a number")
+        where = f"{self.path}: {self.row_name(row)}"
+        return InputError(f"{where}: {name} is {printable(found, 40)}, not a number")
 
 
 def read_recording(path: Path, topic: str) -> Recording:
@@ -125,7 +165,15 @@ def _read_csv(path: Path) -> Recording:
         column = table.iloc[:, number]
         if not columns.setdefault(name, column).equals(column):
             faults[name] = f"has two different columns {name}"
-    return Recording(path, columns, len(table), lambda row: f"line {_line(content, row + 1)}", faults)
+
+    def text(name: str) -> list[str]:
+        cells = pd.read_csv(io.BytesIO(content), usecols=[names.index(name)], dtype=str, **options)
+        return list(cells.iloc[:, 0])
+
+    def row_name(row: int) -> str:
+        return f"line {_line(content, row + 1)}"
+
+    return Recording(path, columns, len(table), row_name, faults, text=text)
 
 
 def _line(content: bytes, row: int) -> int:
@@ -195,7 +243,7 @@ def _plain(rows: Sequence[tuple[Any]]) -> Any:
     cells = [cell for (cell,) in rows]
     if all(type(cell) is float for cell in cells):
         return np.array(cells, dtype=np.float64)
-    return [float(cell) if type(cell).__name__ == "Decimal" else cell for cell in cells]
+    return cells
 
 
 def _read_json_lines(path: Path) -> Recording:
@@ -207,7 +255,8 @@ def _read_json_lines(path: Path) -> Recording:
                 if not line.strip():
                     continue
                 try:
-                    record = json.loads(line.decode("utf-8-sig" if number == 1 else "utf-8"))
+                    text = line.decode("utf-8-sig" if number == 1 else "utf-8")
+                    record = json.loads(text, parse_float=_written)
                 except RecursionError:
                     raise InputError(f"{path}: line {number}: is nested too deeply") from None
                 except json.JSONDecodeError as error:
@@ -222,6 +271,14 @@ def _read_json_lines(path: Path) -> Recording:
 
     columns = _columns_of(path, records())
     return Recording(path, columns, len(numbers), lambda row: f"line {numbers[row]}")
+
+
+def _written(text: str) -> Decimal | float:
+    """Return a number of JSON as it is written, but for one that no decimal can hold."""
+    try:
+        return Decimal(text)
+    except ArithmeticError:
+        return float(text)
 
 
 def _flat(record: Mapping[str, Any], before: str = "") -> dict[str, Any]:
@@ -279,10 +336,10 @@ def _read_mcap(path: Path, topic: str) -> Recording:
     return Recording(path, columns, len(columns.get("log_time_s", ())), lambda row: f"message {row + 1}")
 
 
-def _since_first(stamps: Sequence[int | None]) -> list[float | None]:
+def _since_first(stamps: Sequence[int | None]) -> list[Decimal | None]:
     """Return times in s since the first of the times in ns."""
     first = next((stamp for stamp in stamps if stamp is not None), 0)
-    return [None if stamp is None else (stamp - first) * 1e-9 for stamp in stamps]
+    return [None if stamp is None else Decimal(stamp - first).scaleb(-9) for stamp in stamps]
 
 
 def _topic_of(path: Path, reader: McapReader, topic: str) -> str:

@@ -9,7 +9,7 @@ import zlib
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, cast
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias, cast
 
 import numpy as np
 
@@ -30,11 +30,14 @@ _EXACT = 2**53  # every integer up to here is a double
 _ENCRYPTED = 0x1
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what numpy writes
 
+Stored: TypeAlias = np.ndarray[Any, np.dtype[Any]]
+"""An array of real numbers in the type of its file."""
+
 
 def read_npz(
     path: Path, names: Sequence[str] | None = None, faults: dict[str, str] | None = None
-) -> dict[str, Array]:
-    """Return those of the named arrays that the file has, as doubles; of all arrays without names.
+) -> dict[str, Stored]:
+    """Return those of the named arrays that the file has, in their own types; of all arrays without names.
 
     faults: receives name -> message for an array that is not of real numbers, and is left out. Raises OSError
     where the file cannot be read, and InputError with one line where it is not an npz of real numbers.
@@ -52,14 +55,14 @@ def read_npz(
                         raise
                     faults[name] = str(error)
                 else:
-                    left -= arrays[name].nbytes
+                    left -= arrays[name].size * _DOUBLE_BYTES
             return arrays
     except (ValueError, EOFError, NotImplementedError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
         raise InputError(f"{path}: not an npz file of numbers: {' '.join(str(error).split())}") from None
 
 
-def _array(archive: zipfile.ZipFile, name: str, max_bytes: int) -> Array:
-    """Return one member, of at most `max_bytes` bytes, as doubles.
+def _array(archive: zipfile.ZipFile, name: str, max_bytes: int) -> Stored:
+    """Return one member, of at most `max_bytes` bytes as doubles, in the byte order of this machine.
 
     Raises ValueError where its header and its size disagree, or its type is not real.
     """
@@ -76,7 +79,7 @@ def _array(archive: zipfile.ZipFile, name: str, max_bytes: int) -> Array:
     if len(content) != size:
         raise ValueError(f"{name} has the shape {shape} of {dtype}, but {len(content)} bytes, not {size}")
     values = np.frombuffer(content, dtype).reshape(shape, order="F" if columns_first else "C")
-    return doubles(np.ascontiguousarray(values), name)
+    return np.ascontiguousarray(values, dtype=dtype.newbyteorder("="))
 
 
 def _header(stream: BinaryIO, name: str, max_bytes: int) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
@@ -100,7 +103,7 @@ def _header(stream: BinaryIO, name: str, max_bytes: int) -> tuple[tuple[int, ...
     return shape, columns_first, dtype
 
 
-def doubles(values: np.ndarray[Any, np.dtype[Any]], name: str) -> Array:
+def doubles(values: Stored, name: str) -> Array:
     """Return real numbers as doubles; raise ValueError for integers above 2^53."""
     is_integer = values.dtype.kind in "iu" and values.size
     if is_integer and max(int(values.max()), -int(values.min())) > _EXACT:
@@ -169,9 +172,14 @@ def read_arrays(path: Path) -> dict[str, Array]:
     Raises InputError with one line that names the file and the fault.
     """
     try:
-        return checked_arrays(path, read_npz(path, ("t_s", *COLUMNS)))
+        stored = read_npz(path, ("t_s", *COLUMNS))
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    try:
+        arrays = {name: doubles(array, name) for name, array in stored.items()}
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
+    return checked_arrays(path, arrays)
 
 
 def checked_arrays(path: Path, arrays: dict[str, Array]) -> dict[str, Array]:

@@ -25,7 +25,7 @@ from bodycheck.reports.recordings.column_map import (
     source,
     source_names,
 )
-from bodycheck.reports.recordings.conversion import recorded_arrays
+from bodycheck.reports.recordings.conversion import recorded_motion
 from bodycheck.reports.run_files.tables import as_parquet
 from bodycheck.scenarios.library import scenario_names
 from tests.helpers.expected_messages import ExpectedMessage
@@ -39,10 +39,10 @@ def test_compression_is_not_derived_from_the_name(suffix: str, tmp_path: Path) -
     """A text file is read as text, whatever its name; another is refused in one line."""
     path = tmp_path / f"judged.csv{suffix}"
     path.write_text("t_s,x_m,y_m,z_m\n0.0,1.0,2.0,3.0\n")
-    assert recorded_arrays(path, read_map(()))["position_m"].tolist() == [[1.0, 2.0, 3.0]]
+    assert recorded_motion(path, read_map(())).arrays["position_m"].tolist() == [[1.0, 2.0, 3.0]]
     path.write_bytes(b"PK\x03\x04\xff\xfe" + bytes(50))
     with pytest.raises(bodycheck.InputError) as refused:
-        recorded_arrays(path, read_map(()))
+        recorded_motion(path, read_map(()))
     assert str(refused.value).startswith(f"{path}: ")
 
 
@@ -52,7 +52,7 @@ def test_cell_that_is_not_a_double_is_refused(cell: str, tmp_path: Path) -> None
     path = tmp_path / "judged.csv"
     path.write_text(f"t_s,x_m,y_m,z_m\n0.0,{cell},2.0,3.0\n")
     with pytest.raises(bodycheck.InputError, match="x_m"):
-        recorded_arrays(path, read_map(()))
+        recorded_motion(path, read_map(()))
 
 
 MAPS: dict[str, Any] = {
@@ -93,7 +93,7 @@ def test_wrong_map_is_refused_in_one_line(
     path = tmp_path / "log.csv"
     path.write_text("t_s,p,q,r,deg\n0,1,2,3,4\n")
     with pytest.raises(bodycheck.InputError) as refused:
-        recorded_arrays(path, read_map([MAPS[what]]))
+        recorded_motion(path, read_map([MAPS[what]]))
     assert "\n" not in str(refused.value)
     expected_message(str(refused.value), tmp_path)
 
@@ -169,7 +169,7 @@ def test_wrong_recording_is_refused_in_one_line(
     path = tmp_path / name
     path.write_text(text)
     with pytest.raises(bodycheck.InputError) as refused:
-        recorded_arrays(path, read_map([spec] if spec else ()))
+        recorded_motion(path, read_map([spec] if spec else ()))
     assert "\n" not in str(refused.value)
     expected_message(str(refused.value), tmp_path)
 
@@ -181,10 +181,10 @@ def test_proposed_map_is_accepted(what: str, tmp_path: Path) -> None:
     path = tmp_path / name
     path.write_text(text)
     with pytest.raises(bodycheck.InputError) as refused:
-        recorded_arrays(path, read_map(()))
+        recorded_motion(path, read_map(()))
     proposed = re.search(r"try --map '([^']*)'", str(refused.value))
     assert proposed is not None
-    arrays = recorded_arrays(path, read_map([proposed[1]]))
+    arrays = recorded_motion(path, read_map([proposed[1]])).arrays
     assert "omega_body_rad_s" in arrays
     if what != "misspelt columns":
         assert arrays["omega_body_rad_s"][0, 2] == pytest.approx(np.deg2rad(3.0), rel=1e-15)
@@ -294,9 +294,9 @@ def test_damaged_recording_is_read_or_refused(kind: str, tmp_path: Path) -> None
         damaged.write_bytes((mutate if seed % 2 else any_bytes)(sound, random.Random(seed)))
         with contextlib.suppress(bodycheck.InputError), one_line():
             if kind == "toml":
-                recorded_arrays(files["csv"][0], read_map([MAP, damaged]))
+                recorded_motion(files["csv"][0], read_map([MAP, damaged]))
             else:
-                recorded_arrays(damaged, read_map([MAP]))
+                recorded_motion(damaged, read_map([MAP]))
 
 
 def test_npz_with_text_is_read_where_the_text_is_not_used(
@@ -307,10 +307,10 @@ def test_npz_with_text_is_read_where_the_text_is_not_used(
     rates = np.arange(6.0).reshape(2, 3)
     np.savez(path, time=np.array([0.0, 1.0]), w=rates, names=np.array(["a", "b"]), mass=np.float64(2.0))
     keys = {"t_s": "time"} | {f"w{axis}_body_rad_s": f"w[{i}]*deg" for i, axis in enumerate("xyz")}
-    arrays = recorded_arrays(path, read_map([keys, "ignore=names"]))
+    arrays = recorded_motion(path, read_map([keys, "ignore=names"])).arrays
     np.testing.assert_allclose(arrays["omega_body_rad_s"], np.deg2rad(rates), rtol=1e-15)
     with expected_message.raises(bodycheck.InputError):
-        recorded_arrays(path, read_map([keys, "z_m=names"]))
+        recorded_motion(path, read_map([keys, "z_m=names"]))
 
 
 def test_metadata_of_an_npz_is_left_out(tmp_path: Path, expected_message: ExpectedMessage) -> None:
@@ -318,9 +318,9 @@ def test_metadata_of_an_npz_is_left_out(tmp_path: Path, expected_message: Expect
     path = tmp_path / "log.npz"
     series = {"t_s": np.arange(5.0), "quaternion": np.tile(np.eye(4)[0], (5, 1))}
     np.savez(path, inertia=np.eye(3), mass=2.0, author=np.array(["me"]), **series)
-    assert {*recorded_arrays(path, read_map([]))} == {*series}
+    assert {*recorded_motion(path, read_map([])).arrays} == {*series}
     with expected_message.raises(bodycheck.InputError):
-        recorded_arrays(path, read_map(["x_m=inertia[0]"]))
+        recorded_motion(path, read_map(["x_m=inertia[0]"]))
 
 
 @pytest.mark.parametrize("pattern", ["rotation", "rotat*", "r??"])
@@ -329,7 +329,7 @@ def test_an_array_is_ignored_by_its_name_or_its_columns(pattern: str, tmp_path: 
     path = tmp_path / "both.npz"
     times, turned = np.array([0.0, 1.0]), np.array([np.eye(3)] * 2)
     np.savez(path, t_s=times, quaternion=np.array([[0.6, 0.8, 0.0, 0.0]] * 2), rotation=turned)
-    assert {*recorded_arrays(path, read_map([f"ignore={pattern}"]))} == {"t_s", "quaternion"}
+    assert {*recorded_motion(path, read_map([f"ignore={pattern}"])).arrays} == {"t_s", "quaternion"}
 
 
 def test_a_misspelt_array_of_an_npz_is_refused(tmp_path: Path, expected_message: ExpectedMessage) -> None:
@@ -337,7 +337,7 @@ def test_a_misspelt_array_of_an_npz_is_refused(tmp_path: Path, expected_message:
     path = tmp_path / "log.npz"
     np.savez(path, t_s=[0.0, 1.0], quaternion=np.eye(4)[[0, 0]], omega_bdy_rad_s=np.ones((2, 3)))
     with expected_message.raises(bodycheck.InputError):
-        recorded_arrays(path, read_map([]))
+        recorded_motion(path, read_map([]))
 
 
 def test_the_line_of_a_wrong_cell_counts_blank_lines(
@@ -347,7 +347,7 @@ def test_the_line_of_a_wrong_cell_counts_blank_lines(
     path = tmp_path / "log.csv"
     path.write_text(f"{RATES}\n\n0,1,2,3\n\n1,1,x,3\n")
     with expected_message.raises(bodycheck.InputError):
-        recorded_arrays(path, read_map([]))
+        recorded_motion(path, read_map([]))
 
 
 @pytest.mark.parametrize(("pattern", "is_read"), [("q?", False), ("*", True), ("aero", True)])
@@ -357,6 +357,6 @@ def test_a_pattern_ignores_standard_columns_too_except_for_the_star(
     """`*` stands for the columns that nothing uses; another pattern means what it says."""
     path = tmp_path / "log.csv"
     path.write_text(f"{RATES},qw,qx,qy,qz,aero\n0,1,2,3,1,0,0,0,5\n1,1,2,3,1,0,0,0,5\n")
-    arrays = recorded_arrays(path, read_map([f"ignore={pattern}", "ignore=aero"]))
+    arrays = recorded_motion(path, read_map([f"ignore={pattern}", "ignore=aero"])).arrays
     assert "omega_body_rad_s" in arrays
     assert ("quaternion" in arrays) is is_read

@@ -1,0 +1,129 @@
+"""The resolution of a column: the spacing of the numbers that it can state, from its digits or its type."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from decimal import Decimal, localcontext
+from itertools import pairwise
+from typing import TypeAlias
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+
+_SAMPLES = 1024
+_FEWEST_VALUES = 3  # a constant, or a switch between two values, does not show how it was rounded
+_CHANCE = 1000  # one in so many sequences of steps has a common factor by chance
+_FLOAT32_SPACING = 2.0**29  # of numbers in float32, relative to that of doubles
+_DECIMAL_DIGITS = 60  # of differences of stamps: 19 of nanoseconds since 1970, and any fraction
+
+Stamp: TypeAlias = int | Decimal
+"""A time as it is written, in the unit of its column."""
+
+
+@dataclass(frozen=True)
+class Digits:
+    """How the numbers of a column are rounded.
+
+    decimals: the most after the point, negative for multiples of ten. significant: the most digits of a
+    number. is_float32: whether they are rounded to float32, whatever their digits.
+    """
+
+    decimals: int
+    significant: int
+    is_float32: bool
+
+    @property
+    def rank(self) -> tuple[int, int]:
+        """The finer digits have the higher rank."""
+        return (self.significant, self.decimals)
+
+    def spacing(self, largest: float) -> float:
+        """Return the spacing of numbers with these digits near the largest of a column.
+
+        Numbers have either a fixed number of decimals or of significant digits. The coarser of the two
+        spacings is the right one in both cases: with fixed decimals, the largest number has the most digits;
+        with fixed digits, the smallest one has the most decimals.
+        """
+        as_stored = float(np.spacing(largest)) * (_FLOAT32_SPACING if self.is_float32 else 1.0)
+        return max(as_stored, self._decimal_spacing(largest))
+
+    def _decimal_spacing(self, value: float) -> float:
+        fixed = 10.0**-self.decimals
+        if value == 0.0:
+            return fixed
+        return max(fixed, 10.0 ** (math.floor(math.log10(abs(value))) - self.significant + 1))
+
+
+OF_DOUBLES = Digits(decimals=400, significant=17, is_float32=False)
+"""The digits of numbers that are not rounded."""
+
+
+def largest_finite(values: Array) -> float:
+    """max |v| of the finite ones of values (n,)."""
+    return float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
+
+
+def digits_of(values: Array) -> Digits | None:
+    """Return how values (n,) are rounded; None where fewer than three different ones are known."""
+    finite = values[np.isfinite(values)]
+    sample = np.unique(finite[:: max(1, len(finite) // _SAMPLES)])
+    if len(sample) < _FEWEST_VALUES:
+        return None
+    numbers = [Decimal(repr(value)).normalize() for value in sample.tolist() if value]
+    found = Digits(
+        max(_decimals(number) for number in numbers),
+        max(len(number.as_tuple().digits) for number in numbers),
+        is_float32=False,
+    )
+    with np.errstate(over="ignore"):
+        off = np.abs(sample - sample.astype(np.float32))
+        is_float32 = all(
+            rounding <= 0.5 * found._decimal_spacing(value)
+            or repr(value) == repr(float(str(np.float32(value))))
+            for value, rounding in zip(sample.tolist(), off.tolist(), strict=True)
+        )
+    return Digits(found.decimals, found.significant, is_float32)
+
+
+def _decimals(number: Decimal) -> int:
+    exponent = number.as_tuple().exponent
+    assert isinstance(exponent, int)  # the numbers are finite
+    return -exponent
+
+
+def are_doubles(stamps: Sequence[Stamp]) -> bool:
+    """Whether decimal stamps are doubles that were printed in full, with 17 significant digits."""
+    most = 0
+    for stamp in map(Decimal, stamps[:_SAMPLES]):
+        digits = len(stamp.as_tuple().digits)
+        value = float(stamp)
+        if digits > OF_DOUBLES.significant or stamp not in (Decimal(repr(value)), Decimal(f"{value:.17g}")):
+            return False
+        most = max(most, digits)
+    return most == OF_DOUBLES.significant
+
+
+def since_first(stamps: Sequence[Stamp]) -> Array:
+    """Return stamps (n,), minus the first, rounded once."""
+    with localcontext(prec=_DECIMAL_DIGITS):
+        return np.array([float(stamp - stamps[0]) for stamp in stamps])
+
+
+def stamp_spacing(stamps: Sequence[Stamp]) -> float:
+    """Return the resolution of decimal stamps; 0 where they are even, or coarser than their digits allow.
+
+    Stamps such as 0, 0.1, 0.2 or 0, 0.25, 1 are the times that they stand for; others, such as 0, 0.033,
+    0.067, are rounded to their last digit.
+    """
+    first = stamps[:_SAMPLES]
+    with localcontext(prec=_DECIMAL_DIGITS):
+        decimals = max((_decimals(Decimal(stamp).normalize()) for stamp in first), default=0)
+        steps = [
+            int((Decimal(after) - Decimal(before)).scaleb(decimals)) for before, after in pairwise(first)
+        ]
+    is_even = len(set(steps)) <= 1
+    is_coarse = math.gcd(*steps) ** len(steps) > _CHANCE
+    return 0.0 if is_even or is_coarse else 10.0**-decimals
