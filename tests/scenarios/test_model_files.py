@@ -351,19 +351,10 @@ def _row(values: np.ndarray) -> str:
         "<robot",
         '<!DOCTYPE r [<!ENTITY a "aa">]><robot name="&a;"><link name="b"/></robot>',
         "<mujoco><worldbody><include file='none.xml'/></worldbody></mujoco>",
-        "<mujoco><worldbody><body><geom size='x'/></body></worldbody></mujoco>",
         "<sdf/>",
+        "<robot><link name='a'/><xacro:wheel/></robot>",
+        "<robot><link name='a'><inertial><mass value='${m}'/></inertial></link></robot>",
         "<sdf><model name='m'><link name='a'/><link name='a'/></model></sdf>",
-        "<sdf><model name='m'/></sdf>",
-        "<sdf><model name='m'><link name='a'><pose>1 2 x 0 0 0</pose></link></model></sdf>",
-        "<sdf><model name='m'><link name='a'><pose relative_to='b'/></link></model></sdf>",
-        "<sdf><model name='m'><link name='a'/><joint name='j' type='fixed'><parent>b</parent>"
-        "<child>a</child></joint></model></sdf>",
-        "<sdf><model name='m'><link name='a'/><joint name='j' type='fixed'><parent>a</parent>"
-        "<child>a</child></joint></model></sdf>",
-        "<sdf><model name='m'><link name='a'><pose relative_to='euler_rpy'/></link></model></sdf>",
-        "<sdf><model name='m'><link name='a'><pose rotation_format='quat_xyzw'/></link></model></sdf>",
-        "<sdf><model name='m'><link name='a'><pose degrees='yes'>0 0 0 0 0 0</pose></link></model></sdf>",
     ],
 )
 def test_wrong_file_gives_one_line_that_names_the_place(
@@ -373,6 +364,22 @@ def test_wrong_file_gives_one_line_that_names_the_place(
     with expected_message.raises(InputError) as caught:
         _read(text, tmp_path)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "<mujoco><worldbody><body><geom size='x'/></body><body name='b'>{}</body></worldbody></mujoco>",
+        "<mujoco><worldbody><body><inertial mass='x'/></body><body name='b'>{}</body></worldbody></mujoco>",
+        "<robot><link name='a'><inertial><mass value='x'/></inertial></link><link name='b'/></robot>",
+    ],
+)
+def test_link_whose_numbers_cannot_be_read_does_not_refuse_the_file(text: str, tmp_path: Path) -> None:
+    """It is a row with the place and the reason; the other links are read."""
+    bad, good = _read(text.format(_BOX), tmp_path).links
+    assert bad.malformed
+    assert "model.xml:1" in bad.unread
+    assert (good.name, good.unread) == ("b", "")
 
 
 @pytest.mark.slow

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from shlex import quote
+from typing import TYPE_CHECKING, Any
 
 from bodycheck._util.errors import InputError
 
@@ -23,6 +24,7 @@ def read_model(path: Path) -> ModelFile:
     from bodycheck.scenarios.model_files.xml_file import Node, parse_xml
 
     root = parse_xml(path)
+    _refuse_macros(root, path)
     match Node(root, path).tag:
         case "robot":
             return read_urdf(root, path)
@@ -33,4 +35,19 @@ def read_model(path: Path) -> ModelFile:
         case tag:
             raise InputError(
                 f"{path}:{root.sourceline}: <{tag}>: is not a model (expected <robot>, <mujoco> or <sdf>)"
+            )
+
+
+def _refuse_macros(root: Any, path: Path) -> None:
+    """Raise InputError for a file with macros of xacro, which would evaluate Python of the file."""
+    for element in root.iter():
+        tag = str(element.tag)
+        if tag.startswith("xacro:") or "/xacro}" in tag or any("${" in value for value in element.values()):
+            whole = path.with_suffix("") if path.suffix == ".xacro" else path.with_suffix(".urdf")
+            expanded = (
+                whole if whole.suffix and whole != path else whole.with_name(f"{whole.stem}_expanded.urdf")
+            )
+            raise InputError(
+                f"{path}:{element.sourceline}: xacro macros are not expanded here "
+                f"(expected the result of: xacro {quote(str(path))} > {quote(str(expanded))})"
             )

@@ -90,6 +90,7 @@ class _Open:
     joints: list[Joint] = field(default_factory=list)
     shapes: list[Shape] = field(default_factory=list)
     unread: str = ""
+    malformed: str = ""
     aligned: bool = False
 
 
@@ -248,10 +249,14 @@ class _Reader:
                     self.body_content(child, body, inner, own, suffix)
                 case "replicate":
                     self._replicate(child, body, frame, childclass, suffix)
-                case "inertial" if body is not None:
-                    body.explicit, body.inertial = True, self._inertial(child)
-                case "geom" if body is not None:
-                    self._geom(child, body, frame, childclass)
+                case "inertial" | "geom" if body is not None:
+                    try:
+                        if child.tag == "geom":
+                            self._geom(child, body, frame, childclass)
+                        else:
+                            body.explicit, body.inertial = True, self._inertial(child)
+                    except InputError as error:
+                        body.malformed = body.malformed or str(error)
                 case "joint" | "freejoint" if body is not None:
                     aligned = child.element.get("align", "auto")
                     if child.tag == "freejoint" and aligned == "auto":
@@ -275,14 +280,19 @@ class _Reader:
         )
         self.links.append(link)
         self.body_content(node, body, Frame.of(), node.element.get("childclass") or childclass, suffix)
-        stated, unread = self._stated(body)
+        stated, unread = (None, body.malformed) if body.malformed else self._stated(body)
         if body.aligned and not any(True for _ in node.children("body")):
             stated, unread = None, "the free joint makes its axes principal, in an order that is not stated"
         joint = body.joints[0] if len(body.joints) == 1 else None
         if not body.joints:
             joint = Joint("", "mocap" if node.element.get("mocap") == "true" else "fixed", node.line)
         self.links[place] = replace(
-            link, stated=stated, unread=unread, joint=joint, shapes=tuple(body.shapes)
+            link,
+            stated=stated,
+            unread=unread,
+            joint=joint,
+            shapes=tuple(body.shapes),
+            malformed=bool(body.malformed),
         )
 
     def _name(self, node: Node, suffix: str) -> str:

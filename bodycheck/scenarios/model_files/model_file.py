@@ -55,9 +55,10 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A collision shape in link axes: its kind, sizes as in its format, pose, and mesh file if it has one.
+    """A shape in link axes: its kind, sizes as in its format, pose, and mesh file if it has one.
 
-    by_ends: whether the file gives the two ends of its axis, as the attribute fromto of MJCF does.
+    A shape whose size or pose cannot be read has no sizes and no mesh. by_ends: whether the file gives the
+    two ends of its axis, as fromto of MJCF does. density: in kg/m^3, of a collision of SDFormat.
     """
 
     kind: str
@@ -67,13 +68,16 @@ class Shape:
     scale: tuple[float, ...] = (1.0, 1.0, 1.0)
     collides: bool = True
     by_ends: bool = False
+    density: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class ModelLink:
     """A link (URDF, SDFormat) or body (MJCF).
 
-    stated None: without inertia; unread: why it cannot be computed here.
+    shapes: those that collide, and all geoms of MJCF; visuals: those of URDF and SDFormat that are only seen.
+    stated None: without inertia; unread: why it cannot be computed here; malformed: because of a mistake in
+    the file. static: part of a model of SDFormat that never moves.
     inertia_scaling: the factor of <contact><inertia_scaling>, an element that only Bullet reads.
     """
 
@@ -87,6 +91,9 @@ class ModelLink:
     shapes: tuple[Shape, ...] = ()
     unread: str = ""
     inertia_scaling: float = 1.0
+    visuals: tuple[Shape, ...] = ()
+    malformed: bool = False
+    static: bool = False
 
     @property
     def collisions(self) -> tuple[Shape, ...]:

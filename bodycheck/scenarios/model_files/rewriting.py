@@ -15,7 +15,7 @@ from lxml import etree
 from bodycheck._util.errors import InputError
 from bodycheck.scenarios.model_files.mjcf import expanded
 from bodycheck.scenarios.model_files.model_file import ModelFile
-from bodycheck.scenarios.model_files.sdf import named_models
+from bodycheck.scenarios.model_files.sdf import linked, named_models
 from bodycheck.scenarios.model_files.urdf import resolved
 from bodycheck.scenarios.model_files.xml_file import Node, parse_xml
 
@@ -90,10 +90,7 @@ def _sdf_excerpt(model: ModelFile, name: str) -> str:
     root = parse_xml(model.path)
     models = named_models(Node(root, model.path))
     link = next(
-        link.element
-        for before, one in models
-        for link in one.children("link")
-        if before + link.text("name") == name
+        node.element for before, one in models for known, node in linked(one, before) if known == name
     )
     for unneeded in (*link.findall("pose"), *link.findall("visual"), *link.findall("sensor")):
         link.remove(unneeded)

@@ -7,58 +7,58 @@ its model and of an inertial frame in its link; without <inertial> a link has 1 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bodycheck._util.errors import InputError
-from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, exact, finite, mp, rotation_of_rpy
+from bodycheck._util.untrusted import printable
+from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, composite, exact, mp
+from bodycheck.scenarios.model_files.mjcf_shapes import geom_inertia
 from bodycheck.scenarios.model_files.model_file import Joint, ModelFile, ModelLink, Shape, StatedInertia
-from bodycheck.scenarios.model_files.urdf import MOMENTS, SIZES, check_tree, collision_shapes, resolved
+from bodycheck.scenarios.model_files.sdf_frames import (
+    Frames,
+    content,
+    end,
+    is_true,
+    numbers,
+    pose,
+    relative_to,
+)
+from bodycheck.scenarios.model_files.urdf import MOMENTS, geometries, in_a_loop, resolved
 from bodycheck.scenarios.model_files.xml_file import Node
 
-_KINDS = (
-    "revolute",
-    "revolute2",
-    "prismatic",
-    "ball",
-    "universal",
-    "continuous",
-    "screw",
-    "gearbox",
-    "fixed",
-)
-_BOOLEANS = {"true": True, "false": False, "1": True, "0": False}
+_SIZES = {
+    "box": ("size",),
+    "sphere": ("radius",),
+    "ellipsoid": ("radii",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),
+    "cone": ("radius", "length"),
+}
+_DEEPEST = 20  # nested models
 
 
 def read_sdf(root: Any, path: Path) -> ModelFile:
     """Return the models of an <sdf> element; raises InputError with one line if it cannot be read.
 
-    Links of several models are named MODEL::LINK. Nested and included models are notes, not links.
+    Links of several models are named MODEL::LINK, those of a nested model NESTED::LINK. Notes name what the
+    file includes.
     """
     sdf = Node(root, path)
-    models = named_models(sdf)
-    if not models:
+    if not any(True for _ in sdf.children()):
         raise InputError(f"{sdf.where}: has no <model>")
-    links: list[ModelLink] = []
-    notes = []
-    for before, model in models:
-        links += _links(model, before, path)
-        notes += [
-            f"{nested.where}: what it adds to the model is not computed here"
-            for nested in model.children("model", "include")
-        ]
-    seen = set()
-    for link in links:
-        if link.name in seen:
-            raise InputError(f"{path}:{link.line}: <link>: another link has the name {link.name!r:.80}")
-        seen.add(link.name)
-    if not links:
-        raise InputError(f"{models[0][1].where}: has no <link>")
-    meshes = {shape.mesh for link in links for shape in link.shapes if shape.mesh}
+    reader = _Reader(path)
+    reader.name_includes(sdf, *sdf.children("world"))
+    for before, model in named_models(sdf):
+        reader.read(model, before)
+    if not reader.links:
+        reader.notes.append("The file has no link of its own.")
+    meshes = {shape.mesh for link in reader.links for shape in (*link.shapes, *link.visuals) if shape.mesh}
     reads = tuple(sorted(resolved(name, path) for name in meshes))
-    return ModelFile(path, "sdf", tuple(links), reads, tuple(notes))
+    return ModelFile(path, "sdf", tuple(reader.links), reads, tuple(reader.notes))
 
 
 def named_models(sdf: Node) -> list[tuple[str, Node]]:
@@ -67,115 +67,250 @@ def named_models(sdf: Node) -> list[tuple[str, Node]]:
     return [(f"{model.text('name')}::" if len(models) > 1 else "", model) for model in models]
 
 
-def _links(model: Node, before: str, path: Path) -> list[ModelLink]:
-    nodes = [(node.text("name"), node) for node in model.children("link")]
-    poses = {name: _pose(node) for name, node in nodes}
-    joints: dict[str, tuple[str, Joint]] = {}
-    for node in model.children("joint"):
-        parent, child = (_content(node, tag) for tag in ("parent", "child"))
-        for end in (parent, child):
-            if end not in poses and end != "world":
-                raise InputError(f"{node.where}: there is no link {end!r:.60}")
-        if child in joints:
-            raise InputError(f"{node.where}: link {child!r:.60} has two parents")
-        joints[child] = (parent, _joint(node))
-    check_tree({child: parent for child, (parent, _) in joints.items()}, model)
-    links = []
-    for name, node in nodes:
-        parent, joint = joints.get(name, ("world", None))
-        pose = poses[name] if parent == "world" else poses[parent].inverse() @ poses[name]
-        above = None if parent == "world" else before + parent
-        links.append(
-            ModelLink(before + name, node.line, path, above, pose, joint, _stated(node), tuple(_shapes(node)))
-        )
-    return links
+def linked(model: Node, before: str) -> Iterator[tuple[str, Node]]:
+    """Yield the name and element of each link of a model and of the models nested in it."""
+    for link in model.children("link"):
+        yield before + link.text("name"), link
+    for nested in model.children("model"):
+        yield from linked(nested, f"{before}{nested.text('name')}::")
 
 
-def _content(node: Node, tag: str) -> str:
+class _Reader:
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.links: list[ModelLink] = []
+        self.notes: list[str] = []
+
+    def name_includes(self, *places: Node) -> None:
+        """Note what elements include."""
+        for place in places:
+            for node in place.children("include"):
+                uri = node.child("uri")
+                what = "another file" if uri is None else printable(content(uri), 80)
+                self.notes.append(f"{_at(node)}: includes {what}, which is not read.")
+
+    def read(self, model: Node, before: str) -> None:
+        """Read a model with its nested models."""
+        frames = self._frames(model, 0)
+        names = [name for name, _ in linked(model, "")]
+        known = set(names)
+        if len(known) < len(names):
+            seen: set[str] = set()
+            for name, node in linked(model, ""):
+                if name in seen:
+                    raise InputError(f"{node.where}: another link has the name {before + name!r:.80}")
+                seen.add(name)
+        joints = self._joints(model, frames, "", known)
+        for child in in_a_loop({child: parent for child, (parent, _) in joints.items() if parent}):
+            _, joint = joints.pop(child)
+            self.notes.append(f"line {joint.line}: joint {joint.name!r:.60} closes a loop and is left out.")
+        self._links(model, frames, frames, before, "", joints, static=False)
+
+    def _frames(self, model: Node, depth: int) -> Frames:
+        if depth > _DEEPEST:
+            raise InputError(f"{model.where}: models are nested deeper than {_DEEPEST}")
+        nested = {one.text("name"): self._frames(one, depth + 1) for one in model.children("model")}
+        return Frames(model, nested)
+
+    def _joints(
+        self, model: Node, frames: Frames, before: str, known: set[str]
+    ) -> dict[str, tuple[str | None, Joint]]:
+        """Return child -> (parent, joint) for the joints of a model and its nested models.
+
+        The parent is None for the world, and for a link that the file does not have.
+        """
+        found: dict[str, tuple[str | None, Joint]] = {}
+        for nested in model.children("model"):
+            name = nested.text("name")
+            found |= self._joints(nested, frames.nested[name], f"{before}{name}::", known)
+        for node in model.children("joint"):
+            joint = self._joint(node)
+            ends = {tag: end(node, tag) for tag in ("parent", "child")}
+            links = {tag: frames.link_of(name) for tag, name in ends.items() if name != "world"}
+            named = {tag: before + link for tag, link in links.items() if link and before + link in known}
+            if missing := [ends[tag] for tag in links if tag not in named]:
+                which = f"link {missing[0]!r:.60}" if missing[0] else "a link"
+                self.notes.append(f"{_at(node)}: joint {joint.name!r:.60} names {which}, not in this file.")
+            if "child" not in named:
+                continue
+            child = named["child"]
+            if child in found:
+                self.notes.append(f"{_at(node)}: joint {joint.name!r:.60} closes a loop and is left out.")
+            else:
+                found[child] = (named.get("parent"), joint)
+        return found
+
+    def _links(
+        self,
+        model: Node,
+        frames: Frames,
+        outer: Frames,
+        before: str,
+        scope: str,
+        joints: dict[str, tuple[str | None, Joint]],
+        *,
+        static: bool,
+    ) -> None:
+        """Read the links of a model; `scope` precedes their names in the outermost one, `outer`."""
+        static |= _flag(model, "static")
+        self.name_includes(model)
+        for node in model.children("link"):
+            name = node.text("name")
+            parent, joint = joints.get(scope + name, (None, None))
+            placed = outer.pose_of(scope + name)
+            at = Frame.of() if parent is None else outer.pose_of(parent)
+            if placed is None or at is None:
+                parent, joint, placed, at = None, None, Frame.of(), Frame.of()
+                self.notes.append(f"{_at(node)}: the pose of link {name!r:.60} depends on what is not read.")
+            shapes, visuals = (self._shapes(node, frames, tag) for tag in ("collision", "visual"))
+            stated, unread, malformed = None, "", False
+            try:
+                pose(node)
+                stated, unread = self._stated(node, shapes)
+            except InputError as error:
+                unread, malformed = str(error), True
+            self.links.append(
+                ModelLink(
+                    f"{before}{scope}{name}",
+                    node.line,
+                    self.path,
+                    None if parent is None else before + parent,
+                    at.inverse() @ placed,
+                    joint,
+                    stated,
+                    shapes,
+                    unread,
+                    visuals=visuals,
+                    malformed=malformed,
+                    static=static,
+                )
+            )
+        for nested in model.children("model"):
+            name = nested.text("name")
+            inner = f"{scope}{name}::"
+            self._links(nested, frames.nested[name], outer, before, inner, joints, static=static)
+
+    def _joint(self, node: Node) -> Joint:
+        axis = node.child("axis")
+        kind = node.text("type", "")
+        try:
+            xyz = None if axis is None else axis.child("xyz")
+            limit = None if axis is None else axis.child("limit")
+            damping = _number(None if axis is None else axis.child("dynamics"), "damping", 0.0)
+            limits = (_bound(limit, "lower", -math.inf), _bound(limit, "upper", math.inf))
+            return Joint(
+                node.text("name", ""),
+                kind,
+                node.line,
+                None if xyz is None else tuple(numbers(xyz, 3)),
+                None if kind == "fixed" else damping,
+                None if limit is None or max(map(abs, limits)) >= 1e16 else limits,
+            )
+        except InputError as error:
+            self.notes.append(f"{error}.")
+            return Joint(node.text("name", ""), kind, node.line)
+
+    def _shapes(self, link: Node, frames: Frames, tag: str) -> tuple[Shape, ...]:
+        found = []
+        for node, shape in geometries(link, tag):
+            if shape.tag == "empty":
+                continue
+            unknown = Shape(shape.tag, (), Frame.of(), density=None)
+            try:
+                placed = frames.pose_in(link.text("name"), node)
+                found.append(unknown if placed is None else _shape(node, shape, placed))
+            except InputError as error:
+                self.notes.append(f"{error}.")
+                found.append(unknown)
+        return tuple(found)
+
+    def _stated(self, link: Node, shapes: tuple[Shape, ...]) -> tuple[StatedInertia | None, str]:
+        """Return the inertia of a link, or why it is not computed here."""
+        inertial = link.child("inertial")
+        if inertial is not None and _is_auto(link):
+            return _of_shapes(inertial, shapes)
+        inertia = None if inertial is None else inertial.child("inertia")
+        tensor = np.zeros((3, 3))
+        for i, j, name in MOMENTS:
+            tensor[i, j] = tensor[j, i] = _number(inertia, name, float(i == j))
+        body = ExactInertia(mp.mpf(_number(inertial, "mass", 1.0)), exact(np.zeros(3)), exact(tensor))
+        if inertial is None:
+            return StatedInertia(link.line, body, Frame.of(), "by the defaults of SDFormat"), ""
+        base = relative_to(inertial)
+        if base not in ("", link.text("name")):
+            return None, f"its <inertial> is relative to {base!r:.60}, which SDFormat's own reader ignores"
+        return StatedInertia(inertial.line, body, pose(inertial)), ""
+
+
+def _at(node: Node) -> str:
+    return f"line {node.line}"
+
+
+def _flag(node: Node, tag: str) -> bool:
     child = node.child(tag)
-    if child is None:
-        raise InputError(f"{node.where}: has no <{tag}>")
-    return (child.element.text or "").strip()
+    return child is not None and content(child) in ("true", "1")
 
 
-def _numbers(node: Node, count: int) -> list[float]:
-    try:
-        return finite(node.element.text or "", count)
-    except ValueError as error:
-        raise InputError(f"{node.where}: {error}") from None
+def _is_auto(link: Node) -> bool:
+    inertial = link.child("inertial")
+    return inertial is not None and is_true(inertial, "auto")
 
 
 def _number(node: Node | None, tag: str, default: float) -> float:
     child = None if node is None else node.child(tag)
-    return default if child is None else _numbers(child, 1)[0]
+    return default if child is None else numbers(child, 1)[0]
 
 
-def _pose(node: Node) -> Frame:
-    pose = node.child("pose")
-    if pose is None:
-        return Frame.of()
-    for name, known in (("relative_to", ("",)), ("rotation_format", ("", "euler_rpy"))):
-        if pose.text(name, "") not in known:
-            raise InputError(f"{pose.where}: {name} is not read here; write the pose in the model, as rpy")
-    x, y, z, *angles = _numbers(pose, 6)
-    if _is_true(pose, "degrees"):
-        angles = [math.radians(angle) for angle in angles]
-    return Frame.of((x, y, z), rotation_of_rpy(angles))
+def _bound(limit: Node | None, tag: str, default: float) -> float:
+    """Return a limit of a joint, which may be infinite."""
+    child = None if limit is None else limit.child(tag)
+    word = "" if child is None else content(child).lower().lstrip("+")
+    if word.lstrip("-") in ("inf", "infinity"):
+        return math.copysign(math.inf, -1.0 if word.startswith("-") else 1.0)
+    return _number(limit, tag, default)
 
 
-def _is_true(node: Node, name: str) -> bool:
-    """Return an attribute that is false by default; raises InputError if it is not a boolean of XML."""
-    word = node.text(name, "false")
-    if word not in _BOOLEANS:
-        raise InputError(f"{node.where}: {name} = {word!r:.60} (available: {', '.join(_BOOLEANS)})")
-    return _BOOLEANS[word]
+def _shape(node: Node, shape: Node, placed: Frame) -> Shape:
+    density = node.child("density")
+    made_of = None if density is None else numbers(density, 1)[0]
+    if shape.tag == "mesh":
+        uri, scale = shape.child("uri"), shape.child("scale")
+        factors = (1.0, 1.0, 1.0) if scale is None else tuple(numbers(scale, 3))
+        whole = shape.child("submesh") is None
+        name = content(uri) if uri is not None and whole else ""
+        return Shape("mesh", (), placed, name, factors, density=made_of)
+    size: list[float] = []
+    for name in _SIZES.get(shape.tag, ()):
+        part = shape.child(name)
+        if part is None:
+            return Shape(shape.tag, (), placed, density=made_of)
+        size += numbers(part, 3 if name in ("size", "radii") else 1)
+    return Shape(shape.tag, tuple(size), placed, density=made_of)
 
 
-def _joint(node: Node) -> Joint:
-    kind = node.text("type")
-    if kind not in _KINDS:
-        raise InputError(f"{node.where}: unknown joint type {kind!r:.60} (available: {', '.join(_KINDS)})")
-    axis = node.child("axis")
-    xyz = None if axis is None else axis.child("xyz")
-    limit = None if axis is None else axis.child("limit")
-    damping = _number(None if axis is None else axis.child("dynamics"), "damping", 0.0)
-    limits = (_number(limit, "lower", -1e16), _number(limit, "upper", 1e16))
-    return Joint(
-        node.text("name", ""),
-        kind,
-        node.line,
-        None if xyz is None else tuple(_numbers(xyz, 3)),
-        None if kind == "fixed" else damping,
-        None if limit is None or max(map(abs, limits)) >= 1e16 else limits,
-    )
+def _of_shapes(inertial: Node, shapes: tuple[Shape, ...]) -> tuple[StatedInertia | None, str]:
+    """Return the inertia that <inertial auto="true"> means, or why it is not computed here.
 
-
-def _stated(link: Node) -> StatedInertia:
-    inertial = link.child("inertial")
-    inertia = None if inertial is None else inertial.child("inertia")
-    tensor = np.zeros((3, 3))
-    for i, j, name in MOMENTS:
-        tensor[i, j] = tensor[j, i] = _number(inertia, name, float(i == j))
-    body = ExactInertia(mp.mpf(_number(inertial, "mass", 1.0)), exact(np.zeros(3)), exact(tensor))
-    if inertial is None:
-        return StatedInertia(link.line, body, Frame.of(), "by the defaults of SDFormat")
-    return StatedInertia(inertial.line, body, _pose(inertial))
-
-
-def _shapes(link: Node) -> list[Shape]:
-    found = []
-    for node, shape in collision_shapes(link):
-        if shape.tag in SIZES:
-            parts = ((name, shape.child(name)) for name in SIZES[shape.tag])
-            size = [
-                value
-                for name, part in parts
-                if part is not None
-                for value in _numbers(part, 3 if name == "size" else 1)
-            ]
-            found.append(Shape(shape.tag, tuple(size), _pose(node)))
-        elif shape.tag == "mesh" and shape.child("uri") is not None:
-            scale = shape.child("scale")
-            factors = (1.0, 1.0, 1.0) if scale is None else tuple(_numbers(scale, 3))
-            found.append(Shape("mesh", (), _pose(node), _content(shape, "uri"), factors))
-    return found
+    Each collision has its own density, or that of <inertial>, or 1000 kg/m^3; a <mass> scales the sum.
+    """
+    density = _number(inertial, "density", 1000.0)
+    parts = []
+    for shape in shapes:
+        half = {"box": [size / 2.0 for size in shape.size]}.get(shape.kind, [*shape.size])
+        if shape.kind in ("cylinder", "capsule") and len(half) == 2:
+            half[1] /= 2.0
+        made_of = density if shape.density is None else shape.density
+        try:
+            size = [mp.mpf(value) for value in half]
+            part = geom_inertia(shape.kind, size, shell=False, mass=None, density=mp.mpf(made_of))
+        except (TypeError, ValueError, ZeroDivisionError):
+            return None, f"its automatic inertia needs a {shape.kind}, which is not computed here"
+        parts.append(part.placed(shape.frame))
+    if not parts:
+        return None, "its automatic inertia has no <collision>"
+    total = composite(parts)
+    if inertial.child("mass") is not None and total.mass:
+        mass = mp.mpf(_number(inertial, "mass", 1.0))
+        total = ExactInertia(mass, total.centre, total.tensor * (mass / total.mass))
+    plural = "s" if len(parts) > 1 else ""
+    return StatedInertia(inertial.line, total, Frame.of(), f"from {len(parts)} collision shape{plural}"), ""

@@ -6,6 +6,7 @@ frame in the link frame, in m and fixed-axis roll, pitch, yaw; the tensor is in 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -36,24 +37,41 @@ def read_urdf(root: Any, path: Path) -> ModelFile:
     if not nodes:
         raise InputError(f"{robot.where}: has no <link>")
     names = [node.text("name") for node in nodes]
+    known = Counter(names)
     for node, name in zip(nodes, names, strict=True):
-        if names.count(name) > 1:
+        if known[name] > 1:
             raise InputError(f"{node.where}: another link has the name {name!r}")
     parents = _parents(robot, set(names))
-    check_tree({child: parent for child, (parent, _, _) in parents.items()}, robot)
-    links = []
-    for node, name in zip(nodes, names, strict=True):
-        parent, pose, joint = parents.get(name, (None, Frame.of(), None))
-        shapes = tuple(_shapes(node))
-        scaling = _inertia_scaling(node)
-        links.append(
-            ModelLink(
-                name, node.line, path, parent, pose, joint, _stated(node), shapes, inertia_scaling=scaling
-            )
-        )
+    for child in in_a_loop({child: parent for child, (parent, _, _) in parents.items()}):
+        raise InputError(f"{robot.where}: link {child!r} is its own ancestor")
+    links = [_link(node, name, path, parents) for node, name in zip(nodes, names, strict=True)]
     meshes = {mesh.text("filename") for mesh in _meshes(robot)}
     reads = tuple(sorted(resolved(name, path) for name in meshes))
     return ModelFile(path, "urdf", tuple(links), reads)
+
+
+def _link(node: Node, name: str, path: Path, parents: Mapping[str, tuple[str, Frame, Joint]]) -> ModelLink:
+    """Return a link; one whose numbers cannot be read states why."""
+    parent, pose, joint = parents.get(name, (None, Frame.of(), None))
+    stated, unread, scaling = None, "", 1.0
+    try:
+        stated, scaling = _stated(node), _inertia_scaling(node)
+    except InputError as error:
+        unread = str(error)
+    return ModelLink(
+        name,
+        node.line,
+        path,
+        parent,
+        pose,
+        joint,
+        stated,
+        tuple(_shapes(node, "collision")),
+        unread,
+        scaling,
+        tuple(_shapes(node, "visual")),
+        malformed=bool(unread),
+    )
 
 
 def resolved(name: str, model: Path) -> Path:
@@ -112,15 +130,19 @@ def _parents(robot: Node, names: set[str]) -> dict[str, tuple[str, Frame, Joint]
     return found
 
 
-def check_tree(parents: Mapping[str, str], model: Node) -> None:
-    """Raise InputError if a link is its own ancestor; parents: child -> parent."""
+def in_a_loop(parents: Mapping[str, str]) -> list[str]:
+    """Return one link of each loop in child -> parent; without their parents the others are trees."""
+    found: list[str] = []
+    done: set[str] = set()
     for start in parents:
-        name, seen = start, {start}
-        while name in parents:
+        name, path = start, set[str]()
+        while name in parents and name not in done:
+            done.add(name)
+            path.add(name)
             name = parents[name]
-            if name in seen:
-                raise InputError(f"{model.where}: link {name!r} is its own ancestor")
-            seen.add(name)
+            if name in path:
+                found.append(name)
+    return found
 
 
 def _joint(node: Node) -> Joint:
@@ -170,21 +192,24 @@ def _inertia_scaling(link: Node) -> float:
     return 1.0 if scaling is None else scaling.number("value", 1.0)
 
 
-def collision_shapes(link: Node) -> Iterator[tuple[Node, Node]]:
-    """Yield the <collision> and the element below its <geometry>, of each shape of a link."""
-    for node in link.children("collision"):
+def geometries(link: Node, tag: str) -> Iterator[tuple[Node, Node]]:
+    """Yield each <collision> or <visual> of a link, as `tag` says, and the element below its <geometry>."""
+    for node in link.children(tag):
         geometry = node.child("geometry")
         for shape in geometry.children() if geometry is not None else ():
             yield node, shape
 
 
-def _shapes(link: Node) -> list[Shape]:
-    found = []
-    for node, shape in collision_shapes(link):
-        if shape.tag in SIZES:
-            size = tuple(value for name in SIZES[shape.tag] for value in shape.numbers(name))
-            found.append(Shape(shape.tag, size, _origin(node)))
-        elif shape.tag == "mesh" and "filename" in shape:
-            scale = tuple(shape.numbers("scale", None, "1 1 1"))
-            found.append(Shape("mesh", (), _origin(node), shape.text("filename"), scale))
-    return found
+def _shapes(link: Node, tag: str) -> Iterator[Shape]:
+    """Yield the shapes of a link; one that cannot be read has no size."""
+    for node, shape in geometries(link, tag):
+        try:
+            frame = _origin(node)
+            if shape.tag == "mesh":
+                scale = tuple(shape.numbers("scale", None, "1 1 1"))
+                yield Shape("mesh", (), frame, shape.text("filename", ""), scale)
+            else:
+                names = SIZES.get(shape.tag, ())
+                yield Shape(shape.tag, tuple(value for name in names for value in shape.numbers(name)), frame)
+        except InputError:
+            yield Shape(shape.tag, (), Frame.of())

@@ -15,6 +15,7 @@ from bodycheck.scenarios.model_files.exact import finite
 
 _MAX_BYTES = 1 << 26
 _DECLARATION = re.compile(rb"\s*<\?xml\b[^>]*\?>")
+_NOT_MARKUP = re.compile(rb"<!--|<!\[CDATA\[")
 _DEEPEST = 200  # engines recurse, and so do readers
 
 
@@ -38,29 +39,46 @@ def read_bytes(path: Path) -> bytes:
 
 
 def repaired(content: bytes) -> bytes:
-    """Return a document as engines accept it: without declaration, surrounding blanks and final NUL bytes.
+    """Return a document as engines accept it: no comments, declaration, surrounding blanks, final NUL bytes.
 
-    All lines keep their numbers. Files with version="0.0" or a blank before the declaration are common.
+    All lines keep their numbers. Files with version="0.0", a blank or a comment before the declaration, or
+    two hyphens in a comment are common.
     """
-    content = content.removeprefix(b"\xef\xbb\xbf").rstrip(b" \t\r\n\0")
+    content = _without_comments(content.removeprefix(b"\xef\xbb\xbf").rstrip(b" \t\r\n\0"))
     found = _DECLARATION.match(content)
     if found is None or re.search(rb"encoding\s*=\s*[\"'](?!utf-8|us-ascii)", found[0], re.IGNORECASE):
         return content
     return b"\n" * found[0].count(b"\n") + content[found.end() :]
 
 
+def _without_comments(content: bytes) -> bytes:
+    """Return a document whose comments are replaced by their line ends; what does not end stays as it is."""
+    kept, at = [], 0
+    while found := _NOT_MARKUP.search(content, at):
+        ending = b"-->" if found[0] == b"<!--" else b"]]>"
+        end = content.find(ending, found.end())
+        if end < 0:
+            break
+        comment = content[found.start() : end + len(ending)]
+        kept += [content[at : found.start()], b"\n" * comment.count(b"\n") if ending == b"-->" else comment]
+        at = end + len(ending)
+    return b"".join([*kept, content[at:]])
+
+
 def parse_text(content: bytes, where: str) -> Any:
-    """Return the root element of a file's content; `where` names it in messages."""
-    parser = etree.XMLParser(
-        resolve_entities=False,
-        load_dtd=False,
-        no_network=True,
-        huge_tree=False,
-        remove_comments=True,
-        remove_pis=True,
-    )
+    """Return the root element of a file's content; `where` names it in messages.
+
+    A name with a prefix that no element declares keeps the prefix: XML 1.0 and engines know no namespaces.
+    """
+    text = repaired(content)
     try:
-        root = etree.fromstring(repaired(content), parser)
+        parser = _parser(recover=False)
+        try:
+            root = etree.fromstring(text, parser)
+        except etree.XMLSyntaxError:
+            if any(one.domain != etree.ErrorDomains.NAMESPACE for one in parser.error_log):
+                raise
+            root = etree.fromstring(text, _parser(recover=True))
     except etree.XMLSyntaxError as error:
         line = f":{error.lineno}" if error.lineno else ""
         raise InputError(f"{where}{line}: is not XML: {printable(str(error.msg), 200)}") from None
@@ -71,6 +89,18 @@ def parse_text(content: bytes, where: str) -> Any:
         raise InputError(f"{where}: declares entities, which are not expanded; write their text instead")
     _check_depth(root, where)
     return root
+
+
+def _parser(*, recover: bool) -> Any:
+    return etree.XMLParser(
+        recover=recover,
+        resolve_entities=False,
+        load_dtd=False,
+        no_network=True,
+        huge_tree=False,
+        remove_comments=True,
+        remove_pis=True,
+    )
 
 
 def _check_depth(root: Any, where: str) -> None:
@@ -91,7 +121,7 @@ class Node:
     @property
     def tag(self) -> str:
         """The name of the element without a namespace."""
-        return etree.QName(self.element).localname
+        return str(self.element.tag).rpartition("}")[2]
 
     @property
     def line(self) -> int:
