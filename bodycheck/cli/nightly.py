@@ -39,10 +39,13 @@ from bodycheck.reports.gates.thresholds import THRESHOLD
 from bodycheck.runs.run_options import TIMEOUT_S
 
 if TYPE_CHECKING:
+    from bodycheck.reports.history.acceptances import Acceptance
     from bodycheck.reports.history.regression import Judgement
 
 nightly = typer.Typer()
-history = typer.Typer(help="List, query and prune a history of nightly runs.", no_args_is_help=True)
+history = typer.Typer(
+    help="List, query and prune a history of nightly runs, and accept changes.", no_args_is_help=True
+)
 nightly.add_typer(history, name="history", rich_help_panel=WATCH)
 
 _EXITS = {"no regression": 0, "regression": 1, "nothing measured": 1, "insufficient history": 3}
@@ -82,6 +85,13 @@ def nightly_(
     engine: Engines = None,
     threshold: Threshold = THRESHOLD,
     thresholds: ThresholdsFile = None,
+    fail_on: Annotated[
+        Literal["open", "newly-worse"],
+        typer.Option(
+            help="Exit with status 1 while a regression is open, or only if this run is worse than the one "
+            "before."
+        ),
+    ] = "open",
     jobs: Jobs = None,
     timeout_s: TimeoutS = TIMEOUT_S,
     no_speed: NoSpeed = False,
@@ -98,8 +108,8 @@ def nightly_(
 ) -> None:
     """Run scenarios, append the run to a history, and compare it with the earlier nightly runs.
 
-    The exit status is 1 on a regression or if nothing was measured, and 3 if the history is insufficient to
-    compare with.
+    A regression stays open until it is gone or accepted with `bodycheck history accept`. The exit status is 1
+    while one is open or if nothing was measured, and 3 if the history is insufficient to compare with.
     """
     from bodycheck.runs.directory import RunRequest, run_to_folder
     from bodycheck.runs.nightly_run import SPEED_PASSES, run_nightly
@@ -132,10 +142,17 @@ def nightly_(
         judged, run_folder = run_nightly(request, history, progress_of(quiet=quiet), levels)
     except KeyboardInterrupt:
         raise StoppedError("stopped; nothing was stored") from None
-    print_judgement(judged, run_folder, files, json=json)
+    print_judgement(judged, run_folder, files, json=json, fail_on=fail_on)
 
 
-def print_judgement(judged: Judgement, run_folder: Path, files: Files, *, json: bool) -> None:
+def print_judgement(
+    judged: Judgement,
+    run_folder: Path,
+    files: Files,
+    *,
+    json: bool,
+    fail_on: Literal["open", "newly-worse"] = "open",
+) -> None:
     """Print the judgement of a stored nightly run, write the files, and exit with its status."""
     from bodycheck.reports.document import answer, markdown
     from bodycheck.reports.history.history_output import nightly_data, nightly_document, nightly_page
@@ -151,7 +168,8 @@ def print_judgement(judged: Judgement, run_folder: Path, files: Files, *, json: 
             "markdown": lambda _: markdown(document),
         },
     )
-    raise typer.Exit(_EXITS[judged.status])
+    only_open = judged.status == "regression" and not any(one.newly for one in judged.open)
+    raise typer.Exit(0 if only_open and fail_on == "newly-worse" else _EXITS[judged.status])
 
 
 @history.command(
@@ -201,6 +219,74 @@ def query(
     runs, left_out = readable_runs(History.existing(folder).runs(), TABLES)
     sys.stdout.write(FORMATS[as_](run_query(runs, sql)).decode())
     _report_left_out(left_out)
+
+
+@history.command(
+    short_help="Accept open regressions, with a reason.",
+    **described(
+        "Commands",
+        "bodycheck history accept nights --change 1f0c9a4e --reason 'the new integrator is meant'",
+        "bodycheck history accept nights --run 20261125T033000Z --reason 'release 4.0.0'",
+    ),
+)
+def accept(
+    folder: _Folder,
+    reason: Annotated[str, typer.Option(help="Why the change is accepted; shown on later pages.")],
+    run: Annotated[
+        str | None,
+        typer.Option(
+            help="Accept what is open after this nightly run: its run id, or the beginning of it.",
+            show_default="the newest run",
+        ),
+    ] = None,
+    change: Annotated[
+        str | None,
+        typer.Option(
+            help="Ids of the changes to accept, separated by commas; the page of a run has them.",
+            show_default="all that are open, which requires --run",
+        ),
+    ] = None,
+    author: Annotated[
+        str | None, typer.Option(help="Who accepts it.", show_default="the name of the user")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Accept open regressions: the next nightly run compares with the accepted values.
+
+    Prints the id of the acceptance; `bodycheck history withdraw` withdraws it.
+    """
+    from bodycheck.reports.history.acceptances import accept as accept_changes
+    from bodycheck.reports.history.archive import History
+
+    if run is None and change is None:
+        raise InputError("--run or --change: required, what to accept")
+    ids = [] if change is None else [one.strip() for one in change.split(",")]
+    history = History.existing(folder)
+    _print_acceptances(accept_changes(history, run_id=run, ids=ids, reason=reason, author=author), json=json)
+
+
+@history.command(
+    short_help="Withdraw an acceptance.",
+    **described("Commands", "bodycheck history withdraw nights 5d21f3aa"),
+)
+def withdraw(
+    folder: _Folder,
+    acceptance: Annotated[str, typer.Argument(help="Id of the acceptance.")],
+    json: Json = False,
+) -> None:
+    """Withdraw an acceptance: the next nightly run compares with the levels before it."""
+    from bodycheck.reports.history.acceptances import withdraw as withdraw_acceptance
+    from bodycheck.reports.history.archive import History
+
+    _print_acceptances([withdraw_acceptance(History.existing(folder), acceptance)], json=json)
+
+
+def _print_acceptances(acceptances: Sequence[Acceptance], *, json: bool) -> None:
+    from bodycheck.reports.document import Document, Sentence, answer
+    from bodycheck.reports.history.acceptances import acceptance_text
+
+    lines = tuple(Sentence(acceptance_text(one)) for one in acceptances)
+    answer(Document("bodycheck: acceptances", lines), acceptances, as_json=json)
 
 
 @history.command(

@@ -33,7 +33,7 @@ class Weakened:
     name = "weakened"
     version = "1"
     facts = Method("euler", "semi-implicit Euler", 1, 1, "zero-order hold", "|q| = 1", "this module")
-    methods: Mapping[str, Method] = {facts.name: facts}  # noqa: RUF012 - never changed
+    methods: Mapping[str, Method] = {facts.name: facts}
 
     def __init__(self, factor: float = 1.0) -> None:
         self._factor = factor

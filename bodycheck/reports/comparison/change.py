@@ -6,11 +6,13 @@ round-off only.
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -27,6 +29,23 @@ Status: TypeAlias = Literal["worse", "missing", "improved", "moved", "new"]
 
 FAILING: tuple[Status, ...] = ("worse", "missing")
 """The statuses that fail a comparison or a nightly run."""
+
+
+class ChangeKey(NamedTuple):
+    """What changed, whatever its values: the same in every nightly run."""
+
+    kind: Kind
+    scenario: str | None
+    engine: str
+    method: str
+    quantity: str
+    control: str | None
+    fineness: float | None
+
+    @property
+    def id(self) -> str:
+        """Eight hexadecimal digits."""
+        return hashlib.sha256(json.dumps(self).encode()).hexdigest()[:8]
 
 
 @dataclass(frozen=True)
@@ -51,6 +70,11 @@ class Change:
     control: str | None = None
     fineness: float | None = None
     decades: float | None = None
+
+    @property
+    def key(self) -> ChangeKey:
+        """What changed, without its values and its status."""
+        return ChangeKey(*(getattr(self, name) for name in ChangeKey._fields))
 
     @property
     def size(self) -> float:

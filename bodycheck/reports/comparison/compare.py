@@ -31,6 +31,7 @@ from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.run_files.run_reader import Tables
 from bodycheck.reports.run_files.run_tables import CaseKey, Run, case_key, study_key
+from bodycheck.reports.run_files.tables import plain_rows
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -264,11 +265,7 @@ def _theories(*runs: Tables) -> dict[tuple[str, str], float | None]:
 
 
 def _rows(table: pd.DataFrame, names: tuple[str, ...]) -> dict[_Key, dict[str, Any]]:
-    rows: list[dict[Any, Any]] = table.astype(object).where(table.notna(), None).to_dict("records")
-    return {
-        tuple(row[name] for name in names): {name: cell for name, cell in row.items() if cell is not None}
-        for row in rows
-    }
+    return {tuple(row[name] for name in names): row for row in plain_rows(table)}
 
 
 def _floors(tables: Tables) -> dict[_Key, dict[str, float]]:

@@ -12,8 +12,9 @@ from typing import Any
 from bodycheck._util.errors import InputError
 from bodycheck._util.untrusted import escaped, from_outside, printable, read_json
 from bodycheck.reports.comparison.environment_diff import redefined
-from bodycheck.reports.history.accepted_levels import read_accepted
 from bodycheck.reports.history.archive import History
+from bodycheck.reports.history.levels import Levels, read_levels
+from bodycheck.reports.history.open_regressions import State, read_state
 from bodycheck.reports.run_files.run_reader import Tables, read_manifest, read_tables
 
 
@@ -29,6 +30,9 @@ SUMMARY_FILE = "night.json"
 NOT_JUDGED = "not judged"
 """The status of a run whose judgement failed."""
 
+TRAJECTORIES = "trajectories"
+"""The folder of the trajectories in a run."""
+
 _SUMS, _SEAL = "sha256", "seal"
 _PARQUET = b"PAR1"  # a complete file begins and ends with it
 
@@ -37,7 +41,10 @@ def seal_run(folder: Path) -> None:
     """Add the SHA-256 sums of all files of a nightly run, and a seal, to its night.json."""
     path = folder / SUMMARY_FILE
     summary = json.loads(path.read_bytes())
-    summary[_SUMS] = {file.name: _sum(file) for file in sorted(folder.iterdir()) if file != path}
+    files = (file for file in sorted(folder.rglob("*")) if file.is_file() and file != path)
+    names = ((file, file.relative_to(folder).as_posix()) for file in files)
+    # trajectories are removed later, and each is checked against its row when it is read
+    summary[_SUMS] = {name: _sum(file) for file, name in names if not name.startswith(f"{TRAJECTORIES}/")}
     summary[_SEAL] = _seal(summary)
     path.write_bytes(f"{json.dumps(summary, indent=2)}\n".encode())
 
@@ -132,9 +139,14 @@ class NightlyRun:
         return read_tables(self.folder)
 
     @property
-    def accepted(self) -> Tables:
+    def levels(self) -> Levels:
         """The accepted levels after the run; InputError if they are damaged."""
-        return read_accepted(self.folder, self.tables)
+        return read_levels(self.folder, self.tables)
+
+    @property
+    def state(self) -> State:
+        """What is open after the run; InputError if it is damaged."""
+        return read_state(self.folder)
 
     def same_scenarios(self, manifest: Mapping[str, Any]) -> set[str]:
         """Return the scenarios whose definitions are the same as in another run."""
@@ -143,10 +155,14 @@ class NightlyRun:
 
 @dataclass(frozen=True)
 class Baseline:
-    """The baseline runs on one machine class, the newest first, and why others were left out."""
+    """The baseline runs on one machine class, the newest first, and why others were left out.
+
+    other: the newest run on another class of machines, if there is none on this one.
+    """
 
     runs: tuple[NightlyRun, ...]
     left_out: tuple[str, ...]
+    other: NightlyRun | None = None
 
 
 def baseline_of(history: History, manifest: Mapping[str, Any]) -> Baseline:
@@ -156,6 +172,7 @@ def baseline_of(history: History, manifest: Mapping[str, Any]) -> Baseline:
     was not judged, because its changes were never reported.
     """
     runs: list[NightlyRun] = []
+    others: list[NightlyRun] = []
     left_out: list[str] = []
     future = history.dated_in_future(manifest["run_id"])
     left_out += [f"{folder}: is dated in the future" for folder in future]
@@ -163,17 +180,33 @@ def baseline_of(history: History, manifest: Mapping[str, Any]) -> Baseline:
         try:
             with from_outside(folder):
                 run = NightlyRun(folder, read_manifest(folder), read_summary(folder))
-                if machine_class(run.manifest) == machine_class(manifest):
-                    if run.summary["status"] == NOT_JUDGED:
-                        raise InputError(f"{folder}: was not judged")
-                    check_files(folder, run.summary)
-                    _ = runs or run.accepted  # all tables of the newest one are compared
-                    runs.append(run)
+                if machine_class(run.manifest) != machine_class(manifest):
+                    others.append(run)
+                    continue
+                _check(run, complete=not runs)
+                runs.append(run)
         except InputError as error:
             left_out.append(str(error))
         if len(runs) == _MAX_RUNS:
             break
-    return Baseline(tuple(runs), tuple(left_out))
+    other = None
+    while not runs and others and other is None:
+        run = others.pop(0)
+        try:
+            _check(run, complete=True)
+            other = run
+        except InputError as error:
+            left_out.append(str(error))
+    return Baseline(tuple(runs), tuple(left_out), other)
+
+
+def _check(run: NightlyRun, *, complete: bool) -> None:
+    """Raise InputError if a run cannot be a baseline; complete: all its tables will be compared."""
+    if run.summary["status"] == NOT_JUDGED:
+        raise InputError(f"{run.folder}: was not judged")
+    check_files(run.folder, run.summary)
+    if complete:
+        _ = run.levels, run.state
 
 
 def readable_runs(runs: Sequence[Path], tables: Sequence[str] = ()) -> tuple[list[Path], list[str]]:

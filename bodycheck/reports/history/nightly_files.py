@@ -11,12 +11,12 @@ from xml.etree import ElementTree as ET
 
 from bodycheck._util.files import write_file
 from bodycheck._util.formatting import count
-from bodycheck.reports.comparison.change import Change
 from bodycheck.reports.comparison.compare import unversioned
 from bodycheck.reports.comparison.describe import HEADINGS
-from bodycheck.reports.history.accepted_levels import write_accepted
 from bodycheck.reports.history.archive import started_at
 from bodycheck.reports.history.baseline import NOT_JUDGED, SUMMARY_FILE, SUMMARY_KEYS, machine_class
+from bodycheck.reports.history.levels import write_levels
+from bodycheck.reports.history.open_regressions import write_state
 from bodycheck.reports.history.regression import Judgement
 from bodycheck.reports.render.html import render_report
 from bodycheck.reports.run_files.run_tables import Run
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 _CHANGE_COLUMNS = (
     *("run_id", "compared_with", "kind", "status", "scenario", "engine", "method", "control", "fineness"),
-    *("quantity", "before", "after", "decades"),
+    *("quantity", "before", "after", "decades", "id", "since", "runs"),
 )
 
 
@@ -58,12 +58,13 @@ def write_unjudged(run: Run, folder: Path) -> None:
 
 
 def write_judgement(judged: Judgement, folder: Path) -> None:
-    """Write night.json, changes.csv, changes.parquet and the accepted levels."""
+    """Write night.json, changes.csv, changes.parquet, the accepted levels and what is open."""
     (folder / "night.json").write_text(json.dumps(_summary(judged), indent=2) + "\n", encoding="utf-8")
     changes = _changes_table(judged)
     (folder / "changes.csv").write_bytes(as_csv(changes))
     (folder / "changes.parquet").write_bytes(as_parquet(changes))
-    write_accepted(judged.accepted, judged.newest.run_id, folder)
+    write_levels(judged.levels, folder)
+    write_state(judged.state, folder)
 
 
 def versions_of(manifest: Mapping[str, Any]) -> dict[str, str]:
@@ -78,7 +79,6 @@ def versions_of(manifest: Mapping[str, Any]) -> dict[str, str]:
 
 def _summary(judged: Judgement) -> dict[str, Any]:
     manifest, comparison = judged.newest.manifest, judged.comparison
-    changes = comparison.changes if comparison is not None else ()
     return {
         "run_id": judged.newest.run_id,
         "created": manifest["created"],
@@ -87,7 +87,8 @@ def _summary(judged: Judgement) -> dict[str, Any]:
         "engines": ", ".join(f"{name} {version}" for name, version in versions_of(manifest).items()),
         "cases": len(judged.newest.cases),
         "compared_with": None if comparison is None else comparison.before.run_id,
-        **{status: sum(change.status == status for change in changes) for status in HEADINGS},
+        **{status: sum(change.status == status for change in judged.changes) for status in HEADINGS},
+        "open": len(judged.open),
         "status": judged.status,
     }
 
@@ -95,19 +96,20 @@ def _summary(judged: Judgement) -> dict[str, Any]:
 def _changes_table(judged: Judgement) -> pd.DataFrame:
     import pandas as pd
 
-    comparison = judged.comparison
-    rows = [] if comparison is None else [_row(change) for change in comparison.changes]
-    compared_with = {} if comparison is None else {"compared_with": comparison.before.run_id}
-    table = pd.DataFrame(rows, columns=list(_CHANGE_COLUMNS)).assign(
-        run_id=judged.newest.run_id, **compared_with
-    )
-    return table.astype(dict.fromkeys(("fineness", "decades"), "float64"))
-
-
-def _row(change: Change) -> dict[str, Any]:
-    """Return a change as cells; before and after may be words or numbers, so both are stored as text."""
-    row = {name: getattr(change, name) for name in _CHANGE_COLUMNS if hasattr(change, name)}
-    return row | {name: None if row[name] is None else str(row[name]) for name in ("before", "after")}
+    compared_with = judged.comparison.before.run_id if judged.comparison else None
+    open_now = {one.id: one for one in judged.open}
+    rows = []
+    for change in judged.changes:
+        row: dict[str, Any] = {"run_id": judged.newest.run_id, "compared_with": compared_with}
+        row |= {name: getattr(change, name) for name in _CHANGE_COLUMNS if hasattr(change, name)}
+        # before and after may be words or numbers, so both are stored as text
+        row |= {name: None if row[name] is None else str(row[name]) for name in ("before", "after")}
+        row["id"] = change.key.id
+        if (one := open_now.get(change.key.id)) is not None:
+            row |= {"since": one.since, "runs": one.runs}
+        rows.append(row)
+    table = pd.DataFrame(rows, columns=list(_CHANGE_COLUMNS))
+    return table.astype(dict.fromkeys(("fineness", "decades", "runs"), "float64"))
 
 
 _FEED_FILE = "feed.xml"

@@ -1,26 +1,30 @@
-"""Compare a nightly run with its baseline runs: worse, improved, moved, missing; slower or faster."""
+"""Compare a nightly run with the accepted levels: what is worse and since when, improved, or missing."""
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+import numpy as np
+
+from bodycheck._util.errors import InputError
+from bodycheck.adapters.engine_names import pin_of
 from bodycheck.reports.comparison.change import Change, Status
 from bodycheck.reports.comparison.compare import (
     Comparison,
     compare,
-    newly_ended_well,
-    paired_versions,
+    renamed,
     unversioned,
 )
-from bodycheck.reports.comparison.environment_diff import redefined
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
-from bodycheck.reports.history.accepted_levels import at_accepted, next_accepted
+from bodycheck.reports.history.acceptances import Acceptance, read_acceptances, with_acceptances
 from bodycheck.reports.history.archive import History
-from bodycheck.reports.history.baseline import Baseline, baseline_of
+from bodycheck.reports.history.baseline import Baseline, baseline_of, machine_class
+from bodycheck.reports.history.levels import Cells, Levels, Setting
+from bodycheck.reports.history.open_regressions import Measured, Regression, State, next_regressions
 from bodycheck.reports.history.queries import recorded_cases
-from bodycheck.reports.history.step_detection import Key, Series, Step, detect_steps, series_of
+from bodycheck.reports.history.step_detection import MIN_STEP, Key, Series, Step, detect_steps, series_of
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.run_files.run_reader import Tables
 from bodycheck.reports.run_files.run_tables import case_key
@@ -33,85 +37,205 @@ RunStatus: TypeAlias = Literal["regression", "no regression", "insufficient hist
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
-    """The newest nightly run compared with the baseline runs.
+    """The newest nightly run compared with the accepted levels.
 
-    comparison: with the accepted levels and the latest baseline run; changes of speed use all baseline runs.
-    None if there is no baseline run. accepted: the levels with which the next nightly run is compared, as
-    rows of results.csv. speeds, errors: of all methods, over the baseline runs and the newest run.
+    comparison: with the levels; None if there is no baseline run. levels, state: what the next nightly run is
+    compared with. closed: the regressions that are gone. acceptances: those that count on such a machine.
+    speeds, errors: of all methods, over the baseline runs and the newest run.
     """
 
     newest: Tables
     baseline: Baseline
     comparison: Comparison | None
-    accepted: tuple[dict[str, Any], ...]
+    levels: Levels
+    state: State
+    closed: tuple[Regression, ...]
+    acceptances: tuple[Acceptance, ...]
     speeds: Speeds
     errors: Series
 
     @property
+    def open(self) -> tuple[Regression, ...]:
+        """The regressions that are neither gone nor accepted, the newest and the largest first."""
+        order = sorted(self.state.regressions, key=lambda one: -one.change.size)
+        return tuple(sorted(order, key=lambda one: (not one.newly, _reversed(one.since))))
+
+    @property
+    def changes(self) -> tuple[Change, ...]:
+        """All changes from the levels, the largest first, with those that the run could not measure."""
+        own = () if self.comparison is None else self.comparison.changes
+        present = {change.key for change in own}
+        return (*own, *(one.change for one in self.open if one.change.key not in present))
+
+    @property
     def status(self) -> RunStatus:
-        """Whether anything became worse or is no longer measured; undecided without a baseline run."""
+        """Whether a regression is open; undecided without a baseline run."""
         if not any(case.ok for case in self.newest.cases):
             return "nothing measured"
-        if self.comparison is None:
-            return "insufficient history"
-        if self.comparison.failing:
+        if self.open:
             return "regression"
-        return "no regression" if self.comparison.paired else "insufficient history"
+        return "no regression" if self.comparison and self.comparison.paired else "insufficient history"
+
+
+def _reversed(run_id: str) -> tuple[int, ...]:
+    """Return a sort key by which the latest run comes first."""
+    return tuple(-ord(letter) for letter in run_id)
 
 
 def judge_run(history: History, newest: Tables, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> Judgement:
     """Judge a nightly run against a history that does not contain it yet."""
-    baseline = baseline_of(history, newest.manifest)
+    baseline, acceptances = _with_acceptances(history, baseline_of(history, newest.manifest))
     runs, cases = _recorded(baseline, newest)
-    speeds = speeds_of(runs, cases)
-    comparison, accepted = None, tuple(dict(case.columns) for case in newest.cases if case.ok)
-    if baseline.runs:
-        # the levels also have the engines that the newest baseline run lacks
-        levels, aligned = paired_versions(baseline.runs[0].accepted, newest)
-        before, _ = paired_versions(_with_all_definitions(baseline), newest)
-        levels = _of_scenarios(levels, before.manifest["scenarios"])
-        before = _with_missing_cases(at_accepted(before, levels), levels, aligned)
-        comparison = compare(before, aligned, thresholds)
-        changes = [change for change in comparison.changes if change.kind != "speed"]
-        changes += [*_returned(before, levels, aligned, thresholds), *speeds.changes]
-        changes.sort(key=lambda change: -change.size)
-        comparison = replace(comparison, changes=tuple(changes), timed=0)  # speeds have their own series
-        discarded = redefined(before.manifest, newest.manifest)
-        own = {
-            a.columns["engine"]: b.columns["engine"] for a, b in zip(aligned.cases, newest.cases, strict=True)
-        }
-        accepted = tuple(
-            {**row, "engine": own.get(row["engine"], row["engine"])}
-            for row in next_accepted(levels, aligned, discarded, changes)
-        )
     errors = series_of(runs, cases, ORIENTATION, _farthest)
-    return Judgement(newest, baseline, comparison, accepted, speeds, errors)
+    last = baseline.runs[0] if baseline.runs else baseline.other
+    if last is None:
+        speeds = speeds_of(runs, cases)
+        return Judgement(newest, baseline, None, Levels.of(newest), State(), (), acceptances, speeds, errors)
+    tables, levels = last.tables, last.levels
+    engines = (*newest.manifest["engines"], *(case.columns["engine"] for case in newest.cases))
+    names = _common_names(engines, levels.engines)
+    aligned = renamed(newest, names)
+    known, before = with_acceptances(levels.renamed(names), last.state, acceptances)
+    definitions = _definitions(baseline, tables)
+    known = known.of_scenarios(definitions)
+    former = renamed(replace(tables, manifest={**tables.manifest, "scenarios": definitions}), names)
+    comparison = _compared(former, known, aligned, thresholds)
+    speeds = speeds_of(runs, cases, before.regressions)
+    changes = [*comparison.changes, *speeds.changes]
+    if not baseline.runs:  # on a new class of machines only what was open is compared
+        open_before = {one.change.key for one in before.regressions}
+        changes = [change for change in changes if change.key in open_before]
+        known = Levels.of(aligned).with_levels_of([one.change for one in before.regressions], known)
+    changes.sort(key=lambda change: -change.size)
+    releases = _releases(former, aligned)
+    open_now = tuple(next_regressions(before.regressions, changes, aligned, thresholds, releases))
+    still = {one.change.key for one in open_now}
+    levels, improved = _next_levels(known, aligned, comparison.redefined, changes, open_now, before)
+    own = {names.get(name, name): name for name in engines}
+    return Judgement(
+        newest=newest,
+        baseline=baseline,
+        # speeds have their own series
+        comparison=replace(comparison, changes=tuple(changes), timed=0) if baseline.runs else None,
+        levels=_with_speeds(levels, speeds).renamed(own),
+        state=State(open_now, improved, before.acceptances),
+        closed=tuple(one for one in before.regressions if one.change.key not in still),
+        acceptances=acceptances,
+        speeds=speeds,
+        errors=errors,
+    )
 
 
-def _with_all_definitions(baseline: Baseline) -> Tables:
-    """Return the newest baseline run, with the definition of each scenario in the newest run that has it."""
-    tables = baseline.runs[0].tables
+def _with_acceptances(history: History, baseline: Baseline) -> tuple[Baseline, tuple[Acceptance, ...]]:
+    """Return the acceptances for the class of machines of a baseline; a damaged file is left out."""
+    last = baseline.runs[0] if baseline.runs else baseline.other
+    if last is None:
+        return baseline, ()
+    try:
+        machine = machine_class(last.manifest)
+        return baseline, tuple(one for one in read_acceptances(history) if one.machine == machine)
+    except InputError as error:  # what it accepts stays open
+        return replace(baseline, left_out=(*baseline.left_out, str(error))), ()
+
+
+def _common_names(*runs: Iterable[str]) -> dict[str, str]:
+    """Return `mujoco==4.0.0` -> `mujoco` for each engine that no run has in several versions."""
+    single = [(set(run), unversioned(run)) for run in map(tuple, runs)]
+    several = {_base(name) for every, alone in single for name in every - alone.keys()}
+    return {name: base for _, alone in single for name, base in alone.items() if base not in several}
+
+
+def _base(name: str) -> str:
+    pin = pin_of(name)
+    return name if pin is None else pin.engine
+
+
+def _definitions(baseline: Baseline, tables: Tables) -> dict[str, Any]:
+    """Return the newest definition of each scenario in the baseline runs."""
     scenarios: dict[str, Any] = {}
     for run in reversed(baseline.runs):
         scenarios |= run.manifest["scenarios"]
-    return replace(tables, manifest={**tables.manifest, "scenarios": scenarios})
+    return {**scenarios, **tables.manifest["scenarios"]}
 
 
-def _of_scenarios(tables: Tables, scenarios: Container[str]) -> Tables:
-    return replace(tables, cases=tuple(c for c in tables.cases if c.columns["scenario"] in scenarios))
+def _compared(former: Tables, levels: Levels, newest: Tables, thresholds: Thresholds) -> Comparison:
+    """Compare a run with the levels; settings, maps and laws with the run before, `former`.
+
+    A case whose level is not to end well is compared with what it measured when it last did.
+    """
+    ended_well = {case_key(case.columns) for case in newest.cases if case.ok}
+    before = levels.as_tables(former, {case_key(case.columns) for case in newest.cases})
+    comparison = compare(before, newest, thresholds)
+    returned = [case for case in before.cases if not case.ok and case_key(case.columns) in ended_well]
+    changes = [change for change in comparison.changes if change.kind != "speed"]
+    if returned:
+        well = [replace(case, columns={**case.columns, "outcome": "ok"}) for case in returned]
+        keys = {case_key(case.columns) for case in returned}
+        mine = replace(newest, cases=tuple(c for c in newest.cases if case_key(c.columns) in keys))
+        again = compare(replace(before, cases=tuple(well)), mine, thresholds)
+        changes += [one for one in again.changes if one.kind == "accuracy"]
+    return replace(comparison, changes=tuple(changes))
 
 
-def _with_missing_cases(before: Tables, levels: Tables, newest: Tables) -> Tables:
-    """Return a run with the levels of those cases that it lacks but the newest run has again."""
-    present = {case_key(case.columns) for case in before.cases}
-    again = {case_key(case.columns) for case in newest.cases} - present
-    return replace(before, cases=(*before.cases, *(c for c in levels.cases if case_key(c.columns) in again)))
+def _releases(before: Tables, after: Tables) -> dict[str, str]:
+    """Return "before -> after" of each engine whose version changed."""
+    old, new = (
+        {name: entry.get("version") for name, entry in tables.manifest["engines"].items()}
+        for tables in (before, after)
+    )
+    return {
+        name: f"{old[name]} -> {version}"
+        for name, version in new.items()
+        if version and old.get(name) and old[name] != version
+    }
 
 
-def _returned(before: Tables, levels: Tables, newest: Tables, thresholds: Thresholds) -> list[Change]:
-    """Return the changes from their levels of cases that end well again after not ending well in `before`."""
-    returned = compare(levels, newly_ended_well(before, newest), thresholds)
-    return [change for change in returned.changes if change.kind == "accuracy"]
+def _next_levels(
+    levels: Levels,
+    newest: Tables,
+    redefined_names: Iterable[str],
+    changes: Iterable[Change],
+    open_now: Iterable[Regression],
+    before: State,
+) -> tuple[Levels, tuple[Change, ...]]:
+    """Return the levels after a nightly run, and the improvements that the next one has to confirm.
+
+    What improved together with a deterioration of the same method is no level: a broken method often drifts
+    less. Of the two values of a confirmed improvement the larger error is the level.
+    """
+    kept = {row["scenario"] for row in levels.results.values()} - set(redefined_names)
+    found = levels.of_scenarios(kept)
+    found = found.with_first_values(newest, [change for change in changes if change.status == "new"])
+    broken = {(one.change.engine, one.change.method) for one in open_now}
+    own, measured = Levels.of(newest), Measured(newest)
+    improved = [change for change in before.improved if change.key not in measured]
+    for change in changes:
+        if change.status != "improved" or change.kind == "speed" or (change.engine, change.method) in broken:
+            continue
+        earlier = before.improvement(change)
+        if earlier is None:
+            improved.append(change)
+        else:
+            cells = _larger(own.cells(change), change, earlier)
+            found = found.with_cells(change, cells, Setting(newest.run_id, "improvement"))
+    return found, tuple(improved)
+
+
+def _larger(cells: Cells, change: Change, earlier: Change) -> Cells:
+    """Return the cells of an improved error, scaled up to its value in the run before if that was larger."""
+    now, then = change.after, earlier.after
+    if change.kind != "accuracy" or not (isinstance(now, float) and isinstance(then, float)):
+        return cells
+    return {name: cell * then / now for name, cell in cells.items()} if then > now > 0.0 else cells
+
+
+def _with_speeds(levels: Levels, speeds: Speeds) -> Levels:
+    """Return the levels with the run from which on a faster method's times are its level."""
+    for change in speeds.changes:
+        if change.status == "improved":
+            first = speeds.series.runs[speeds.steps[change.engine, change.method][-1].first]
+            levels = levels.with_cells(change, {}, Setting(first, "improvement"))
+    return levels
 
 
 def _recorded(baseline: Baseline, newest: Tables) -> tuple[list[str], pd.DataFrame]:
@@ -144,26 +268,41 @@ def _farthest(decades: pd.Series) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Speeds:
-    """The times of all methods in each nightly run, and the detected steps."""
+    """The times of all methods in each nightly run, and the detected steps.
+
+    above: decades by which methods were slower than their accepted level after the run before.
+    """
 
     series: Series
     steps: dict[Key, list[Step]]
+    above: Mapping[Key, float]
 
     @property
     def changes(self) -> Iterator[Change]:
-        """The steps detected in the newest run."""
+        """The methods that are slower than their level, or that the newest run shows to be faster."""
         newest = len(self.series.runs) - 1
-        for (engine, method), steps in self.steps.items():
-            if steps and steps[-1].detected_at == newest:
-                size = steps[-1].size
+        for (engine, method), decades in zip(self.series.methods, self.series.decades.T, strict=True):
+            if np.isnan(decades[-1]):
+                continue
+            steps = self.steps[engine, method]
+            stepped = steps[-1].size if steps and steps[-1].detected_at == newest else 0.0
+            size = self.above.get((engine, method), 0.0) + stepped
+            if size > MIN_STEP or (stepped and size < -MIN_STEP):
                 status: Status = "worse" if size > 0.0 else "improved"
                 yield Change("speed", None, engine, method, "relative_cpu", None, None, status, decades=size)
 
 
-def speeds_of(runs: Sequence[str], cases: pd.DataFrame) -> Speeds:
+def speeds_of(runs: Sequence[str], cases: pd.DataFrame, open_before: Iterable[Regression] = ()) -> Speeds:
     """Return the time of each method, as the median over its cases, and the steps detected in it.
 
     runs: names of nightly runs, the oldest first. cases: one row per case and run, with its relative_cpu.
+    open_before: what was open after the run before.
     """
     series = series_of(runs, cases, "relative_cpu", lambda decades: float(decades.median()))
-    return Speeds(series, dict(zip(series.methods, detect_steps(series.decades), strict=True)))
+    above = {
+        (change.engine, change.method): change.decades or 0.0
+        for change in (one.change for one in open_before)
+        if change.kind == "speed"
+    }
+    steps = dict(zip(series.methods, detect_steps(series.decades), strict=True))
+    return Speeds(series, steps, above)

@@ -27,7 +27,8 @@ MIN_AFTER = 5
 """The number of runs that a slower level needs: a few may be disturbed. A faster level needs only three."""
 _MAX_BEFORE = 20
 _SIGMAS = 2.5
-_MIN_STEP = math.log10(1.08)
+MIN_STEP = math.log10(1.08)
+"""The smallest shift of a level that counts, in decades."""
 _CREEP_RUNS = 15  # that are compared with the accepted level
 _CREEP_SIGMAS = 2.0
 _UNDISTURBED = 0.15  # quantile of a level whose slower half may be disturbed
@@ -63,8 +64,8 @@ def detect_steps(series: Array, accepted: Array | None = None) -> list[list[Step
     changes = np.diff(series, axis=0) / math.sqrt(2.0)  # creep does not widen these
     for run in range(MIN_BEFORE + MIN_AFTER - 1, len(series)):
         spread = pooled_spread(series[: run + 1], found)
-        edge = max(_MIN_STEP, _SIGMAS * spread)
-        creep = max(_MIN_STEP, _CREEP_SIGMAS * min(spread, pooled_spread(changes[:run], found)))
+        edge = max(MIN_STEP, _SIGMAS * spread)
+        creep = max(MIN_STEP, _CREEP_SIGMAS * min(spread, pooled_spread(changes[:run], found)))
         for column, steps, level in zip(series.T, found, levels, strict=True):
             if math.isnan(column[run]):
                 continue
@@ -110,7 +111,7 @@ def pooled_spread(series: Array, steps: Sequence[Sequence[Step]]) -> float:
 def smallest_detectable_step(spread: float) -> float:
     """Return the smallest step that is certain to be detected by its fifth run, given the spread."""
     # the fastest of five runs lies up to 2.5 sigma low; the level before is known to half a sigma
-    return max(_MIN_STEP, _SIGMAS * spread) + 3.5 * spread
+    return max(MIN_STEP, _SIGMAS * spread) + 3.5 * spread
 
 
 def _level_start(steps: Sequence[Step]) -> int:

@@ -136,6 +136,7 @@ _TEXTS = frozenset(
         *("growth", "reason", "check", "build", "law", "state", "replay"),
         *("diagnosis", "faults", "parameter", "unit", "alike", "map"),
         *("fingerprint", "runner_up", "position_update", "leading_error", "description"),
+        *("kind", "how", "acceptance"),
     )
 )
 
@@ -157,6 +158,12 @@ def as_table(rows: Iterable[Mapping[str, Any]], columns: tuple[str, ...]) -> pd.
 def _cells(rows: list[Mapping[str, Any]], column: str) -> list[Any]:
     """Return the cells of a column; a missing boolean is False."""
     return [row.get(column, False if column in _YES_OR_NO else None) for row in rows]
+
+
+def plain_rows(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return the rows of a table without their empty cells."""
+    rows: list[dict[Any, Any]] = table.astype(object).where(table.notna(), None).to_dict("records")
+    return [{name: cell for name, cell in row.items() if cell is not None} for row in rows]
 
 
 def no_probes() -> pd.DataFrame:

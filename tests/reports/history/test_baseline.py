@@ -206,7 +206,7 @@ def test_sixty_runs_of_the_same_machine_are_the_baseline(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The newest ones; of another machine none."""
-    monkeypatch.setattr(NightlyRun, "accepted", property(lambda _: object()))
+    monkeypatch.setattr(NightlyRun, "levels", property(lambda _: object()))
     names = [f"20260101T0000{second:02d}Z-000000" for second in range(60)] + ["20260102T000000Z-000000"]
     for name in names:
         (tmp_path / name).mkdir()
@@ -214,21 +214,23 @@ def test_sixty_runs_of_the_same_machine_are_the_baseline(
     assert [run.name for run in baseline.runs] == names[:0:-1]
     other = baseline_of(History(tmp_path), {**MANIFEST, "run_id": "20260104T000000Z-000004", "cores": 8})
     assert (other.runs, other.left_out) == ((), ())
+    assert other.other is not None
+    assert other.other.name == names[-1]
 
 
 def test_nightly_run_reads_the_tables_of_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The accepted levels of a nightly run are those of its tables."""
     monkeypatch.setattr(baseline, "read_tables", lambda folder: f"tables of {folder}")
-    monkeypatch.setattr(baseline, "read_accepted", lambda *words: words)
+    monkeypatch.setattr(baseline, "read_levels", lambda *words: words)
     run: Any = NightlyRun(tmp_path, {}, {})
     assert run.tables == f"tables of {tmp_path}"
-    assert run.accepted == (tmp_path, run.tables)
+    assert run.levels == (tmp_path, run.tables)
 
 
 @pytest.mark.usefixtures("sound")
 def test_run_that_was_not_judged_is_no_baseline(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What became worse in it was never reported, so it must not be what the next run is compared with."""
-    monkeypatch.setattr(NightlyRun, "accepted", property(lambda _: object()))
+    monkeypatch.setattr(NightlyRun, "levels", property(lambda _: object()))
     judged, failed = (f"2026010{day}T000000Z-00000{day}" for day in (1, 2))
     for name in (judged, failed):
         (tmp_path / name).mkdir()
@@ -247,13 +249,13 @@ def test_only_the_newest_run_needs_readable_tables(tmp_path: Path, monkeypatch: 
     names = [f"2026010{day}T000000Z-00000{day}" for day in (1, 2, 3)]
     unreadable, read = {names[0], names[2]}, []
 
-    def accepted(run: NightlyRun) -> object:
+    def levels(run: NightlyRun) -> object:
         read.append(run.name)
         if run.name in unreadable:
             raise InputError(f"{run.folder}: is damaged")
         return object()
 
-    monkeypatch.setattr(NightlyRun, "accepted", property(accepted))
+    monkeypatch.setattr(NightlyRun, "levels", property(levels))
     for name in names:
         (tmp_path / name).mkdir()
     baseline = baseline_of(History(tmp_path), {**MANIFEST, "run_id": "20260104T000000Z-000004"})

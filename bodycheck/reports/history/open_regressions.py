@@ -1,0 +1,168 @@
+"""The deteriorations that are neither gone nor accepted, as they stand after each nightly run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from math import log10
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from pydantic import TypeAdapter, ValidationError
+
+from bodycheck._util.errors import InputError
+from bodycheck._util.untrusted import read_json
+from bodycheck.reports.comparison.change import FAILING, Change, ChangeKey
+from bodycheck.reports.document import json_text
+from bodycheck.reports.gates.thresholds import Thresholds
+from bodycheck.reports.measurement.verdicts import severity
+from bodycheck.reports.run_files.run_reader import Tables
+from bodycheck.reports.run_files.run_tables import case_key, study_key
+from bodycheck.reports.run_files.tables import plain_rows
+from bodycheck.scenarios.reader import fault_lines
+
+FILE = "regressions.json"
+"""The file in the folder of a nightly run: what is open after it."""
+
+
+@dataclass(frozen=True)
+class Regression:
+    """A deterioration from the accepted level that is neither gone nor accepted.
+
+    change: as last measured. since: the nightly run that reported it first. runs: the number of nightly runs
+    from then on. release: like "3.16.0 -> 3.17.0" if the version of the engine changed with it. newly: it is
+    worse than in the run before. measured: whether the newest run could measure it.
+    """
+
+    change: Change
+    since: str
+    runs: int = 1
+    release: str = ""
+    newly: bool = True
+    measured: bool = True
+
+    @property
+    def id(self) -> str:
+        """The id of the changed value, the same in every nightly run."""
+        return self.change.key.id
+
+
+@dataclass(frozen=True)
+class State:
+    """What a nightly run leaves to the next one, besides the levels.
+
+    regressions: the open ones. improved: the changes that a second run has to confirm. acceptances: ids of
+    those that the levels contain.
+    """
+
+    regressions: tuple[Regression, ...] = ()
+    improved: tuple[Change, ...] = ()
+    acceptances: tuple[str, ...] = ()
+
+    def improvement(self, change: Change) -> Change | None:
+        """Return the improvement of the same value in the run before; None if there was none."""
+        return {one.key: one for one in self.improved}.get(change.key)
+
+
+@cache
+def _adapter() -> TypeAdapter[State]:
+    return TypeAdapter(State)
+
+
+def read_state(folder: Path) -> State:
+    """Return what is open after a nightly run; nothing after one of an earlier version.
+
+    Raises InputError if the file is damaged.
+    """
+    path = folder / FILE
+    try:
+        return _adapter().validate_python(read_json(path))
+    except FileNotFoundError:
+        return State()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except ValidationError as error:
+        raise InputError(f"{path}: is damaged: {fault_lines(error)[0]}") from None
+
+
+def write_state(state: State, folder: Path) -> None:
+    """Write what is open after a nightly run into its folder."""
+    (folder / FILE).write_text(json_text(state) + "\n", encoding="utf-8")
+
+
+def next_regressions(
+    before: Sequence[Regression],
+    changes: Sequence[Change],
+    newest: Tables,
+    thresholds: Thresholds,
+    releases: Mapping[str, str],
+) -> Iterator[Regression]:
+    """Yield what is open after a nightly run: failing changes, and earlier ones that it could not measure.
+
+    before: what was open, without what was accepted since. changes: from the accepted levels. releases:
+    "before -> after" of each engine whose version differs from that of the run before.
+    """
+    known = {one.change.key: one for one in before}
+    failing = {change.key: change for change in changes if change.status in FAILING}
+    measured = Measured(newest)
+    for key, change in failing.items():
+        earlier = known.get(key)
+        if earlier is None:
+            yield Regression(change, newest.run_id, release=releases.get(change.engine, ""))
+        else:
+            newly = _is_worse(change, earlier.change, thresholds)
+            yield replace(earlier, change=change, runs=earlier.runs + 1, newly=newly, measured=True)
+    for key, earlier in known.items():
+        if key not in failing and key not in measured:
+            yield replace(earlier, runs=earlier.runs + 1, newly=False, measured=False)
+
+
+def _is_worse(change: Change, earlier: Change, thresholds: Thresholds) -> bool:
+    """Whether a value that was already worse deteriorated again by more than its threshold."""
+    if change.decades is not None and earlier.decades is not None:
+        factor = abs(change.decades) - abs(earlier.decades)
+        return factor > log10(1.0 + thresholds.of(change.quantity))
+    if change.kind == "order" and isinstance(change.after, float) and isinstance(earlier.after, float):
+        quantity = change.quantity.removeprefix("order of ")
+        return earlier.after - change.after > thresholds.of_order(quantity)
+    if change.kind == "verdict":
+        return severity(str(change.after)) > severity(str(earlier.after))
+    return change.after is None and earlier.after is not None
+
+
+_Key: TypeAlias = tuple[object, ...]
+
+
+class Measured:
+    """Which values a nightly run measured, so that one that is not failing is within its level."""
+
+    def __init__(self, newest: Tables) -> None:
+        self._cases: dict[tuple[object, ...], bool] = {
+            case_key(case.columns): case.ok for case in newest.cases
+        }
+        self._methods: dict[tuple[object, ...], dict[str, Any]] = {
+            (*study_key(row), row["quantity"]): row for row in plain_rows(newest.methods)
+        }
+        self._searches = {study_key(row) for row in plain_rows(newest.stability)}
+        self._timed = {
+            (case.columns["engine"], case.columns["method"])
+            for case in newest.cases
+            if "relative_cpu" in case.columns
+        }
+
+    def __contains__(self, key: ChangeKey) -> bool:
+        study = key.scenario, key.engine, key.method
+        match key.kind:
+            case "case" | "outcome":
+                return (*study, key.control, key.fineness) in self._cases
+            case "accuracy":
+                return self._cases.get((*study, key.control, key.fineness), False)
+            case "verdict" | "order":
+                row = self._methods.get((*study, key.quantity.removeprefix(f"{key.kind} of ")), {})
+                # a sound verdict needs no order, as of errors at round-off
+                return bool(row) and (key.kind in row or severity(row["verdict"]) == 0)
+            case "speed":
+                return (key.engine, key.method) in self._timed
+            case _:
+                return study in self._searches
