@@ -23,6 +23,17 @@ def unchanged(results: pd.DataFrame) -> pd.DataFrame:
     return results
 
 
+def scaled(factor: float, method: str = "m1", dt_s: float = 0.01, scenario: str = "slow") -> Change:
+    """Return a change that multiplies the orientation error of one case."""
+
+    def change(results: pd.DataFrame) -> pd.DataFrame:
+        mine = (results["scenario"] == scenario) & (results["method"] == method) & (results["dt_s"] == dt_s)
+        results.loc[mine, "orientation_error_rad"] *= factor
+        return results
+
+    return change
+
+
 def as_nightly_run(run: Run, number: int, change: Change = unchanged, **manifest: Any) -> Run:
     """Return the run as nightly run `number`, with its results changed."""
     run_id = f"2026{number // 744 + 1:02d}{number // 24 % 31 + 1:02d}T{number % 24:02d}0000Z-{number:06x}"

@@ -29,7 +29,7 @@ from bodycheck.reports.run_files.run_reader import Tables, read_tables
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.tables import RESULT_COLUMNS, as_csv, as_table
 from tests.helpers.gate_tables import make_tables
-from tests.helpers.nightly_runs import Change, as_nightly_run, slower, store_nightly_runs, unchanged
+from tests.helpers.nightly_runs import Change, as_nightly_run, scaled, slower, store_nightly_runs, unchanged
 
 NOTHING_OPEN = State()
 ERROR = "orientation_error_rad"
@@ -336,16 +336,6 @@ def planted(measure: str, amount: float, method: str = "m1", dt_s: float = 0.01)
 
     def change(results: pd.DataFrame) -> pd.DataFrame:
         results.loc[of(results, method, dt_s), measure] += amount
-        return results
-
-    return change
-
-
-def scaled(factor: float, method: str = "m1", dt_s: float = 0.01) -> Change:
-    """Return a change that multiplies the orientation error of one case."""
-
-    def change(results: pd.DataFrame) -> pd.DataFrame:
-        results.loc[of(results, method, dt_s), "orientation_error_rad"] *= factor
         return results
 
     return change
