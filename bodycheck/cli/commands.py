@@ -303,6 +303,7 @@ def judge(
     **described(
         MEASURE,
         "bodycheck body part.stl --density-kg-m3 1240 --unit mm",
+        "bodycheck body part.obj --mass-kg 4",
         "bodycheck body torus --size-m 1.0,0.3 --density-kg-m3 1000",
     ),
 )
@@ -310,11 +311,17 @@ def body(
     solid: Annotated[
         str,
         typer.Argument(
-            help="A closed mesh (.stl, .obj, .ply), a shape (box, torus, ...), or package.module:function, "
-            "called as f(points) -> values with points (n, 3) in m and values (n,); f <= 0 is inside."
+            help="A closed mesh (.stl, .obj, .ply, .off), a shape (box, torus, ...), or "
+            "package.module:function, called as f(points) -> values with points (n, 3) in m and values (n,); "
+            "f <= 0 is inside."
         ),
     ],
-    density_kg_m3: Annotated[float, typer.Option(help="Density in kg/m^3.")],
+    density_kg_m3: Annotated[
+        float | None, typer.Option(help="Density in kg/m^3; required, unless --mass-kg is given.")
+    ] = None,
+    mass_kg: Annotated[
+        float | None, typer.Option(help="Mass in kg, instead of the density of a mesh or a shape.")
+    ] = None,
     size_m: Annotated[
         str | None, typer.Option(help="Dimensions of a shape in m, like 1.0,0.3; required for a shape.")
     ] = None,
@@ -359,9 +366,10 @@ def body(
     from bodycheck.scenarios.solids import SolidRequest, as_toml, mass_properties
 
     size, box = numbers(size_m, "--size-m"), numbers(box_m, "--box-m")
-    request = SolidRequest(solid, density_kg_m3, size, box, monte_carlo, allow_code, unit, overlap)
-    lines = "\n".join(as_toml(mass_properties(request)))
-    print(json_text(tomllib.loads(lines)) if json else lines)
+    request = SolidRequest(solid, density_kg_m3, size, box, monte_carlo, allow_code, unit, overlap, mass_kg)
+    found = mass_properties(request)
+    lines = "\n".join(as_toml(found))
+    print(json_text({**tomllib.loads(lines), "notes": list(found.notes)}) if json else lines)
 
 
 @app.command(

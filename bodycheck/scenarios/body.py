@@ -161,7 +161,9 @@ class MeshBody(_Solid):
     @field_validator("density_kg_m3")
     @classmethod
     def _not_absurd(cls, value: float, info: ValidationInfo) -> float:
-        return _checked_density(value, info.data["mesh"].solid) if "mesh" in info.data else value
+        if "mesh" in info.data:
+            _physical_tensor(info.data["mesh"].at_density(value).inertia)
+        return value
 
     @cached_property
     def solid(self) -> MassProperties:

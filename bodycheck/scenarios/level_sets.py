@@ -54,6 +54,11 @@ class Estimate:
     centre_error: Array
     inertia_error: Array
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The notes of the properties."""
+        return self.properties.notes
+
     def half_widths(self) -> MassProperties:
         """Return the half widths of 95 % intervals, in the fields and units of the numbers."""
         return MassProperties(

@@ -12,7 +12,7 @@ from importlib.metadata import version
 from importlib.resources.abc import Traversable
 from io import BufferedIOBase
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -20,10 +20,14 @@ from bodycheck._util.compiled_cache import cache_directory
 from bodycheck._util.errors import InputError
 from bodycheck._util.file_digests import digest_of
 from bodycheck._util.files import opened, sealed
-from bodycheck.reference_impl.mass_properties.solid import MassProperties, Overlap
+from bodycheck._util.formatting import number, vector
+from bodycheck.reference_impl.mass_properties.solid import TO_COUNT_TWICE, MassProperties, Overlap
 from bodycheck.reference_impl.mass_properties.solid import primitive as unit_density_primitive
-from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh
+from bodycheck.scenarios.mesh_files import open_mesh, read_polygons
 from bodycheck.scenarios.mesh_files.decimation import decimated, obj_text
+
+if TYPE_CHECKING:
+    from bodycheck.reference_impl.mass_properties.mesh_check import Mesh
 
 Unit: TypeAlias = Literal["mm", "cm", "m", "in"]
 
@@ -74,8 +78,21 @@ def _diameter(solid: MassProperties) -> float:
     return 2.0 * math.sqrt(5.0 / 3.0 * 0.5 * float(np.trace(solid.inertia)) / solid.mass)
 
 
-def known_solid(name: str, compute: Callable[[], tuple[MassProperties, str]]) -> tuple[MassProperties, str]:
-    """Return the solid of a mesh file and its surface from the cache, or compute and cache them.
+class MeshFacts(NamedTuple):
+    """What is known of a mesh file: the solid at unit density and the decimated surface, in the file's unit.
+
+    crossing: the place where the surface crosses itself, or "", and then the volume that it occupies and the
+    half width of its 95 % interval.
+    """
+
+    solid: MassProperties
+    surface: str
+    crossing: str = ""
+    occupied: tuple[float, float] = (0.0, 0.0)
+
+
+def known_mesh(name: str, compute: Callable[[], MeshFacts]) -> MeshFacts:
+    """Return the facts about a mesh file from the cache, or compute and cache them.
 
     name: the file's hash and suffix. The cache key also covers the code that reads and integrates meshes:
     another release of bodycheck, numpy or numba computes the solid again. If the cache folder cannot be
@@ -88,14 +105,23 @@ def known_solid(name: str, compute: Callable[[], tuple[MassProperties, str]]) ->
         stored = opened(place.read_bytes())
         if stored is not None:
             centre, inertia = np.array(stored["centre"]), np.array(stored["inertia"])
-            return MassProperties(stored["mass"], centre, inertia, tuple(stored["notes"])), stored["surface"]
-    found, surface = compute()
-    arrays = {"centre": found.centre.tolist(), "inertia": found.inertia.tolist()}
+            solid = MassProperties(stored["mass"], centre, inertia, tuple(stored["notes"]))
+            return MeshFacts(solid, stored["surface"], stored["crossing"], tuple(stored["occupied"]))
+    found = compute()
+    solid = found.solid
     with suppress(OSError):
         place.parent.mkdir(parents=True, exist_ok=True)
-        stored = {"mass": found.mass, **arrays, "notes": list(found.notes), "surface": surface}
+        stored = {
+            "mass": solid.mass,
+            "centre": solid.centre.tolist(),
+            "inertia": solid.inertia.tolist(),
+            "notes": list(solid.notes),
+            "surface": found.surface,
+            "crossing": found.crossing,
+            "occupied": list(found.occupied),
+        }
         place.write_bytes(sealed(stored))
-    return found, surface
+    return found
 
 
 @dataclass(frozen=True)
@@ -103,7 +129,8 @@ class MeshSolid:
     """A mesh file's name and SHA-256, and the solid that it bounds, at unit density in the file's axes.
 
     unit: as specified, or None; the lengths of `solid` are always in m. surface: the decimated mesh, for
-    drawing, as OBJ in the file's unit; "" in runs of earlier versions.
+    drawing, as OBJ in the file's unit; "" in runs of earlier versions. crossing: what makes its volume
+    ambiguous, as in MeshFacts, relative to the volume of `solid`.
     """
 
     name: str
@@ -111,11 +138,35 @@ class MeshSolid:
     unit: Unit | None
     solid: MassProperties = field(compare=False)
     surface: str = field(compare=False, default="")
+    overlap: Overlap = field(compare=False, default="refuse")
+    crossing: str = field(compare=False, default="")
+    occupied: tuple[float, float] = field(compare=False, default=(0.0, 0.0))
 
     def at_density(self, density: float) -> MassProperties:
-        """Return the solid at a density in kg/m^3, with warnings about implausible values in its notes."""
-        found = self.solid.at_density(density)
-        return replace(found, notes=(*found.notes, *plausibility_warnings(found, density, self.unit)))
+        """Return the solid at a density in kg/m^3, with warnings about implausible values in its notes.
+
+        Raises ValueError as MassProperties.at_density does, and for crossing surfaces, unless what they wind
+        around twice is to count twice.
+        """
+        return self._checked(self.solid.at_density(density), density)
+
+    def of_mass(self, mass: float) -> MassProperties:
+        """Return the solid at a uniform density with a mass in kg, with warnings as at_density."""
+        return self._checked(self.solid.of_mass(mass), mass / self.solid.mass)
+
+    def _checked(self, found: MassProperties, density: float) -> MassProperties:
+        warnings = plausibility_warnings(found, density, self.unit)
+        if not self.crossing:
+            return replace(found, notes=(*found.notes, *warnings))
+        volume, error = (share * self.solid.mass for share in self.occupied)
+        both = (
+            f"surfaces cross near {self.crossing}: the volume is {number(self.solid.mass, 6)} m^3 "
+            f"({number(found.mass, 6)} kg) with what they wind around twice counted twice, and what they "
+            f"occupy is {number(volume, 6)} +- {number(error, 1)} m^3 ({number(density * volume, 6)} kg)"
+        )
+        if self.overlap == "refuse":
+            raise ValueError(f"the mesh is ambiguous: {both}; {TO_COUNT_TWICE.replace('that', 'the first')}")
+        return replace(found, notes=(*found.notes, both, *warnings))
 
 
 def mesh_solid(
@@ -131,64 +182,90 @@ def mesh_solid(
     with open_mesh(path) as file:
         digest = file_digest(file, "sha256").hexdigest()
         known_as = f"{digest}-{overlap}{Path(name).suffix}"
-        solid, surface = known_solid(known_as, lambda: _solid(path, file, digest, overlap))
-    return MeshSolid(name, digest, unit, solid.scaled(UNITS[unit or "m"]), surface)
+        known = known_mesh(known_as, lambda: _facts(path, file, digest, overlap))
+    low, high = (value / known.solid.mass for value in known.occupied)
+    solid = known.solid.scaled(UNITS[unit or "m"])
+    return MeshSolid(name, digest, unit, solid, known.surface, overlap, known.crossing, (low, high))
 
 
-def _solid(
-    path: Traversable, file: BufferedIOBase, digest: str, overlap: Overlap
-) -> tuple[MassProperties, str]:
-    """Return the solid of an open mesh file with this SHA-256, and its surface, decimated, as OBJ.
-
-    Raises InputError if the file changes meanwhile.
-    """
+def _facts(path: Traversable, file: BufferedIOBase, digest: str, overlap: Overlap) -> MeshFacts:
+    """Return the facts about an open mesh file with this SHA-256; raises InputError if it is unusable."""
     # importing numba takes a second, and most meshes are cached
     from bodycheck.reference_impl.kernels.jit import interpreted
     from bodycheck.reference_impl.mass_properties.mesh_check import checked_mesh
     from bodycheck.reference_impl.mass_properties.polyhedron import polyhedron
 
     file.seek(0)
-    vertices, triangles = parse_mesh(path, file)
+    polygons = read_polygons(path, file)
+    triangles = polygons.triangles()
     file.seek(0)
     if file_digest(file, "sha256").hexdigest() != digest:
         raise InputError(f"{path}: changed while it was read")
 
-    def checked() -> tuple[MassProperties, str]:
-        mesh = checked_mesh(vertices, triangles, overlap)
-        solid = replace(polyhedron(mesh.vertices, mesh.triangles), notes=mesh.notes)
-        return solid, obj_text(*decimated(mesh.vertices, mesh.triangles))
+    def checked() -> tuple[Mesh, MassProperties]:
+        mesh = checked_mesh(polygons.vertices, triangles, overlap)
+        return mesh, polyhedron(mesh.vertices, mesh.triangles)
 
+    found = None
     try:
         if len(triangles) <= _INTERPRETED_TRIANGLES:
             with suppress(FloatingPointError), interpreted():  # compiled code has inf and NaN
-                return checked()
-        return checked()
+                found = checked()
+        mesh, solid = found or checked()
     except ValueError as error:
         raise InputError(f"{path}: {error}") from None
+    notes = (*polygons.notes, *mesh.notes, *polygons.ambiguity(solid.mass))
+    facts = MeshFacts(replace(solid, notes=notes), obj_text(*decimated(mesh.vertices, mesh.triangles)))
+    if mesh.crossing is None:
+        return facts
+    return facts._replace(crossing=vector(mesh.crossing), occupied=_occupied(mesh))
+
+
+def _occupied(mesh: Mesh) -> tuple[float, float]:
+    """Return an estimate of the volume that a crossing surface winds around, and the half width at 95 %."""
+    from bodycheck.reference_impl.mass_properties.crossings import WoundSolid
+    from bodycheck.scenarios.level_sets import HALF_WIDTH, MIN_COLUMNS_LOG2, estimate  # imports scipy
+
+    found = estimate(WoundSolid(mesh.vertices, mesh.triangles), columns_log2=MIN_COLUMNS_LOG2)
+    return found.properties.mass, HALF_WIDTH * found.mass_error
 
 
 def load_mesh(
-    path: Path, density: float, unit: Unit | None = None, overlap: Overlap | None = None
+    path: Path,
+    density: float | None,
+    unit: Unit | None = None,
+    overlap: Overlap | None = None,
+    mass: float | None = None,
 ) -> MassProperties:
-    """Return the mass properties of a mesh file's solid at a density in kg/m^3.
+    """Return the mass properties of a mesh file's solid at a density in kg/m^3, or of a mass in kg.
 
     Raises InputError with one line if the file, the mesh or the density is unusable.
     """
     mesh = mesh_solid(path.parent, path.name, unit, overlap)
     try:
-        return mesh.at_density(density)
+        return _weighed(mesh, density, mass)
     except ValueError as error:
         raise InputError(f"{path}: {error}") from None
 
 
-def primitive(shape: str, size: Sequence[float], density: float) -> MassProperties:
+def primitive(
+    shape: str, size: Sequence[float], density: float | None, mass: float | None = None
+) -> MassProperties:
     """Return the mass properties of a primitive with its centre at the origin and its axis along z.
 
     Sizes in m: box, the full edges along x, y, z; sphere, the radius; ellipsoid, the semi-axes along x, y, z;
     cylinder, radius and length; capsule, radius and length of the cylindrical part; torus, major and minor
-    radius. Density in kg/m^3. Raises InputError with one line if an argument is wrong.
+    radius. Density in kg/m^3, or the mass in kg. Raises InputError with one line if an argument is wrong.
     """
     try:
-        return unit_density_primitive(shape, size).at_density(density)
+        return _weighed(unit_density_primitive(shape, size), density, mass)
     except ValueError as error:
         raise InputError(str(error)) from None
+
+
+def _weighed(solid: MassProperties | MeshSolid, density: float | None, mass: float | None) -> MassProperties:
+    """Return a solid at a density, or of a mass, of which one is given."""
+    if mass is not None:
+        return solid.of_mass(mass)
+    assert density is not None
+    return solid.at_density(density)

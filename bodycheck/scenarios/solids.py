@@ -19,21 +19,22 @@ _IMPLICIT: dict[str, Callable[..., ImplicitSolid]] = {"ellipsoid": ImplicitEllip
 
 @dataclass(frozen=True)
 class SolidRequest:
-    """The name of a mesh file, shape or package.module:function, its density in kg/m^3, and the options.
+    """The name of a mesh file, shape or package.module:function, and the options.
 
-    size: dimensions of a shape in m. box: around a function's solid, in m. monte_carlo: estimate a shape
-    instead of computing it exactly. allow_code: allow importing a function. unit: of a mesh file's lengths.
-    overlap: what to do with overlapping parts of a mesh.
+    density in kg/m^3, or None and the mass in kg. size: dimensions of a shape in m. box: around a function's
+    solid, in m. monte_carlo: estimate a shape instead of computing it exactly. allow_code: allow importing a
+    function. unit: of a mesh file's lengths. overlap: what to do with overlapping parts of a mesh.
     """
 
     name: str
-    density: float
+    density: float | None
     size: Sequence[float] | None = None
     box: Sequence[float] | None = None
     monte_carlo: bool = False
     allow_code: bool = False
     unit: Unit | None = None
     overlap: Overlap | None = None
+    mass: float | None = None
 
 
 def mass_properties(request: SolidRequest) -> MassProperties | Estimate:
@@ -43,12 +44,14 @@ def mass_properties(request: SolidRequest) -> MassProperties | Estimate:
     unusable solid.
     """
     name = request.name
-    if Path(name).suffix.lower() in MESH_SUFFIXES:
+    if (request.density is None) == (request.mass is None):
+        raise InputError(f"{name}: give either --density-kg-m3 or --mass-kg")
+    if Path(name).suffix.lower() in MESH_SUFFIXES or Path(name).is_file():
         _check_options(request, "a mesh file", size=False, box=False, mesh=True)
-        return load_mesh(Path(name), request.density, request.unit, request.overlap)
+        return load_mesh(Path(name), request.density, request.unit, request.overlap, request.mass)
     if name in PRIMITIVES:
         _check_options(request, "a shape", size=True, box=False, monte_carlo=name in _IMPLICIT)
-        exact = primitive(name, request.size or (), request.density)
+        exact = primitive(name, request.size or (), request.density, request.mass)
         return (
             _at_density(estimate(_IMPLICIT[name](*request.size or ())), request)
             if request.monte_carlo
@@ -65,6 +68,8 @@ def mass_properties(request: SolidRequest) -> MassProperties | Estimate:
 
 
 def _at_density(found: Estimate, request: SolidRequest) -> Estimate:
+    if request.density is None:
+        raise InputError(f"{request.name}: an estimate requires --density-kg-m3, not --mass-kg")
     try:
         return found.at_density(request.density)
     except ValueError as error:

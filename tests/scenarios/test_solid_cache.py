@@ -9,13 +9,13 @@ import pytest
 
 from bodycheck.reference_impl.mass_properties.solid import MassProperties
 from bodycheck.scenarios import shapes
-from bodycheck.scenarios.shapes import known_solid
+from bodycheck.scenarios.shapes import MeshFacts, known_mesh
 
 SOLID = MassProperties(
     1.0 / 3.0, np.array([0.1, -1e-300, 2.0 / 7.0]), np.diag([1.0, 2.0, 2.5]) / 3.0, ("a note",)
 )
 
-SURFACE = "v 0.0 0.0 0.0\n"
+FACTS = MeshFacts(SOLID, "v 0.0 0.0 0.0\n", "(1, 2, 3)", (0.1, 1.0 / 7.0))
 
 
 @pytest.fixture
@@ -29,13 +29,13 @@ def solid_and_computations(name: str = "abc.stl") -> tuple[MassProperties, int]:
     """Return the solid of a file, and how often it was computed."""
     times: list[str] = []
 
-    def compute() -> tuple[MassProperties, str]:
+    def compute() -> MeshFacts:
         times.append(name)
-        return SOLID, SURFACE
+        return FACTS
 
-    solid, surface = known_solid(name, compute)
-    assert surface == SURFACE
-    return solid, len(times)
+    found = known_mesh(name, compute)
+    assert found[1:] == FACTS[1:]
+    return found.solid, len(times)
 
 
 def test_solid_is_computed_once(folder: Path) -> None:

@@ -104,12 +104,11 @@ def split_shared_edges(vertices: Array, triangles: Triangles, partner: NDArray[n
     """Pair the half-edges of edges that more than two triangles share.
 
     Shapes: (n, 3), (m, 3), (3 m,) from edges.partners without open edges. Triangles back to back, as where
-    two parts share a wall, bound nothing and are removed. Raises ValueError naming the first edges around
-    which matter and void do not alternate: edges of three triangles, of a part drawn twice, or of
-    overlapping parts.
+    two parts share a wall or in a detached pair, bound nothing and are removed. Raises ValueError naming the
+    first edges around which matter and void do not alternate: edges of three triangles, of a part drawn
+    twice, or of overlapping parts.
     """
-    at_shared_edges = np.any((partner <= SHARED).reshape(-1, 3), axis=1)
-    cancelled = _back_to_back(triangles, at_shared_edges)
+    cancelled = _back_to_back(triangles, _may_cancel(partner))
     notes: tuple[str, ...] = ()
     if cancelled.any():
         where = first_few(vector(vertices[triangle[0]]) for triangle in triangles[cancelled])
@@ -123,6 +122,14 @@ def split_shared_edges(vertices: Array, triangles: Triangles, partner: NDArray[n
         _pair(vertices, triangles, partner)
         notes += (f"at {shared.sum()} edges parts touch; they were separated by which side is solid",)
     return SplitMesh(triangles, partner, notes)
+
+
+def _may_cancel(partner: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Return which triangles (m,) have a shared edge, or meet the same triangle at all edges."""
+    rows = partner.reshape(-1, 3)
+    neighbours = rows // 3
+    detached = (neighbours[:, 0] == neighbours[:, 1]) & (neighbours[:, 1] == neighbours[:, 2])
+    return np.asarray(detached | (rows <= SHARED).any(axis=1))
 
 
 def _back_to_back(triangles: Triangles, selected: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from bodycheck._util.formatting import first_few, vector
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.mass_properties.crossings import piercing_triangle
 from bodycheck.reference_impl.mass_properties.edges import (
     OPEN,
-    SHARED,
     SplitMesh,
     partners,
     refuse_edges,
@@ -30,11 +30,16 @@ _MAX_TRIANGLES = (1 << 31) // 3
 
 
 class Mesh(NamedTuple):
-    """Vertices (n, 3) in m, triangles (m, 3) that face outward, and notes on repairs, one sentence each."""
+    """Vertices (n, 3) in m, triangles (m, 3) that face outward, and notes on repairs, one sentence each.
+
+    crossing (3,): a place near which the surface crosses itself, or surfaces cross each other; None if none
+    was found.
+    """
 
     vertices: Array
     triangles: Triangles
     notes: tuple[str, ...]
+    crossing: Array | None
 
 
 def checked_mesh(vertices: ArrayLike, triangles: ArrayLike, overlap: Overlap = "refuse") -> Mesh:
@@ -47,8 +52,8 @@ def checked_mesh(vertices: ArrayLike, triangles: ArrayLike, overlap: Overlap = "
     Raises ValueError, naming the fault and its place, for coordinates that are not finite, invalid vertex
     numbers, an open mesh, edges around which matter and void do not alternate, a one-sided surface, a surface
     that encloses nothing, and ambiguous nested or crossing surfaces. If the overlap is "count-twice", matter
-    within matter counts as often as it is drawn. Self-crossing surfaces are not detected: what they wind
-    around twice counts twice.
+    within matter counts as often as it is drawn. A surface that crosses itself is not refused here, but
+    reported: what it winds around twice counts twice.
     """
     points, corners = _arrays(vertices, triangles)
     points, corners = _merged(points, corners)
@@ -63,7 +68,9 @@ def checked_mesh(vertices: ArrayLike, triangles: ArrayLike, overlap: Overlap = "
         *_flipped_note(points, closed.triangles, surfaces.flipped != orientation.wrong),
         *orientation.notes,
     )
-    return Mesh(points, with_flipped(surfaces.triangles, orientation.wrong), notes)
+    outward = with_flipped(surfaces.triangles, orientation.wrong)
+    piercing = piercing_triangle(points, outward, outward)
+    return Mesh(points, outward, notes, None if piercing is None else points[piercing].mean(axis=0))
 
 
 def _arrays(vertices: ArrayLike, triangles: ArrayLike) -> tuple[Array, Triangles]:
@@ -119,10 +126,8 @@ def _closed(vertices: Array, triangles: Triangles) -> SplitMesh:
             faulty = np.flatnonzero(partner == OPEN)
             refuse_edges(vertices, triangles, faulty, "is open: {} edges belong to one triangle only")
         triangles, partner, notes = joined.triangles, joined.partner, (joined.note,)
-    if (partner <= SHARED).any():
-        split = split_shared_edges(vertices, triangles, partner)
-        return split._replace(notes=notes + split.notes)
-    return SplitMesh(triangles, partner, notes)
+    split = split_shared_edges(vertices, triangles, partner)
+    return split._replace(notes=notes + split.notes)
 
 
 def _flipped_note(vertices: Array, triangles: Triangles, flipped: NDArray[np.bool_]) -> tuple[str, ...]:

@@ -21,6 +21,8 @@ Triangles: TypeAlias = NDArray[np.int64]
 Overlap: TypeAlias = Literal["refuse", "count-twice"]
 """How to treat closed parts of a mesh that overlap: refuse the mesh, or count the overlap twice."""
 
+TO_COUNT_TWICE = 'to accept that, use --overlap count-twice (mesh_overlap = "count-twice" in a scenario)'
+
 LENGTHS = (1e-50, 1e50)
 """The range of lengths in m whose fifth powers, as in second moments, are normal doubles."""
 
@@ -73,6 +75,15 @@ class MassProperties:
                 f"{np.diagonal(inertia).tolist()} kg m^2: beyond the range of double precision"
             )
         return replace(self, mass=mass, inertia=inertia)
+
+    def of_mass(self, mass: float) -> MassProperties:
+        """I = m I(1) / V: scale these properties, at unit density, to a mass in kg.
+
+        Raises ValueError as at_density does.
+        """
+        if not 0.0 < mass < math.inf:
+            raise ValueError(f"mass must be positive and finite, not {mass!r}")
+        return replace(self.at_density(mass / self.mass), mass=mass)
 
     def scaled(self, factor: Fraction) -> MassProperties:
         """m' = s^3 m, c' = s c, I' = s^5 I: scale all lengths by s at the same density."""

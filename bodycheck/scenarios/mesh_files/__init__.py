@@ -1,4 +1,4 @@
-"""Read triangle meshes from STL, OBJ and PLY files, without checking the mesh."""
+"""Read the polygons of mesh files, without checking whether they bound a solid."""
 
 from __future__ import annotations
 
@@ -13,13 +13,16 @@ from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
 from bodycheck.scenarios.mesh_files.obj import parse_obj
+from bodycheck.scenarios.mesh_files.off import parse_off
 from bodycheck.scenarios.mesh_files.ply import parse_ply
+from bodycheck.scenarios.mesh_files.polygons import Polygons
 from bodycheck.scenarios.mesh_files.stl import parse_stl
 
-Parser: TypeAlias = Callable[[BufferedIOBase], tuple[Array, Triangles]]
+Parser: TypeAlias = Callable[[BufferedIOBase], Polygons]
 
-_PARSERS: dict[str, Parser] = {".stl": parse_stl, ".obj": parse_obj, ".ply": parse_ply}
+_PARSERS: dict[str, Parser] = {".stl": parse_stl, ".obj": parse_obj, ".ply": parse_ply, ".off": parse_off}
 MESH_SUFFIXES = tuple(_PARSERS)
+_COMPRESSED = (".gz", ".bz2", ".xz", ".zip", ".zst", ".7z")
 _MAX_BYTES = 1 << 30
 
 
@@ -41,26 +44,39 @@ def open_mesh(path: Traversable) -> BufferedIOBase:
     return file
 
 
-def parse_mesh(path: Traversable, file: BufferedIOBase) -> tuple[Array, Triangles]:
-    """Return the vertices (n, 3), taken as m, and triangles (m, 3) of a file; its suffix selects the format.
+def read_polygons(path: Traversable, file: BufferedIOBase) -> Polygons:
+    """Return the polygons of a file; its suffix selects the format.
 
-    Polygons become fans about their first corner, which is exact for plane polygons, convex or not. Raises
-    InputError with one line: the file, the position in it, what is wrong.
+    Raises InputError with one line: the file, the position in it, what is wrong.
     """
     try:
-        vertices, triangles = _parser(path)(file)
+        found = _parser(path)(file)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError as error:
         raise InputError(f"{path}: {error}") from None
-    if not len(triangles):
+    if not len(found.lengths):
         raise InputError(f"{path}: has no faces")
-    return vertices, triangles
+    return found
+
+
+def parse_mesh(path: Traversable, file: BufferedIOBase) -> tuple[Array, Triangles]:
+    """Return the vertices (n, 3), taken as m, and triangles (m, 3) of a file.
+
+    Polygons become fans about their first corner, which is exact for plane polygons, convex or not. Raises
+    InputError as read_polygons does.
+    """
+    found = read_polygons(path, file)
+    return found.vertices, found.triangles()
 
 
 def _parser(path: Traversable) -> Parser:
     """Return the parser for a file's suffix; raises InputError for an unsupported format."""
-    parse = _PARSERS.get(PurePath(path.name).suffix.lower())
+    suffix = PurePath(path.name).suffix.lower()
+    parse = _PARSERS.get(suffix)
     if parse is None:
-        raise InputError(f"{path}: unsupported mesh format (supported: {', '.join(MESH_SUFFIXES)})")
+        known = f"supported: {', '.join(MESH_SUFFIXES)}"
+        if suffix in _COMPRESSED:
+            raise InputError(f"{path}: is compressed; unpack it first ({known})")
+        raise InputError(f"{path}: unsupported mesh format ({known})")
     return parse

@@ -71,7 +71,8 @@ def obj_text(vertices: Array, triangles: Triangles) -> str:
 
 def read_obj_text(text: str) -> tuple[Array, Triangles]:
     """Return the mesh of an OBJ text; raises ValueError if it is not one, or larger than a decimated mesh."""
-    vertices, triangles = parse_obj(BytesIO(text.encode()))
+    found = parse_obj(BytesIO(text.encode()))
+    vertices, triangles = found.vertices, found.triangles()
     if not 0 < len(triangles) <= MAX_TRIANGLES:
         raise ValueError(f"has {len(triangles)} triangles, not 1 to {MAX_TRIANGLES}")
     return vertices, triangles

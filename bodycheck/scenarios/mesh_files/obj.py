@@ -5,16 +5,16 @@ Source: Alias|Wavefront (1993), Advanced Visualizer manual, appendix B1.
 
 from __future__ import annotations
 
-import re
 from array import array
-from io import BufferedIOBase, BytesIO
+from collections.abc import Iterator
+from io import BufferedIOBase
 
 import numpy as np
 
-from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.solid import Triangles
+from bodycheck.scenarios.mesh_files.polygons import Polygons
 from bodycheck.scenarios.mesh_files.text_formats import (
-    fans,
+    encoding_notes,
+    encoding_of,
     floats,
     integer,
     points,
@@ -22,20 +22,19 @@ from bodycheck.scenarios.mesh_files.text_formats import (
     split_lines,
 )
 
-_CONTINUED = re.compile(rb"(?m)^(?:[^\n]*\\\r?\n)+[^\n]*")
-_CONTINUATION = re.compile(rb"\\\r?\n")
+_CURVED = ("surf", "curv", "cstype")
 
 
-def parse_obj(file: BufferedIOBase) -> tuple[Array, Triangles]:
-    """Return vertices (n, 3) and triangles (m, 3). Raises ValueError with the line and what is wrong.
+def parse_obj(file: BufferedIOBase) -> Polygons:
+    """Return the polygons of a file. Raises ValueError with the line and what is wrong.
 
     All objects and groups of the file are one mesh. A corner is `v`, `v/vt`, `v//vn` or `v/vt/vn`; a
     negative v counts back from the last vertex before its line.
     """
+    notes = encoding_notes(encoding_of(file))
     vertices, lengths, corners = array("d"), array("i"), array("i")
     ahead: list[tuple[int, int]] = []  # lines with a reference to a later vertex than any before
-    data = file.read()
-    for line, words in split_lines(BytesIO(_CONTINUED.sub(_joined, data) if b"\\" in data else data)):
+    for line, words in _statements(file):
         match words[0]:
             case "v":
                 if len(words) < 4:
@@ -50,17 +49,27 @@ def parse_obj(file: BufferedIOBase) -> tuple[Array, Triangles]:
                     ahead.append((line, max(face)))
                 lengths.append(len(face))
                 corners.extend(face)
+            case curved if curved in _CURVED:
+                raise ValueError(f"line {line}: {curved!r} is a curved surface; only polygons are read")
     for line, corner in ahead:
         if 3 * corner >= len(vertices):
             known = len(vertices) // 3
             raise ValueError(f"line {line}: corner {corner + 1} is not one of the {known} vertices")
-    return points(vertices), fans(np.asarray(lengths), np.asarray(corners))
+    return Polygons(points(vertices), np.asarray(lengths), np.asarray(corners), notes)
 
 
-def _joined(lines: re.Match[bytes]) -> bytes:
-    """Join continued lines, and append empty ones, so that the lines that follow keep their numbers."""
-    one, continuations = _CONTINUATION.subn(b" ", lines[0])
-    return one + b"\n" * continuations
+def _statements(file: BufferedIOBase) -> Iterator[tuple[int, list[str]]]:
+    """Yield the line and the words of each statement; a backslash continues it in the next line."""
+    begun, words = 0, list[str]()
+    for line, more in split_lines(file, comment="#"):
+        begun, words = begun or line, words + more
+        if words[-1].endswith("\\"):
+            words[-1:] = filter(None, [words[-1][:-1]])
+            continue
+        yield begun, words
+        begun, words = 0, []
+    if words:
+        yield begun, words
 
 
 def _corner(word: str, line: int, before: int) -> int:

@@ -5,19 +5,28 @@ Source: Turk (1994), The PLY polygon file format.
 
 from __future__ import annotations
 
+import re
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from io import BufferedIOBase, BytesIO
+from io import BufferedIOBase, BytesIO, TextIOWrapper
 from itertools import islice
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bodycheck._util.formatting import count
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.solid import Triangles
-from bodycheck.scenarios.mesh_files.text_formats import fans, floats, integer, quoted, split_lines
+from bodycheck.scenarios.mesh_files.polygons import Polygons
+from bodycheck.scenarios.mesh_files.text_formats import (
+    encoding_notes,
+    encoding_of,
+    floats,
+    integer,
+    quoted,
+    split_lines,
+)
 
 _TYPES = {
     name: code
@@ -69,24 +78,39 @@ class _Element:
     properties: list[_Property] = field(default_factory=list)
 
 
-def parse_ply(file: BufferedIOBase) -> tuple[Array, Triangles]:
-    """Return vertices (n, 3) and triangles (m, 3). Raises ValueError with the position and what is wrong.
+def parse_ply(file: BufferedIOBase) -> Polygons:
+    """Return the polygons of a file. Raises ValueError with the position and what is wrong.
 
     The vertices are the x, y, z of element `vertex`, the faces the list `vertex_indices` (or `vertex_index`)
-    of element `face`; everything else is skipped.
+    of element `face`, and the triangles of the strips in element `tristrips`; all else is skipped.
     """
+    encoding = encoding_of(file)
     data = file.read()
-    header, end, body = data.partition(b"end_header")
-    rest_of_line, _, body = body.partition(b"\n")
-    if not data.startswith(b"ply") or not end or rest_of_line.strip():
-        raise ValueError("not a PLY file: 'ply' at its start or the line 'end_header' is missing")
+    if encoding != "utf-8":
+        data = data.decode(encoding, errors="replace").encode()
+    header, body = _parts(data)
     byte_order, elements = _parse_header(header)
     if byte_order:
-        tables = _binary_tables(elements, body, byte_order)
+        tables, more = _binary_tables(elements, body, byte_order)
     else:
-        tables = _ascii_tables(elements, body, first_line=header.count(b"\n") + 2)
+        first_line = sum(1 for _ in TextIOWrapper(BytesIO(header))) + 1
+        tables, more = _ascii_tables(elements, body, first_line)
     vertices = _vertices(tables.get("vertex", {}))
-    return vertices, _triangles(tables.get("face", {}), len(vertices))
+    found = _faces(tables, len(vertices))
+    notes = (*encoding_notes(encoding), *([f"ignored: {more} after the last element"] if more else []))
+    return Polygons(vertices, found.lengths, found.numbers, notes)
+
+
+def _parts(data: bytes) -> tuple[bytes, bytes]:
+    """Return the header, up to the line end_header, and the bytes after it.
+
+    The first line shows how lines end: after a lone CR, a binary body may begin with the byte of LF.
+    """
+    ending = rb"\r" if re.match(rb"ply[ \t]*\r(?!\n)", data) else rb"\r?\n"
+    end = re.search(rb"[\r\n]end_header[ \t]*" + ending, data)
+    if not data.startswith(b"ply") or end is None:
+        raise ValueError("not a PLY file: 'ply' at its start or the line 'end_header' is missing")
+    return data[: end.end()], data[end.end() :]
 
 
 def _parse_header(header: bytes) -> tuple[str, list[_Element]]:
@@ -95,7 +119,7 @@ def _parse_header(header: bytes) -> tuple[str, list[_Element]]:
     elements: list[_Element] = []
     for line, words in split_lines(BytesIO(header)):
         match words:
-            case ["ply"] | ["comment" | "obj_info", *_]:
+            case ["ply"] | ["end_header"] | ["comment" | "obj_info", *_]:
                 pass
             case ["format", kind, "1.0"] if kind in _BYTE_ORDERS:
                 byte_order = _BYTE_ORDERS[kind]
@@ -156,19 +180,22 @@ class _Rows:
         return {**numbers, **lists}
 
 
-def _ascii_tables(elements: Sequence[_Element], body: bytes, first_line: int) -> dict[str, Columns]:
-    """Return the columns of each element; each line of the body is a row."""
+def _ascii_tables(
+    elements: Sequence[_Element], body: bytes, first_line: int
+) -> tuple[dict[str, Columns], str]:
+    """Return the columns of each element, and what follows the last; each line of the body is a row."""
     lines = split_lines(BytesIO(body), first_line)
     tables: dict[str, Columns] = {}
     for element in elements:
-        rows, count = _Rows(element), 0
+        rows, read = _Rows(element), 0
         for line, words in islice(lines, element.count):
             rows.add(_ascii_row(element, words, line))
-            count += 1
-        if count < element.count:
-            raise ValueError(f"ends after {count} of {element.count} rows of element {element.name!r}")
+            read += 1
+        if read < element.count:
+            raise ValueError(f"ends after {read} of {element.count} rows of element {element.name!r}")
         tables[element.name] = rows.columns()
-    return tables
+    more = sum(1 for _ in lines)
+    return tables, count(more, "line") if more else ""
 
 
 def _ascii_row(element: _Element, words: list[str], line: int) -> dict[str, Sequence[Any]]:
@@ -176,14 +203,14 @@ def _ascii_row(element: _Element, words: list[str], line: int) -> dict[str, Sequ
     row: dict[str, Sequence[Any]] = {}
     at = 0
     for known in element.properties:
-        count = 1
+        amount = 1
         if known.length is not None:
-            count = _length(integer(words[at], line), f"line {line}") if at < len(words) else 1
+            amount = _length(integer(words[at], line), f"line {line}") if at < len(words) else 1
             at += 1
-        items = words[at : at + count]
-        if len(items) < count:
+        items = words[at : at + amount]
+        if len(items) < amount:
             raise ValueError(f"line {line}: {quoted(words)} ends within {known.name!r}")
-        at += count
+        at += amount
         row[known.name] = (
             [integer(word, line) for word in items] if known.item in _INTEGERS else floats(items, line)
         )
@@ -192,8 +219,10 @@ def _ascii_row(element: _Element, words: list[str], line: int) -> dict[str, Sequ
     return row
 
 
-def _binary_tables(elements: Sequence[_Element], body: bytes, byte_order: str) -> dict[str, Columns]:
-    """Return the columns of each element, whose rows are stored without gaps."""
+def _binary_tables(
+    elements: Sequence[_Element], body: bytes, byte_order: str
+) -> tuple[dict[str, Columns], str]:
+    """Return the columns of each element, whose rows are stored without gaps, and what follows the last."""
     tables: dict[str, Columns] = {}
     offset = 0
     for element in elements:
@@ -207,7 +236,8 @@ def _binary_tables(elements: Sequence[_Element], body: bytes, byte_order: str) -
             )
         if element.count:
             tables[element.name], offset = _binary_columns(element, body, offset, byte_order)
-    return tables
+    more = len(body) - offset
+    return tables, count(more, "byte") if more else ""
 
 
 def _binary_columns(element: _Element, body: bytes, offset: int, byte_order: str) -> tuple[Columns, int]:
@@ -277,15 +307,47 @@ def _vertices(table: Columns) -> Array:
     return np.column_stack([np.asarray(axis, dtype=np.float64) for axis in axes])
 
 
-def _triangles(table: Columns, vertices: int) -> Triangles:
-    """Return the faces as triangles (m, 3)."""
-    found = next((table[name] for name in _CORNERS if name in table), None)
-    if not isinstance(found, _Lists):
-        return np.empty((0, 3), dtype=np.int64)
-    lengths, corners = found
+def _faces(tables: dict[str, Columns], vertices: int) -> _Lists:
+    """Return the corners of the faces, and of the triangles of all strips."""
+    found = [_checked(_corner_lists(tables, "face"), vertices)]
+    if "tristrips" in tables:
+        found.append(_checked(_strip_triangles(_corner_lists(tables, "tristrips")), vertices))
+    return _Lists(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+
+
+def _corner_lists(tables: dict[str, Columns], element: str) -> _Lists:
+    table = tables.get(element, {})
+    lists = next((table[name] for name in _CORNERS if name in table), None)
+    if not isinstance(lists, _Lists):
+        return _Lists(np.empty(0, np.int64), np.empty(0, np.int64))
+    # unsigned lengths and corners would wrap around where they are subtracted
+    return _Lists(lists.lengths.astype(np.int64), lists.numbers)
+
+
+def _strip_triangles(strips: _Lists) -> _Lists:
+    """Return the triangles of strips, in which -1 begins another: each corner forms one with the two before.
+
+    Every second triangle of a strip has the opposite order, so that all face the same side.
+    """
+    begins = np.cumsum(strips.lengths) - strips.lengths
+    corners = np.insert(strips.numbers.astype(np.int64), begins, -1)
+    place = np.arange(len(corners))
+    in_strip = place - np.maximum.accumulate(np.where(corners == -1, place, 0)) - 1
+    last = np.flatnonzero(in_strip >= 2)
+    found = corners[last[:, None] - np.array([2, 1, 0])]
+    odd = in_strip[last] % 2 == 1
+    found[odd] = found[odd][:, [1, 0, 2]]
+    bridges = (found == np.roll(found, 1, axis=1)).any(axis=1)  # to the next strip: they have no area
+    found = found[~bridges]
+    return _Lists(np.full(len(found), 3), found.ravel())
+
+
+def _checked(lists: _Lists, vertices: int) -> _Lists:
+    """Return lists of corners; raises ValueError for too few, or for one that is no vertex."""
+    lengths, corners = lists
     wrong = (corners < 0) | (corners >= vertices)
     if wrong.any() or (lengths < 3).any():
-        ends = np.cumsum(lengths, dtype=np.int64)
+        ends = np.cumsum(lengths)
         short = np.flatnonzero(lengths < 3)[:1].tolist()
         out_of_range = np.searchsorted(ends, np.flatnonzero(wrong)[:1], side="right").tolist()
         row = min(short + out_of_range)
@@ -293,4 +355,4 @@ def _triangles(table: Columns, vertices: int) -> Triangles:
         raise ValueError(
             f"face {row} (the first is 0) has the corners {corner_list}; there are {vertices} vertices"
         )
-    return fans(lengths, corners)
+    return lists

@@ -1,24 +1,56 @@
-"""Shared by the readers of text formats: split lines, parse numbers, triangulate polygons."""
+"""Shared by the readers of text formats: split lines of any encoding, parse numbers."""
 
 from __future__ import annotations
 
 from array import array
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from io import BufferedIOBase, TextIOWrapper
+from typing import BinaryIO, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.solid import Triangles
+
+UTF_16_NOTE = "the file is UTF-16 text"
 
 
-def split_lines(lines: Iterable[bytes], first: int = 1) -> Iterator[tuple[int, list[str]]]:
-    """Yield (line number, words) of each line that is not blank, counting from `first`."""
-    for number, line in enumerate(lines, first):
-        words = line.decode("utf-8", errors="replace").split()
-        if words:
-            yield number, words
+def encoding_of(file: BufferedIOBase) -> str:
+    """Return the encoding of a text file by its byte order mark or the zero bytes of UTF-16; rewind it."""
+    file.seek(0)
+    match list(file.read(4)):
+        case [0xEF, 0xBB, 0xBF, *_]:
+            found = "utf-8-sig"
+        case [0xFF, 0xFE, *_] | [0xFE, 0xFF, *_]:
+            found = "utf-16"
+        case [first, 0, second, 0] if first and second:
+            found = "utf-16-le"
+        case [0, first, 0, second] if first and second:
+            found = "utf-16-be"
+        case _:
+            found = "utf-8"
+    file.seek(0)
+    return found
+
+
+def encoding_notes(encoding: str) -> tuple[str, ...]:
+    """Return a note on an encoding that other readers of these formats do not expect."""
+    return (UTF_16_NOTE,) if encoding.startswith("utf-16") else ()
+
+
+def split_lines(file: BufferedIOBase, first: int = 1, comment: str = "") -> Iterator[tuple[int, list[str]]]:
+    """Yield (line number, words) of each line that is not blank, counting from `first`.
+
+    Lines end with LF, CRLF or CR. comment: the character that begins one, up to the end of its line.
+    """
+    lines = TextIOWrapper(cast(BinaryIO, file), encoding_of(file), errors="replace")
+    try:
+        for number, line in enumerate(lines, first):
+            words = (line.partition(comment)[0] if comment and comment in line else line).split()
+            if words:
+                yield number, words
+    finally:
+        if not file.closed:
+            lines.detach()  # otherwise it would close the file
 
 
 def floats(words: Sequence[str], line: int) -> list[float]:
@@ -26,7 +58,8 @@ def floats(words: Sequence[str], line: int) -> list[float]:
     try:
         return [float(word) for word in words]
     except ValueError:
-        raise ValueError(f"line {line}: not all of {quoted(words)} are numbers") from None
+        hint = "; a decimal point is expected" if any("," in word for word in words) else ""
+        raise ValueError(f"line {line}: not all of {quoted(words)} are numbers{hint}") from None
 
 
 def integer(word: str, line: int) -> int:
@@ -49,15 +82,3 @@ def quoted(words: Iterable[str]) -> str:
 def points(coordinates: array[float]) -> Array:
     """Return consecutive coordinates (3 n,) as an array (n, 3); n may be zero."""
     return np.asarray(coordinates, dtype=np.float64).reshape(-1, 3)
-
-
-def fans(lengths: NDArray[np.integer[Any]], corners: NDArray[np.integer[Any]]) -> Triangles:
-    """Split polygons, of `lengths` (k,) of the `corners` (l,), into triangles (m, 3) about the first."""
-    if (lengths == 3).all():
-        return np.ascontiguousarray(corners.reshape(-1, 3), dtype=np.int64)
-    count = lengths.astype(np.int64) - 2
-    first = np.repeat(np.cumsum(lengths) - lengths, count)
-    step = np.arange(1, len(first) + 1) - np.repeat(np.cumsum(count) - count, count)
-    found = np.empty((len(first), 3), dtype=np.int64)
-    found[:, 0], found[:, 1], found[:, 2] = corners[first], corners[first + step], corners[first + step + 1]
-    return found
