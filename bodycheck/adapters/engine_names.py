@@ -1,8 +1,8 @@
 """The names of engines: NAME, NAME==VERSION, cmd:COMMAND, each with or without a method.
 
 NAME==VERSION is an engine in a pinned version, in pip's notation. `cmd:COMMAND` is a program in any language,
-which speaks the worker protocol (docs/workers.md). A shorter name of a program is defined in engines.toml in
-the working directory:
+which speaks the worker protocol (docs/workers.md). A shorter name of a program is defined in the file of the
+option --engines:
 
     [engines.rapier]
     command = ["node", "rapier.mjs"]
@@ -14,20 +14,20 @@ from __future__ import annotations
 import re
 import shlex
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from bodycheck._util.code_gate import check_code
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import suggestion
 from bodycheck._util.untrusted import parse_toml, read_text
-from bodycheck.adapters.registry import distribution_of, engine_names
+from bodycheck.adapters.registry import distribution_of, engine_names, program_of, register_program
 from bodycheck.scenarios.reader import fault_lines
 
-PROGRAMS_FILE = Path("engines.toml")
 _COMMAND, _METHOD = "cmd:", "::"
 _VERSION = re.compile(r"\d+(\.\d+)*(\.?(a|b|rc|post|dev)\d+)*")
 
@@ -47,39 +47,41 @@ class _ProgramsFile(BaseModel):
     engines: dict[Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,60}$")], Program]
 
 
-def named_programs() -> Mapping[str, Program]:
-    """Return the programs of engines.toml in the working directory, by name; raise InputError if invalid."""
-    if not PROGRAMS_FILE.exists():
-        return {}
-    text = read_text(PROGRAMS_FILE)
-    try:
-        found = _ProgramsFile.model_validate(parse_toml(text, str(PROGRAMS_FILE))).engines
-    except ValidationError as error:
-        raise InputError("\n".join(f"{PROGRAMS_FILE}: {line}" for line in fault_lines(error))) from None
-    if taken := found.keys() & set(engine_names()):
-        raise InputError(f"{PROGRAMS_FILE}: engines.{min(taken)}: is the name of another engine")
-    return found
+def admit_file(path: Path, *, allow_code: bool) -> None:
+    """Admit the programs of a file under their short names.
 
-
-def program_of(engine: str) -> Program | None:
-    """Return the program of cmd:COMMAND, or of a name in engines.toml; None for any other engine.
-
-    Raises InputError if the command cannot be split into words, the program does not exist, or engines.toml
-    is invalid.
+    Raises InputError if the file is invalid, or has programs and code is not allowed.
     """
-    if not is_command(engine):
-        program = None if engine in engine_names() else named_programs().get(engine)
-    else:
+    text = read_text(path)
+    try:
+        found = _ProgramsFile.model_validate(parse_toml(text, str(path))).engines
+    except ValidationError as error:
+        raise InputError("\n".join(f"{path}: {line}" for line in fault_lines(error))) from None
+    if taken := found.keys() & set(engine_names()):
+        raise InputError(f"{path}: engines.{min(taken)}: is the name of another engine")
+    for name, program in found.items():
+        check_code(program.command[0], f"is started as {name}", allow_code=allow_code, file=path)
+        register_program(name, program, path)
+
+
+def admit(names: Iterable[str], *, allow_code: bool, file: Path | None = None) -> None:
+    """Admit the programs among the names of engines, cmd:COMMAND[::METHOD]; only admitted ones can start.
+
+    allow_code: whether the user wrote the names, or gave --allow-code. file: the file that has the names.
+    Raises InputError for a program that is not allowed, or whose command cannot be split into words.
+    """
+    for name in names:
+        engine = split_method(name)[0]
+        if not is_command(engine) or program_of(engine) is not None:
+            continue
+        check_code(engine, "starts a program", allow_code=allow_code, file=file)
         try:
             words = shlex.split(engine.removeprefix(_COMMAND))
         except ValueError as error:
             raise InputError(f"{engine}: {error}") from None
         if not words:
             raise InputError(f"{engine}: no command (expected one like cmd:./worker)")
-        program = Program(command=words)
-    if program is not None and shutil.which(program.command[0]) is None:
-        raise InputError(f"{engine}: no such program: {program.command[0]}")
-    return program
+        register_program(engine, Program(command=words))
 
 
 def is_command(engine: str) -> bool:
@@ -88,8 +90,8 @@ def is_command(engine: str) -> bool:
 
 
 def is_program(engine: str) -> bool:
-    """Whether the engine is a program, named by a command line or in engines.toml."""
-    return is_command(engine) or (engine not in engine_names() and engine in named_programs())
+    """Whether the engine is a program, named by a command line or in the file of --engines."""
+    return is_command(engine) or program_of(engine) is not None
 
 
 def split_method(name: str) -> tuple[str, str, str]:
@@ -136,11 +138,12 @@ def engine_fault(name: str) -> str | None:
     pin = pin_of(name)
     engine = name if pin is None else pin.engine
     if engine not in engine_names():
-        try:
-            if program_of(name) is not None:
-                return None
-        except InputError as error:
-            return str(error)
+        program = program_of(name)
+        if program is not None:
+            exists = shutil.which(program.command[0]) is not None
+            return None if exists else f"{name}: no such program: {program.command[0]}"
+        if is_command(name):
+            return f"{name}: may not be started (name the program on the command line or in a call)"
         named, _, version = engine.partition("=")
         if named in engine_names():
             return f"{name}: invalid version pin (expected NAME==VERSION, like {named}=={version or '4.0.0'})"

@@ -12,12 +12,15 @@ from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.file_digests import digest_of
 from bodycheck._util.formatting import suggestion
 from bodycheck.adapters.contract import Adapter
+
+if TYPE_CHECKING:
+    from bodycheck.adapters.engine_names import Program
 
 _BUILT_IN = {
     "mujoco": ("bodycheck.adapters.mujoco", "MuJoCo"),
@@ -46,6 +49,8 @@ They state what their engine needs (`contract.Requirements`), and import it when
 """
 _DISTRIBUTIONS = {"mujoco": "mujoco", "pybullet": "pybullet", "dart": "dartpy"}
 _registered: dict[str, Adapter] = {}
+_programs: dict[str, tuple[Program, Path | None]] = {}
+"""Name of an engine -> its program, which may be started, and the file that names it."""
 
 
 _CONTRACT = ("name", "version", "methods", "unsupported", "build")
@@ -63,15 +68,35 @@ def register_adapter(adapter: Adapter) -> None:
 
 @contextmanager
 def registered(*adapters: Adapter) -> Iterator[None]:
-    """Register engines for the duration of a with block; any others registered within it are removed too."""
-    before = dict(_registered)
+    """Register engines for the duration of a with block; what is registered within it is removed too."""
+    adapters_before, programs_before = dict(_registered), dict(_programs)
     try:
         for adapter in adapters:
             register_adapter(adapter)
         yield
     finally:
         _registered.clear()
-        _registered.update(before)
+        _registered.update(adapters_before)
+        _programs.clear()
+        _programs.update(programs_before)
+
+
+def register_program(engine: str, program: Program, file: Path | None = None) -> None:
+    """Let a program be started as this engine; file: the one that names it.
+
+    Only `engine_names`, which asks whether the code is allowed, and the run of another process call this.
+    """
+    _programs[engine] = program, file
+
+
+def program_of(engine: str) -> Program | None:
+    """Return the program of an engine; None for any other engine, and for one that may not be started."""
+    return _programs.get(engine, (None, None))[0]
+
+
+def program_file(engine: str) -> Path | None:
+    """Return the file that names the program of an engine."""
+    return _programs.get(engine, (None, None))[1]
 
 
 def engine_names() -> tuple[str, ...]:

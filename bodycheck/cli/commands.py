@@ -23,6 +23,7 @@ from bodycheck.cli.options import (
     WHAT,
     AllowCode,
     Engines,
+    EnginesFile,
     Fresh,
     Group,
     Jobs,
@@ -33,6 +34,7 @@ from bodycheck.cli.options import (
     Scenarios,
     ShardOption,
     TimeoutS,
+    admit_engines,
     complete_scenarios,
     described,
     numbers,
@@ -126,12 +128,13 @@ def run(
         str | None, typer.Option(help="PEM certificate of this client.", rich_help_panel=HOW)
     ] = None,
     tls_key: Annotated[str | None, typer.Option(help="PEM key of this client.", rich_help_panel=HOW)] = None,
+    engines: EnginesFile = None,
     allow_code: AllowCode = False,
     resume: Annotated[
         Path | None,
         typer.Option(
-            help="Continue the interrupted run of this --out folder with its original settings; cannot be "
-            "combined with other options than --json and --quiet.",
+            help="Continue the interrupted run of this --out folder with its original settings; can be "
+            "combined with --json, --quiet, --engines and --allow-code only.",
             rich_help_panel=HOW,
         ),
     ] = None,
@@ -145,6 +148,7 @@ def run(
     from bodycheck.runs.directory import resume as go_on
 
     make_progress = progress_of(quiet=quiet)
+    admit_engines(engines, allow_code=allow_code)
     request = RunRequest(
         scenarios=scenarios or ["standard"],
         engines=None if engine is None else engine.split(","),
@@ -163,9 +167,11 @@ def run(
     )
     if resume is not None:
         refuse_others(
-            context, "--resume: continues a run with its original settings", ("resume", "json", "quiet")
+            context,
+            "--resume: continues a run with its original settings",
+            ("resume", "json", "quiet", "engines", "allow_code"),
         )
-        measured, report = go_on(resume, make_progress)
+        measured, report = go_on(resume, make_progress, allow_code=allow_code)
     else:
         measured, report = run_to_folder(request, out, make_progress)
     answer(run_document(measured), {**run_data(measured), "report": report}, as_json=json)

@@ -10,9 +10,11 @@ from bodycheck.cli.options import (
     ADAPTERS,
     MEASURE,
     AllowCode,
+    EnginesFile,
     Json,
     Quiet,
     TimeoutS,
+    admit_engines,
     complete_engines,
     described,
 )
@@ -40,6 +42,7 @@ def check(
         ),
     ],
     timeout_s: TimeoutS = TIMEOUT_S,
+    engines: EnginesFile = None,
     allow_code: AllowCode = False,
     json: Json = False,
     quiet: Quiet = False,
@@ -52,6 +55,7 @@ def check(
     from bodycheck.reports.render.progress import status_line
     from bodycheck.runs.engine_checks import check_adapter, conformance_document
 
+    admit_engines(engines, allow_code=allow_code)
     with status_line(f"checking {engine}", quiet=quiet):
         found = check_adapter(engine, timeout_s=timeout_s, allow_code=allow_code)
     answer(conformance_document(found), found, as_json=json)
@@ -111,6 +115,7 @@ def fingerprint(
         ),
     ] = False,
     timeout_s: TimeoutS = TIMEOUT_S,
+    engines: EnginesFile = None,
     allow_code: AllowCode = False,
     json: Json = False,
     quiet: Quiet = False,
@@ -125,6 +130,7 @@ def fingerprint(
     from bodycheck.reports.summary.method_identity import fingerprint_document
     from bodycheck.runs.engine_checks import fingerprints
 
+    admit_engines(engines, allow_code=allow_code)
     with status_line(f"comparing {engine} with known maps", quiet=quiet):
         rows = fingerprints(engine, timeout_s=timeout_s, all_loads=all_loads, allow_code=allow_code)
     answer(fingerprint_document(rows), rows, as_json=json)
@@ -137,6 +143,7 @@ def fingerprint(
 def laws(
     engine: _Engine,
     timeout_s: TimeoutS = TIMEOUT_S,
+    engines: EnginesFile = None,
     allow_code: AllowCode = False,
     json: Json = False,
     quiet: Quiet = False,
@@ -151,6 +158,7 @@ def laws(
     from bodycheck.reports.summary.method_identity import laws_document
     from bodycheck.runs.engine_checks import laws as checked
 
+    admit_engines(engines, allow_code=allow_code)
     with status_line(f"checking the laws on {engine}", quiet=quiet):
         rows = checked(engine, timeout_s=timeout_s, allow_code=allow_code)
     answer(laws_document(rows), rows, as_json=json)

@@ -15,11 +15,13 @@ from bodycheck.cli.options import (
     OUTPUT,
     WHAT,
     AllowCode,
+    EnginesFile,
     Jobs,
     Json,
     OutFolder,
     Quiet,
     TimeoutS,
+    admit_engines,
     complete_engines,
     complete_scenarios,
     described,
@@ -165,6 +167,7 @@ def ensemble(
     ] = None,
     jobs: Jobs = None,
     timeout_s: TimeoutS = TIMEOUT_S,
+    engines: EnginesFile = None,
     allow_code: AllowCode = False,
     json: Json = False,
     quiet: Quiet = False,
@@ -177,6 +180,7 @@ def ensemble(
     from bodycheck.runs.ensemble_result import EnsembleRequest
     from bodycheck.runs.ensemble_run import row_text
 
+    admit_engines(engines, allow_code=allow_code)
     request = EnsembleRequest(
         scenario=scenario,
         engines=() if engine is None else engine.split(","),
@@ -280,6 +284,7 @@ def hunt(
     out: OutFolder = None,
     jobs: Jobs = None,
     timeout_s: TimeoutS = TIMEOUT_S,
+    engines: EnginesFile = None,
     allow_code: AllowCode = False,
     json: Json = False,
     quiet: Quiet = False,
@@ -296,6 +301,7 @@ def hunt(
     from bodycheck.runs.hunt_run import HuntRequest, write_hunt
     from bodycheck.runs.hunt_run import hunt as search
 
+    admit_engines(engines, allow_code=allow_code)
     request = HuntRequest(
         ensemble=EnsembleRequest(
             scenario=scenario,

@@ -14,6 +14,7 @@ from bodycheck.cli.options import (
     OUTPUT,
     WATCH,
     AllowCode,
+    EnginesFile,
     Fresh,
     Jobs,
     Json,
@@ -21,6 +22,7 @@ from bodycheck.cli.options import (
     Quiet,
     Scenarios,
     TimeoutS,
+    admit_engines,
     check_files,
     described,
     progress_of,
@@ -84,6 +86,7 @@ def gate(
     jobs: Jobs = None,
     timeout_s: TimeoutS = TIMEOUT_S,
     fresh: Fresh = None,
+    engines: EnginesFile = None,
     allow_code: AllowCode = False,
     json: Json = False,
     quiet: Quiet = False,
@@ -112,8 +115,9 @@ def gate(
     if run is None:
         options = RunOptions(jobs=jobs, timeout_s=timeout_s, reuse=reuse_of(fresh, "truths"))
         make_progress = progress_of(quiet=quiet)
+        admit_engines(engines, allow_code=allow_code)
         measured = _new_run(
-            bounds, scenarios or ["standard"], options, make_progress, out, allow_code=allow_code
+            bounds, gates, scenarios or ["standard"], options, make_progress, out, allow_code=allow_code
         )
     else:
         measured = read_tables(run)
@@ -141,6 +145,7 @@ def _check(*, update: bool, margin: float | None, loosen: str | None) -> None:
 
 def _new_run(
     gates: Sequence[Gate],
+    file: Path,
     scenarios: Sequence[str],
     options: RunOptions,
     make_progress: ProgressFactory,
@@ -148,12 +153,12 @@ def _new_run(
     *,
     allow_code: bool,
 ) -> Run:
-    """Run what the gates check, and write it to `out`, if given."""
+    """Run what the gates of a file check, and write it to `out`, if given."""
     from bodycheck.runs.directory import write_run
     from bodycheck.runs.gate_run import run_for_gates
 
     try:
-        run = run_for_gates(gates, scenarios, options, make_progress, allow_code=allow_code)
+        run = run_for_gates(gates, scenarios, options, make_progress, file=file, allow_code=allow_code)
     except KeyboardInterrupt:
         raise StoppedError("stopped before any gate was checked") from None
     if out is not None:

@@ -16,6 +16,7 @@ from bodycheck.cli.options import (
     WATCH,
     AllowCode,
     Engines,
+    EnginesFile,
     Files,
     HtmlFile,
     Jobs,
@@ -28,6 +29,7 @@ from bodycheck.cli.options import (
     Threshold,
     ThresholdsFile,
     TimeoutS,
+    admit_engines,
     check_files,
     described,
     progress_of,
@@ -60,6 +62,7 @@ _OF_A_SHARD = (
     "no_speed",
     "shard",
     "out",
+    "engines",
     "allow_code",
     "quiet",
 )
@@ -102,6 +105,7 @@ def nightly_(
     ] = None,
     html: HtmlFile = None,
     markdown: MarkdownFile = None,
+    engines: EnginesFile = None,
     allow_code: AllowCode = False,
     json: Json = False,
     quiet: Quiet = False,
@@ -117,6 +121,7 @@ def nightly_(
     levels = thresholds_of(threshold, thresholds)
     files = {"html": html, "markdown": markdown}
     check_files(files)
+    admit_engines(engines, allow_code=allow_code)
     request = RunRequest(
         scenarios=scenarios or ["standard"],
         engines=None if engine is None else engine.split(","),

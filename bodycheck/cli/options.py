@@ -31,6 +31,10 @@ def described(group: str, *examples: str) -> dict[str, Any]:
     return {"cls": Command, "rich_help_panel": group, "epilog": "\n".join(examples)}
 
 
+_ENGINES = ("engine", "against")
+"""The parameters of commands that name engines."""
+
+
 class Command(TyperCommand):
     """A command whose help has its options in groups, and its examples; it refuses repeated options."""
 
@@ -43,6 +47,15 @@ class Command(TyperCommand):
             if times > 1 and isinstance(option, TyperOption) and not (option.multiple or option.is_flag):
                 ctx.fail(f"{option.opts[0]}: given {times} times; separate several values by commas")
         return list(super().parse_args(ctx, args))
+
+    def invoke(self, ctx: Any) -> Any:
+        """Call the command, which may start the programs that the user names as engines."""
+        named = [word for key in _ENGINES for word in str(ctx.params.get(key) or "").split(",")]
+        if any(word.startswith("cmd:") for word in named):
+            from bodycheck.adapters.engine_names import admit  # imports pydantic
+
+            admit(named, allow_code=True)
+        return super().invoke(ctx)
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write arguments, then the options of each group."""
@@ -216,8 +229,17 @@ AllowCode: TypeAlias = Annotated[
     bool,
     typer.Option(
         "--allow-code",
-        help="Allow scenario files to import functions f(t, position, R, velocity, omega) -> force, torque, "
-        "which runs their modules' code; R is (3, 3), t a number, the others (3,).",
+        help="Allow files to name code that runs: programs, and functions f(t, position, R, velocity, omega) "
+        "-> force, torque in scenarios; R is (3, 3), t a number, the others (3,).",
+        rich_help_panel=HOW,
+    ),
+]
+EnginesFile: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="TOML file that gives programs names for --engine, see docs/workers.md; needs --allow-code.",
+        show_default="none",
         rich_help_panel=HOW,
     ),
 ]
@@ -255,6 +277,14 @@ GifFile: TypeAlias = Annotated[Path | None, _file("--gif", "the animation as GIF
 Mp4File: TypeAlias = Annotated[Path | None, _file("--mp4", "the animation as MP4")]
 Files: TypeAlias = Mapping[str, Path | None]
 """The files that options name, by format: the name of the option without its dashes."""
+
+
+def admit_engines(file: Path | None, *, allow_code: bool) -> None:
+    """Let the programs of the file of --engines start; raises InputError if it is wrong or not allowed."""
+    if file is not None:
+        from bodycheck.adapters.engine_names import admit_file  # imports pydantic
+
+        admit_file(file, allow_code=allow_code)
 
 
 def numbers(text: str | None, option: str) -> list[float] | None:

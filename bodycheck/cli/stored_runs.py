@@ -13,6 +13,7 @@ from bodycheck.cli.options import (
     ASK,
     OUTPUT,
     AllowCode,
+    EnginesFile,
     Files,
     GifFile,
     HtmlFile,
@@ -25,6 +26,7 @@ from bodycheck.cli.options import (
     SvgFile,
     Threshold,
     ThresholdsFile,
+    admit_engines,
     check_files,
     complete_scenarios,
     described,
@@ -183,6 +185,7 @@ def advise(
             help="Folder of a run.", show_default="the newest run of these scenarios, else a new run"
         ),
     ] = None,
+    engines: EnginesFile = None,
     allow_code: AllowCode = False,
     json: Json = False,
     quiet: Quiet = False,
@@ -196,6 +199,7 @@ def advise(
     from bodycheck.reports.summary.advice_document import advice_document
     from bodycheck.runs import advice_run
 
+    admit_engines(engines, allow_code=allow_code)
     inertia, spin = numbers(inertia_kg_m2, "--inertia-kg-m2"), numbers(spin_rad_s, "--spin-rad-s")
     request = advice_run.AdviceRequest(
         error=error,
@@ -431,7 +435,7 @@ def plot(
     tables = read_tables(run)
     scenario = _scenario_of(tables, scenario)
     engines = _engines_of(tables, engine)
-    appearance = Appearance(columns, style, engines)
+    appearance = Appearance(columns, style, engines, allow_code)
     needs_motions = figure in NEED_MOTIONS
     found = read_run(run, allow_code=allow_code, cache=Cache.default()) if needs_motions else tables
     shown = measure or "orientation_error_rad"

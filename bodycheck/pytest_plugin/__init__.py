@@ -36,6 +36,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "required by that fixture",
     )
     group.addoption(
+        "--bodycheck-allow-code",
+        action="store_true",
+        help="let the file of gates name programs, cmd:COMMAND, that are started [default: it may not]",
+    )
+    group.addoption(
         "--bodycheck-report",
         metavar="DIR",
         help="keep each run, with its report, in DIR/TEST/RUN_ID [default: runs are not kept]",

@@ -18,6 +18,7 @@ import pytest
 
 from bodycheck._util.errors import InputError
 from bodycheck.adapters.contract import Adapter
+from bodycheck.adapters.engine_names import admit
 from bodycheck.adapters.registry import registered
 from bodycheck.adapters.step_function import Step, StepFunction
 from bodycheck.reports.cache.answers import Reuse
@@ -325,7 +326,9 @@ def _unset_methods(engines: str, defaults: Mapping[str, Any]) -> list[dict[str, 
 
 @cache
 def _methods(engines: str) -> list[tuple[str, str]]:
-    return [(engine.name, method.name) for engine, method in select((), engines.split(",")).methods]
+    names = engines.split(",")
+    admit(names, allow_code=True)
+    return [(engine.name, method.name) for engine, method in select((), names).methods]
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,6 +339,8 @@ class GateCase:
     run_gates: tuple[Gate, ...]
     scenarios: tuple[str, ...]
     reuse: Reuse
+    file: Path
+    allow_code: bool
     report_folder: Path | None = None
     record: Record | None = None
 
@@ -347,16 +352,36 @@ class GateCase:
         """Assert that the gate passes; a gate that matched or measured nothing fails."""
         __tracebackhide__ = True
         assert self.record is not None
-        run, report = _run_of(self.run_gates, self.scenarios, self.reuse, self.report_folder)
+        run, report = _run_of(
+            self.run_gates,
+            self.scenarios,
+            self.reuse,
+            self.file,
+            self.report_folder,
+            allow_code=self.allow_code,
+        )
         (result,) = check_gates([self.gate], run)
         assert_passed(result, run, self.record, report=report)
 
 
 @cache
 def _run_of(
-    gates: tuple[Gate, ...], scenarios: tuple[str, ...], reuse: Reuse, report_folder: Path | None
+    gates: tuple[Gate, ...],
+    scenarios: tuple[str, ...],
+    reuse: Reuse,
+    file: Path,
+    report_folder: Path | None,
+    *,
+    allow_code: bool,
 ) -> tuple[Run, Path | None]:
-    run = run_for_gates(gates, scenarios, RunOptions(reuse=reuse), lambda _: nullcontext(NULL_PROGRESS))
+    run = run_for_gates(
+        gates,
+        scenarios,
+        RunOptions(reuse=reuse),
+        lambda _: nullcontext(NULL_PROGRESS),
+        file=file,
+        allow_code=allow_code,
+    )
     return run, None if report_folder is None else _write_report(run, report_folder, None)
 
 
@@ -376,6 +401,18 @@ def parametrize_gates(metafunc: pytest.Metafunc) -> None:
     reuse: Reuse = "everything" if metafunc.config.getoption("--bodycheck-reuse") else "truths"
     folder = metafunc.config.getoption("--bodycheck-report")
     report_folder = None if folder is None else Path(folder).absolute() / "gates"
-    params = [GateCase(gate, (gate,) if shared else gates, scenarios, reuse, report_folder) for gate in gates]
+    allow_code = metafunc.config.getoption("--bodycheck-allow-code")
+    params = [
+        GateCase(
+            gate,
+            (gate,) if shared else gates,
+            scenarios,
+            reuse,
+            Path(file).absolute(),
+            allow_code,
+            report_folder,
+        )
+        for gate in gates
+    ]
     names = [f"{index}-{gate.scenario}-{gate.engine}-{gate.method}" for index, gate in enumerate(gates)]
     metafunc.parametrize("bodycheck_gate", params, ids=names, indirect=True)

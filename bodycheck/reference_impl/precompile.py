@@ -6,6 +6,7 @@ Modules with kernels are imported late: importing numba takes a second, which is
 from __future__ import annotations
 
 import gc
+import os
 import subprocess
 import sys
 import threading
@@ -19,7 +20,9 @@ from typing import Any
 
 import numpy as np
 
+from bodycheck._util.child_python import child_python
 from bodycheck._util.compiled_cache import cache_directory
+from bodycheck._util.pinned_libraries import numba
 from bodycheck.reference_impl.loads.load import Load
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 
@@ -101,10 +104,12 @@ def _solve(scenes: Iterable[Scene], probes: Mapping[str, Scene], report: Callabl
 @contextmanager
 def _second_process(waiting: deque[str]) -> Iterator[subprocess.Popen[bytes]]:
     """Start a process that takes names off the queue until it is empty; kill it at the end."""
+    command, variables = child_python(__name__)
     # in a session of its own: a keyboard interrupt reaches this process only, which then ends the other
     other = subprocess.Popen(
-        [sys.executable, "-m", __name__],
+        command,
         bufsize=0,
+        env={**os.environ, **variables},
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         start_new_session=True,
@@ -150,13 +155,13 @@ def _stored_kernels() -> int:
 @contextmanager
 def _reporting(report: Callable[[], None]) -> Iterator[None]:
     """Call report whenever this process begins to compile a kernel."""
-    from numba.core import event
+    event: Any = numba().core.event
 
     class Compilation(event.Listener):  # type: ignore[misc]
-        def on_start(self, _: event.Event) -> None:
+        def on_start(self, _: Any) -> None:
             report()
 
-        def on_end(self, _: event.Event) -> None:
+        def on_end(self, _: Any) -> None:
             pass
 
     with event.install_listener("numba:compile", Compilation()):

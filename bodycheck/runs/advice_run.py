@@ -18,13 +18,13 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.files import write_file
 from bodycheck._util.formatting import number, suggestion, vector
 from bodycheck.adapters.contract import Method
-from bodycheck.adapters.engine_names import with_method
+from bodycheck.adapters.engine_names import admit, with_method
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.case import CaseResult, measured_by, scenario_spec
 from bodycheck.reports.measurement.measures import Motion
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.study import method_rows
-from bodycheck.reports.run_files.run_reader import Tables, read_manifest, read_run, read_tables
+from bodycheck.reports.run_files.run_reader import MANIFEST, Tables, read_manifest, read_run, read_tables
 from bodycheck.reports.run_files.run_tables import MethodKey, Run, RunTables, cases_by_method
 from bodycheck.reports.run_files.tables import METHOD_COLUMNS, as_table
 from bodycheck.reports.summary.advice import (
@@ -225,7 +225,9 @@ def advise(request: AdviceRequest, make_progress: ProgressFactory) -> Advice:
         found = until(full_run, request.horizon_s)
         _note_shorter(found, names, request.horizon_s)
     answers = (
-        _searched(found, request, names, make_progress) if request.search else _answers(found, request, names)
+        _searched(folder, found, request, names, make_progress)
+        if request.search
+        else _answers(found, request, names)
     )
     return Advice(request.measure, request.error, request.dt_s, str(folder), answers)
 
@@ -275,7 +277,11 @@ def _answers(
 
 
 def _searched(
-    run: RunTables, request: AdviceRequest, scenarios: Sequence[str], make_progress: ProgressFactory
+    folder: Path,
+    run: RunTables,
+    request: AdviceRequest,
+    scenarios: Sequence[str],
+    make_progress: ProgressFactory,
 ) -> tuple[Answer, ...]:
     """Measure predicted settings until all answers are measured, or nothing more can be tried."""
     assert request.error is not None
@@ -291,7 +297,9 @@ def _searched(
         if not steps:
             return answers
         options = RunOptions(speed=run.manifest["speed"], laws=False)
-        measured = measure_steps(run, steps, options, make_progress, allow_code=request.allow_code)
+        measured = measure_steps(
+            run, steps, options, make_progress, file=folder / MANIFEST, allow_code=request.allow_code
+        )
         more.append(measured if request.horizon_s is None else until(measured, request.horizon_s))
     return _answers(run, request, scenarios, more)
 
@@ -302,15 +310,18 @@ def measure_steps(
     options: RunOptions,
     make_progress: ProgressFactory,
     *,
+    file: Path | None = None,
     allow_code: bool = False,
 ) -> Run:
     """Run scenarios and methods of a run, as the run stores them, at one further step in s each.
 
-    allow_code: the scenarios may name functions, whose code runs. Raises InputError where the run's engines
-    are not available any more.
+    file: the manifest of a stored run. allow_code: it may name functions and programs, whose code
+    runs. Raises InputError where the run's engines are not available any more.
     """
     commands = {case.columns["scenario"]: case.columns["reproduce"] for case in run.cases}
-    selection = select((), [with_method(*key) for key in dict.fromkeys(key for _, key in steps)])
+    engines = [with_method(*key) for key in dict.fromkeys(key for _, key in steps)]
+    admit(engines, allow_code=allow_code, file=file)
+    selection = select((), engines)
     for engine, _ in selection.methods:
         before = run.manifest["engines"][engine.name]["version"]
         if engine.version != before:
@@ -319,7 +330,10 @@ def measure_steps(
     selection = replace(
         selection,
         scenarios=tuple(
-            (scenario_spec(commands[name]) or name, deserialized(stored[name], name, allow_code=allow_code))
+            (
+                scenario_spec(commands[name]) or name,
+                deserialized(stored[name], name, allow_code=allow_code, file=file),
+            )
             for name in dict.fromkeys(name for name, _ in steps)
         ),
         single_steps={(name, *key): dt_s for (name, key), dt_s in steps.items()},

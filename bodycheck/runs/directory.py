@@ -23,12 +23,16 @@ from pydantic import (
     ValidationError,
 )
 
+from bodycheck._util.code_gate import check_code
 from bodycheck._util.errors import InputError, StoppedError
 from bodycheck._util.files import atomic_write
 from bodycheck._util.formatting import names
 from bodycheck._util.shard import Shard
-from bodycheck._util.untrusted import read_json, shell_quote
+from bodycheck._util.untrusted import read_json, shell_join
+from bodycheck.adapters.engine_names import admit, is_program, split_method
+from bodycheck.adapters.registry import program_file
 from bodycheck.reports.cache.journal import Journal
+from bodycheck.reports.measurement.case import ALLOW_CODE, ENGINES_FILE
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.writer import check_output, write_files
 from bodycheck.runs.manifest import Identity
@@ -142,7 +146,7 @@ def run_to_folder(request: RunRequest, out: Path | None, make_progress: Progress
         raise StoppedError("stopped before anything was measured") from None
     with request.connected() as options:
         _describe(partial, request, identity, selection, out)
-        return _run_journaled(selection, options, identity, out, make_progress)
+        return _run_journaled(request, selection, options, identity, out, make_progress)
 
 
 def _describe(
@@ -166,35 +170,41 @@ def _describe(
         raise InputError(f"--out {out}: cannot be written: {error.strerror}") from None
 
 
-def resume(out: Path, make_progress: ProgressFactory) -> tuple[Run, Path]:
+def resume(out: Path, make_progress: ProgressFactory, *, allow_code: bool = False) -> tuple[Run, Path]:
     """Continue an interrupted run with its original settings, without repeating finished cases.
 
-    Raises InputError if there is no interrupted run or a scenario has changed, and the errors of
-    run_to_folder.
+    allow_code: scenarios and the stored request may name functions, programs and a cluster, whose code runs;
+    the request itself permits nothing. Raises InputError if there is no interrupted run or a scenario has
+    changed, and the errors of run_to_folder.
     """
     partial = partial_of(out)
+    file = partial / _REQUEST
     try:
-        description = _description(partial / _REQUEST)
+        description = _description(file)
     except FileNotFoundError:
         state = "that run is complete" if _run_id(out) else "there is no interrupted run"
         raise InputError(f"--resume {out}: {state}") from None
     except InputError as error:
         raise InputError(f"--resume {out}: {error}") from None
-    request, identity = description.request, Identity(description.run_id, description.created)
+    request = replace(description.request, allow_code=allow_code)
+    identity = Identity(description.run_id, description.created)
     if _run_id(out) == identity.run_id:  # interrupted after renaming the results
         shutil.rmtree(partial, ignore_errors=True)
         raise InputError(f"--resume {out}: that run is complete")
+    admit(request.engines or (), allow_code=allow_code, file=file)
+    if request.cluster is not None:
+        check_code(request.cluster, "a cluster can run code here", allow_code=allow_code, file=file)
     try:
         selection = request.selection
     except KeyboardInterrupt:
-        raise StoppedError(f"stopped; {_continue_hint(out)}") from None
+        raise StoppedError(f"stopped; {_continue_hint(out, request)}") from None
     now = _definitions(selection)
     if changed := [name for name, was in description.definitions.items() if now.get(name) != was]:
         raise InputError(
             f"--resume {out}: changed since the run began: {names(changed)}; restore it, or remove {partial}"
         )
     with request.connected() as options:
-        return _run_journaled(selection, options, identity, out, make_progress)
+        return _run_journaled(request, selection, options, identity, out, make_progress)
 
 
 def _description(path: Path) -> _Description:
@@ -220,7 +230,12 @@ def partial_of(out: Path) -> Path:
 
 
 def _run_journaled(
-    selection: Selection, options: RunOptions, identity: Identity, out: Path, make_progress: ProgressFactory
+    request: RunRequest,
+    selection: Selection,
+    options: RunOptions,
+    identity: Identity,
+    out: Path,
+    make_progress: ProgressFactory,
 ) -> tuple[Run, Path]:
     partial = partial_of(out)
     journal: Journal | None = None
@@ -230,18 +245,23 @@ def _run_journaled(
             progress.phase("writing the report")
             report = write_run(measured, out, temp_dir=partial)
     except KeyboardInterrupt:
-        raise StoppedError(f"stopped; {_continue_hint(out)}") from None
+        raise StoppedError(f"stopped; {_continue_hint(out, request)}") from None
     except InputError as error:
         if journal is not None and journal.is_empty:  # there is nothing to continue
             shutil.rmtree(partial, ignore_errors=True)
             raise
-        raise InputError(f"{error}; {_continue_hint(out)}") from None
+        raise InputError(f"{error}; {_continue_hint(out, request)}") from None
     shutil.rmtree(partial, ignore_errors=True)
     return measured, report
 
 
-def _continue_hint(out: Path) -> str:
-    return f"continue with: bodycheck run --resume {shell_quote(str(out))}"
+def _continue_hint(out: Path, request: RunRequest) -> str:
+    names = [split_method(name)[0] for name in request.engines or ()]
+    files = dict.fromkeys(str(file) for name in names if (file := program_file(name)) is not None)
+    words = [str(out), *(word for file in files for word in (ENGINES_FILE, file))]
+    if request.allow_code or request.cluster is not None or any(map(is_program, names)):
+        words.append(ALLOW_CODE)
+    return f"continue with: bodycheck run --resume {shell_join(words)}"
 
 
 def write_run(run: Run, out: str | Path, *, temp_dir: Path | None = None) -> Path:

@@ -14,6 +14,7 @@ from urllib.parse import quote
 
 import numpy as np
 
+from bodycheck._util.pinned_libraries import duckdb_connection, matplotlib
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.measurement.case import reproducing_command
 from bodycheck.reports.render.figures import figure_bytes, rendering
@@ -57,9 +58,7 @@ class Dataset:
         self._connection: DuckDBPyConnection | None = None
 
     def __enter__(self) -> Dataset:
-        import duckdb  # imported here: only stored datasets need it
-
-        self._connection = duckdb.connect()
+        self._connection = duckdb_connection()
         return self
 
     def __exit__(
@@ -221,7 +220,7 @@ def _sketches(result: EnsembleResult) -> Iterator[tuple[dict[str, Any], str, Qua
 def _draw(result: EnsembleResult, path: Path) -> None:
     """Draw the distributions where matplotlib is installed; docs/ensembles.md says so."""
     try:
-        import matplotlib  # noqa: F401 - an extra
+        matplotlib()  # an extra
     except ImportError:
         return
     sketches = [(key_text(key), statistics.sketches) for key, statistics in result.statistics]

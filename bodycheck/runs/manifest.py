@@ -112,9 +112,12 @@ def machine() -> dict[str, Any]:
 def commit() -> str | None:
     """Return the commit of the git checkout that this package is part of, with "+" if it is modified."""
     package = Path(__file__).parents[1]
+    # the settings of another checkout, which this package may be installed in, can make git start programs
+    if not (package.parent / ".git").exists():
+        return None
     try:
         if not _git(package, "ls-files", "__init__.py"):
-            return None  # installed below a checkout of something else
+            return None
         return _git(package, "rev-parse", "--short=10", "HEAD") + "+" * bool(
             _git(package, "status", "--porcelain", "--untracked-files=no", ".")
         )

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bodycheck._util.errors import InputError
+from bodycheck.adapters.engine_names import admit, admit_file
 from bodycheck.reference_impl.precompile import compile_kernels, interprets_closed_forms
 from bodycheck.reference_impl.truth.truth import Truth
 from bodycheck.reports.cache.answers import Answers
@@ -59,6 +60,7 @@ def run(
     timeout_s: float = TIMEOUT_S,
     fresh: bool | None = None,
     allow_code: bool = False,
+    engines_file: str | Path | None = None,
     executor: Executor | None = None,
 ) -> Run:
     """Measure scenarios x methods x steps and return the tables with the motions behind them.
@@ -69,9 +71,9 @@ def run(
     method's]. speed: whether to measure CPU time. jobs: number of cases to run in parallel [default: one per
     core]. timeout_s: time limit of one case in s. fresh: True runs every case again; False reuses results of
     earlier runs by the same build of an engine; None reuses those of installed engines only, not of plug-ins
-    and editable installs. allow_code: whether scenarios may name functions, whose code runs. executor: runs
-    the cases elsewhere, each as one task; its workers need bodycheck and the engines. Speeds are measured
-    here. Raises InputError for wrong input.
+    and editable installs. allow_code: whether files may name functions and programs, whose code runs.
+    engines_file: names programs, see docs/workers.md. executor: runs the cases elsewhere, each as one task;
+    its workers need bodycheck and the engines. Speeds are measured here. Raises InputError for wrong input.
     """
     listed: dict[str, Any] = {
         "scenarios": scenarios,
@@ -84,6 +86,9 @@ def run(
             raise InputError(f"{name}: name at least one")
     reuse = reuse_of(fresh, "installed")
     options = RunOptions(speed=speed, jobs=jobs, timeout_s=timeout_s, reuse=reuse, executor=executor)
+    if engines_file is not None:
+        admit_file(Path(engines_file), allow_code=allow_code)
+    admit((name for name in engines or () if isinstance(name, str)), allow_code=True)
     selection = select(scenarios, engines, dt_s, tolerances, allow_code=allow_code)
     return run_selection(selection, options, Identity.new(), journal=None, progress=NULL_PROGRESS)
 

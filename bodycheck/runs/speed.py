@@ -15,7 +15,9 @@ import numpy as np
 
 from bodycheck._util.errors import UnavailableError, WorkerLostError
 from bodycheck.adapters.contract import Engine, Setting
+from bodycheck.adapters.engine_names import Program
 from bodycheck.adapters.execution import Case
+from bodycheck.adapters.registry import program_of
 from bodycheck.adapters.workers import case_messages, protocol, received_messages
 from bodycheck.adapters.workers.engine_pool import EnginePool, is_only_here
 from bodycheck.adapters.workers.executors import announced_as, compile_for
@@ -98,7 +100,8 @@ def measure_speeds(
 class TimingRequest:
     """A case to be timed, alternating with a case of the reference, as picklable data.
 
-    version: of the engine, which must have it. laps: at most. timeout_s: time limit of one answer.
+    version: of the engine, which must have it. laps: at most. timeout_s: time limit of one answer. program:
+    the engine's, if it is one, which the run was allowed to start.
     """
 
     engine: str
@@ -107,6 +110,7 @@ class TimingRequest:
     reference: Message
     laps: int
     timeout_s: float
+    program: Program | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +126,9 @@ class _Timed:
         scene = problem.scenario.scene
         case = Case(scene, result.columns["method"], result.setting)
         cases = case_messages.case_message(case), _reference_case(problem.scenario)
-        return cls(engine, case, TimingRequest(engine.name, engine.version, *cases, laps, timeout_s))
+        program = program_of(engine.name)
+        request = TimingRequest(engine.name, engine.version, *cases, laps, timeout_s, program)
+        return cls(engine, case, request)
 
 
 def _reference_case(scenario: Scenario) -> Message:
@@ -209,7 +215,7 @@ class Clock:
 
     def announced(self, request: TimingRequest) -> Engine | str:
         """Return the engine of a case, or why this machine does not have it."""
-        return announced_as(self._engine_pool, request.engine, request.version)
+        return announced_as(self._engine_pool, request.engine, request.version, request.program)
 
     def laps(self, request: TimingRequest) -> Message:
         """Return the times in s of the case's laps and of the reference laps between them, or why none exist.

@@ -123,8 +123,9 @@ def _user_wrench(value: Any, info: ValidationInfo) -> UserWrench:
     """Import the function, where the reading's context allows code."""
     if not isinstance(value, str):
         raise ValueError("needs the name of a function, like package.module:function")
-    allow_code = bool((info.context or {}).get("allow_code"))
-    return UserWrench(value, user_function(value, allow_code=allow_code))
+    context = info.context or {}
+    allow_code = bool(context.get("allow_code"))
+    return UserWrench(value, user_function(value, allow_code=allow_code, file=context.get("file")))
 
 
 class CallableTable(LoadTable):

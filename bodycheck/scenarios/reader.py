@@ -118,7 +118,7 @@ def parse_members(text: str, where: str, folder: Traversable, *, allow_code: boo
 
     Raises InputError as read_members does.
     """
-    context = {"folder": folder, "allow_code": allow_code}
+    context = {"folder": folder, "allow_code": allow_code, "file": Path(where)}
     try:
         data = parse_toml(text, where)
         if "sweep" in data:

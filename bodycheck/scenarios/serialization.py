@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,15 +27,17 @@ def serialized(scenario: Scenario) -> dict[str, Any]:
     return scenario.model_dump(mode="json", exclude_none=True)
 
 
-def deserialized(data: Mapping[str, Any], where: str, *, allow_code: bool = False) -> Scenario:
+def deserialized(
+    data: Mapping[str, Any], where: str, *, allow_code: bool = False, file: Path | None = None
+) -> Scenario:
     """Return the scenario from the output of `serialized`; `where` names it in messages.
 
-    allow_code: it may name functions, whose code runs. Raises InputError with one line per error, also if
-    `serialized` would not give the same data again.
+    allow_code: it may name functions, whose code runs. file: has the data. Raises InputError with one line
+    per error, also if `serialized` would not give the same data again.
     """
     try:
         by_numbers = {name: data["body"][name] for name in _NUMBERS if name in data["body"]}
-        context = {"stored": True, "allow_code": allow_code}
+        context = {"stored": True, "allow_code": allow_code, "file": file}
         scenario = Scenario.model_validate({**data, "body": by_numbers}, context=context)
         if (shaped := _shaped(data["body"])) is not None:
             scenario = scenario.model_copy(update={"body": shaped})

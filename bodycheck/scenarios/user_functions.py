@@ -12,26 +12,26 @@ from typing import Any
 
 import numpy as np
 
+from bodycheck._util.code_gate import check_code
 from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.arrays import Array
 
 _NAME = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 
 
-def user_function(name: str, *, allow_code: bool) -> Callable[..., Any]:
-    """Import package.module:function; the working directory comes first on the path, as with python -m.
+def user_function(name: str, *, allow_code: bool, file: Path | None = None) -> Callable[..., Any]:
+    """Import package.module:function; the working directory comes last on the path.
 
-    Raises InputError with one line if code is not allowed, the name is invalid, the import fails, or the
-    object is not callable.
+    allow_code, file: as for `check_code`. Raises InputError with one line if code is not allowed, the name is
+    invalid, the import fails, or the object is not callable.
     """
     if not _NAME.fullmatch(name):
         raise InputError(f"{name}: not the name of a function (expected package.module:function)")
-    if not allow_code:
-        raise InputError(f"{name}: importing it runs its code; add --allow-code if you trust it")
+    check_code(name, "importing it runs its code", allow_code=allow_code, file=file)
     module_name, _, function_name = name.partition(":")
     here = str(Path.cwd())
     if here not in sys.path:
-        sys.path.insert(0, here)
+        sys.path.append(here)  # last: no file there may replace an installed package
     try:
         module = importlib.import_module(module_name)
     except (Exception, SystemExit) as error:

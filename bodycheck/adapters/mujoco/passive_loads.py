@@ -15,9 +15,8 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numba import carray, cfunc, types
-from numba.extending import intrinsic
 
+from bodycheck._util.pinned_libraries import numba
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.continuous_loads import continuous_wrench
 from bodycheck.reference_impl.kernels.jit import kernel
@@ -33,6 +32,9 @@ from bodycheck.reference_impl.kernels.small_vectors import (
 )
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reference_impl.scene import WrenchFunction
+
+carray, cfunc, types = numba().carray, numba().cfunc, numba().types
+intrinsic = numba().extending.intrinsic
 
 # what the callback receives through memory: addresses, and how many loads' numbers there are
 _DATA, _QPOS, _QVEL, _PASSIVE, _CLOCK, _JOINT, _LOADS, _LENGTH = range(8)

@@ -180,7 +180,9 @@ def _make(pin: Pin, place: Path) -> None:
 def _make_python(pin: Pin, environment: Path) -> None:
     # another Python than the current one may have to be downloaded
     other = _other_python(pin)
-    uv("venv", "--python", other or sys.executable, str(environment), downloads=bool(other))
+    python = other or sys.executable
+    # the working directory may be a project of anybody
+    uv("venv", "--no-project", "--python", python, str(environment), downloads=bool(other))
     try:
         _install(pin, environment, _as_here())
     except UvError as error:

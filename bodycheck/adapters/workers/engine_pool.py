@@ -12,8 +12,8 @@ from typing import Protocol, TypeAlias
 from bodycheck._util.compiled_cache import cache_directory
 from bodycheck._util.errors import UnavailableError, WorkerLostError
 from bodycheck.adapters.contract import Adapter, Build, Engine
-from bodycheck.adapters.engine_names import is_program, pin_of, program_of
-from bodycheck.adapters.registry import registered_adapter
+from bodycheck.adapters.engine_names import is_program, pin_of
+from bodycheck.adapters.registry import program_of, registered_adapter
 from bodycheck.adapters.versions.environments import needed_environment, program_in, python_of
 from bodycheck.adapters.workers import protocol, received_messages
 from bodycheck.adapters.workers.protocol import Message

@@ -14,6 +14,8 @@ from typing import Any
 
 from bodycheck._util.errors import InputError, UnavailableError, WorkerLostError
 from bodycheck.adapters.contract import Engine, Method
+from bodycheck.adapters.engine_names import Program
+from bodycheck.adapters.registry import program_file, program_of, register_program
 from bodycheck.adapters.workers import case_messages, protocol
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.adapters.workers.protocol import Message
@@ -25,12 +27,16 @@ _compiled: set[tuple[str, bool, bool]] = set()
 
 @dataclass(frozen=True)
 class CaseRequest:
-    """A request to an engine, which must have the version that the run announces."""
+    """A request to an engine, which must have the version that the run announces.
+
+    program: the engine's, if it is one, which the run was allowed to start.
+    """
 
     engine: str
     version: str
     request: Message
     timeout_s: float
+    program: Program | None = None
 
     @property
     def kind(self) -> tuple[str, str, str]:
@@ -67,7 +73,7 @@ def answer_case(case_request: CaseRequest) -> Message:
     if case_request.engine == "reference":
         compile_for(case_request.request["case"])
     pool = _engines.pool
-    found = announced_as(pool, case_request.engine, case_request.version)
+    found = announced_as(pool, case_request.engine, case_request.version, case_request.program)
     if isinstance(found, str):
         return {"outcome": "failed", "message": found}
     return {
@@ -76,8 +82,10 @@ def answer_case(case_request: CaseRequest) -> Message:
     }
 
 
-def announced_as(engine_pool: EnginePool, name: str, version: str) -> Engine | str:
-    """Return the engine of this machine, or why it is not the one of the run."""
+def announced_as(engine_pool: EnginePool, name: str, version: str, program: Program | None) -> Engine | str:
+    """Return the engine of this machine, or why it is not the one of the run; program: the engine's."""
+    if program is not None:
+        register_program(name, program, program_file(name))
     try:
         engine = engine_pool.announced(name)
     except (UnavailableError, WorkerLostError) as error:
@@ -121,7 +129,8 @@ class ExecutorEngines:
 
         Raises WorkerLostError if the run was stopped, InputError if the executor is broken.
         """
-        case_request = CaseRequest(engine, self._versions[engine], request, timeout_s)
+        version = self._versions[engine]
+        case_request = CaseRequest(engine, version, request, timeout_s, program_of(engine))
         try:
             future = self._executor.submit(answer_case, case_request)
             pending: list[Future[Any]] = [future, self._stopped]

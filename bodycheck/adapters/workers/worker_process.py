@@ -13,6 +13,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from bodycheck._util.child_python import child_python
 from bodycheck._util.errors import UnavailableError, WorkerLostError
 from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.engine_names import Program
@@ -52,8 +53,8 @@ class WorkerProcess:
             command = [sys.executable, "-I", str(Path(launcher.__file__).resolve()), memory, *program.command]
         elif python is None:
             # the worker must import what this process can: an engine may lie next to the user's script
-            environment["PYTHONPATH"] = os.pathsep.join(p for p in sys.path if p)
-            command = [sys.executable, "-P", "-m", "bodycheck.adapters.workers.worker", engine, memory]
+            command, variables = child_python("bodycheck.adapters.workers.worker", engine, memory)
+            environment |= variables
         else:
             environment.pop("PYTHONPATH", None)  # it may contain another version of the engine
             command = [str(python), "-P", str(Path(worker_bootstrap.__file__).resolve()), engine, memory]

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from bodycheck._util.pinned_libraries import numba
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.continuous_loads import continuous_wrench
 from bodycheck.reference_impl.integrators.callback_motion import runge_kutta_step
@@ -80,7 +81,7 @@ def _advance_zero_order_hold(
 @cache
 def _compiled() -> Any:
     """Compile once for all methods: the method is passed as a function pointer."""
-    from numba import types  # imported here: takes a quarter of a second
+    types = numba().types
 
     array = types.float64[::1]
     method = types.FunctionType(types.void(array, array, array, types.float64, types.int64))

@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from numba.core.caching import IndexDataCacheFile
+from bodycheck._util.pinned_libraries import numba
 
 _DIGEST_BYTES = 32
 
@@ -18,7 +18,7 @@ class _DamagedError(ValueError):
     """The content of a cache file does not match its digest."""
 
 
-class CheckedCacheFile(IndexDataCacheFile):  # type: ignore[misc]
+class CheckedCacheFile(numba().core.caching.IndexDataCacheFile):  # type: ignore[misc]
     """The index and data files of one kernel, each preceded by the SHA-256 of its content."""
 
     def load(self, key: Any) -> Any:

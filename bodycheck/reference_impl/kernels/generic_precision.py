@@ -11,13 +11,13 @@ import math
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
-from numba import types, uintp
-from numba.extending import overload
-
+from bodycheck._util.pinned_libraries import numba
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.kernels import double_double
 from bodycheck.reference_impl.kernels import double_double as dd
 from bodycheck.reference_impl.kernels.double_double import DoubleDouble
+
+types, uintp, overload = numba().types, numba().uintp, numba().extending.overload
 
 Number: TypeAlias = float | DoubleDouble
 Numbers: TypeAlias = Array | tuple[Array, Array]

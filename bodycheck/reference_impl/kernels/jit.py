@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from bodycheck._util.compiled_cache import cache_directory
+from bodycheck._util.pinned_libraries import numba
 
 _interpreting: ContextVar[bool] = ContextVar("interpreting", default=False)
 
@@ -58,26 +59,24 @@ class Kernel:
 @cache
 def _numba() -> Any:
     """Import numba, and let compiled functions call kernels."""
-    import numba
-    from numba.core import types
-    from numba.extending import typeof_impl
-
-    typeof_impl.register(Kernel)(lambda kernel, _: types.Dispatcher(kernel.dispatcher))
-    return numba
+    found = numba()
+    dispatcher_type = found.core.types.Dispatcher
+    found.extending.typeof_impl.register(Kernel)(lambda kernel, _: dispatcher_type(kernel.dispatcher))
+    return found
 
 
 def _compiled(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     from bodycheck.reference_impl.kernels.cache_files import check_files_of
 
-    numba = _numba()
+    compiler = _numba()
     # numba reads CACHE_DIR when it decorates a function. The setting is global to the process, so it is
     # restored.
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(cache_directory())
+    before = compiler.config.CACHE_DIR
+    compiler.config.CACHE_DIR = str(cache_directory())
     try:
-        return check_files_of(numba.njit(cache=True, error_model="numpy", **options)(function))
+        return check_files_of(compiler.njit(cache=True, error_model="numpy", **options)(function))
     finally:
-        numba.config.CACHE_DIR = before
+        compiler.config.CACHE_DIR = before
 
 
 def _without_literals(dispatcher: Any) -> Any:

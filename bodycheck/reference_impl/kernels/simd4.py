@@ -12,12 +12,13 @@ from inspect import Parameter
 from inspect import signature as signature_of
 from typing import Any, TypeAlias
 
-import numba
-from numba import types
-from numba.core.cgutils import ir  # llvmlite, a dependency of numba
-from numba.extending import intrinsic, models, register_model
-
+from bodycheck._util.pinned_libraries import numba
 from bodycheck.reference_impl.arrays import Array
+
+types: Any = numba().types
+ir: Any = numba().core.cgutils.ir  # llvmlite, a dependency of numba
+models: Any = numba().extending.models
+intrinsic, register_model = numba().extending.intrinsic, numba().extending.register_model
 
 Lanes: TypeAlias = tuple[float, float, float, float]
 
@@ -41,11 +42,11 @@ _LANES = _LanesType()
 _Emitter: TypeAlias = Callable[..., Any]
 
 
-def _compiled_to(emit: _Emitter, result: types.Type = _LANES) -> Callable[[_Emitter], Any]:
+def _compiled_to(emit: _Emitter, result: Any = _LANES) -> Callable[[_Emitter], Any]:
     """Compile calls of the decorated function to the code that emit(builder, *values) builds."""
 
     def decorate(python: _Emitter) -> Any:
-        if numba.config.DISABLE_JIT:
+        if numba().config.DISABLE_JIT:
             return python
 
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:

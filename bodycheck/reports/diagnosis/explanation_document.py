@@ -250,12 +250,12 @@ def explanation_figure(cases: Sequence[ExplainedCase], suffix: str) -> bytes:
 
     suffix: .png, .svg or .pdf. One panel per case.
     """
-    from matplotlib.figure import Figure
-
     from bodycheck.reports.render.figures import WIDTHS_IN, figure_bytes, rendering
 
     rows = [(one, errors) for one in cases if one.diagnosis and (errors := errors_over_time(one.diagnosis))]
     with rendering():
+        from matplotlib.figure import Figure
+
         drawn = Figure(figsize=(WIDTHS_IN[2], _PANEL_IN * max(len(rows), 1)), layout="constrained")
         for row, (one, (times, before, after)) in enumerate(rows, 1):
             axes = drawn.add_subplot(len(rows), 1, row, title=one.title, yscale="log")

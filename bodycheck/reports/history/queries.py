@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.pinned_libraries import duckdb_connection
 from bodycheck._util.untrusted import escaped
 from bodycheck.reports.history.baseline import read_summary
 
@@ -83,7 +84,7 @@ def _connection() -> Iterator[duckdb.DuckDBPyConnection]:
     import duckdb
 
     try:
-        with duckdb.connect() as database:
+        with duckdb_connection() as database:
             yield database
     except duckdb.Error as error:
         raise InputError(" ".join(str(error).split())) from None

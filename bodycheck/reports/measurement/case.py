@@ -13,6 +13,7 @@ from bodycheck._util.untrusted import shell_join, shell_split
 from bodycheck.adapters.contract import Build, Engine, Method, ReadBack, Setting, read_back_mismatch
 from bodycheck.adapters.engine_names import with_method
 from bodycheck.adapters.execution import Answer, Case
+from bodycheck.adapters.registry import program_file
 from bodycheck.adapters.stable_step import energy_blowup, invalid_state, kinetic_limit
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
@@ -39,6 +40,9 @@ RunCase: TypeAlias = Callable[[Engine, Case], Answer]
 
 SWITCH_NOTE = "load switches inside a step"
 """Part of the message of a case whose order is lowered by such switches."""
+
+ENGINES_FILE = "--engines"
+"""The option of a command that names the file of its programs."""
 
 ALLOW_CODE = "--allow-code"
 """Part of a command whose scenario or engine is a function of the user."""
@@ -243,6 +247,9 @@ def method_command(
 ) -> str:
     """Return the command line `bodycheck WORDS ENGINE:METHOD OPTIONS`; code: as for `reproducing_command`."""
     arguments = ["bodycheck", *words, with_method(engine.name, method.name), *options]
+    if (file := program_file(engine.name)) is not None:
+        arguments += [ENGINES_FILE, str(file)]
+        code = True
     if code or engine.build.kind == "handed over":
         arguments.append(ALLOW_CODE)
     return shell_join(arguments)

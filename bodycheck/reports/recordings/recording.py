@@ -18,6 +18,7 @@ import numpy as np
 
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.formatting import suggestion
+from bodycheck._util.pinned_libraries import duckdb_connection
 from bodycheck._util.untrusted import from_outside, printable
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.recordings.resolution import Stamp, are_doubles, stamp_spacing
@@ -211,7 +212,7 @@ def _read_parquet(path: Path) -> Recording:
     import duckdb
 
     try:
-        with duckdb.connect(config={"autoinstall_known_extensions": "false"}) as database:
+        with duckdb_connection() as database:
             table = database.read_parquet(glob.escape(str(path)))
             nested = [
                 name

@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from bodycheck._util.code_gate import check_code
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.formatting import setting
+from bodycheck._util.pinned_libraries import matplotlib
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measure_bounds import floor_of
@@ -76,12 +78,14 @@ class Appearance:
     """How a figure looks.
 
     columns: its width, 1 (3.5 in) or 2 (7.2 in) columns of a paper. style: a file of matplotlib's settings.
-    engines: the lines that are drawn, as ENGINE or ENGINE:METHOD; all if empty.
+    engines: the lines that are drawn, as ENGINE or ENGINE:METHOD; all if empty. allow_code: whether the
+    style may start programs.
     """
 
     columns: int = 1
     style: Path | None = None
     engines: tuple[str, ...] = ()
+    allow_code: bool = False
 
     def shows(self, key: MethodKey) -> bool:
         """Whether a method is drawn."""
@@ -95,7 +99,7 @@ PLAIN = Appearance()
 def check_drawable(what: str) -> None:
     """Raise UnavailableError without matplotlib; what: is drawn, in the plural."""
     try:
-        import matplotlib  # noqa: F401 - checked before anything is read
+        matplotlib()  # checked before anything is read
     except ImportError:
         raise UnavailableError(f"{what} need matplotlib: pip install 'bodycheck[plot]'") from None
 
@@ -121,7 +125,7 @@ def picture(
     figure: one of FIGURES, STABILITY or BODIES; the last two ignore `quantity`. "drift" and BODIES need a
     `Run` with its motions. Raises InputError if there is nothing to draw or the style cannot be used.
     """
-    with rendering(appearance.style):
+    with rendering(appearance):
         return figure_bytes(drawn_figure(run, figure, scenario, quantity, appearance), suffix)
 
 
@@ -133,21 +137,23 @@ def figure_bytes(page: Figure, suffix: str) -> bytes:
 
 
 @contextmanager
-def rendering(style: Path | None = None) -> Iterator[None]:
-    """Use our settings of matplotlib, and over them those of a style file."""
-    import matplotlib as mpl  # imported here: only figures need it
-
-    with mpl.rc_context(_RC):
-        if style is not None:
-            mpl.rcParams.update(_style_of(style))
+def rendering(appearance: Appearance = PLAIN) -> Iterator[None]:
+    """Use matplotlib's own settings, over them ours, and over them those of the style file."""
+    mpl = matplotlib()
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(_RC)
+        if appearance.style is not None:
+            mpl.rcParams.update(_style_of(appearance.style, allow_code=appearance.allow_code))
         yield
 
 
-def _style_of(style: Path) -> Any:
+_STARTS_PROGRAMS = ("text.usetex", "text.latex", "pgf.", "ps.usedistiller", "animation.", "backend")
+
+
+def _style_of(style: Path, *, allow_code: bool) -> Any:
     """Return the settings of a style file. Raises InputError where matplotlib would only warn."""
     import logging
-
-    import matplotlib as mpl
 
     complaints: list[str] = []
 
@@ -159,7 +165,7 @@ def _style_of(style: Path) -> Any:
     logger.addHandler(handler)
     propagates, logger.propagate = logger.propagate, False
     try:
-        found = mpl.rc_params_from_file(style, use_default_template=False)
+        found = matplotlib().rc_params_from_file(style, use_default_template=False)
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"--style {style}: cannot be read: {error}") from None
     finally:
@@ -167,6 +173,9 @@ def _style_of(style: Path) -> Any:
         logger.propagate = propagates
     if complaints:
         raise InputError(f"--style {style}: {complaints[0].partition(' You probably')[0]}")
+    for key in found:
+        if key.startswith(_STARTS_PROGRAMS):
+            check_code(key, "can start a program", allow_code=allow_code, file=style)
     return found
 
 

@@ -50,10 +50,11 @@ _ARROW = 0.7  # in the units of the panels, whose half width is 0.75
 def check_movie(mp4: Path | None) -> None:
     """Raise UnavailableError without matplotlib, and without ffmpeg if an MP4 file is requested."""
     check_drawable("animations")
-    from matplotlib.animation import FFMpegWriter
+    with rendering():
+        from matplotlib.animation import FFMpegWriter
 
-    if mp4 is not None and not FFMpegWriter.isAvailable():
-        raise UnavailableError(f"--mp4 {mp4}: needs ffmpeg on the path; --gif does not")
+        if mp4 is not None and not FFMpegWriter.isAvailable():
+            raise UnavailableError(f"--mp4 {mp4}: needs ffmpeg on the path; --gif does not")
 
 
 def movie(

@@ -58,6 +58,7 @@ from bodycheck.scenarios.serialization import deserialized
 if TYPE_CHECKING:
     import pandas as pd
 
+MANIFEST = "manifest.json"
 _OF_EVERY_CASE = ("run_id", "scenario", "engine", "method", "control", "outcome", "reproduce")
 _OF_EVERY_METHOD = ("run_id", "scenario", "engine", "method", "quantity", "verdict")
 _OF_EVERY_SEARCH = ("run_id", "scenario", "engine", "method", "outcome")
@@ -166,7 +167,7 @@ def _json(folder: Path, name: str) -> Any:
 
 def read_manifest(folder: Path) -> dict[str, Any]:
     """Read manifest.json of a run; raise InputError with one line where it is missing or damaged."""
-    return check_manifest(folder / "manifest.json", _json(folder, "manifest.json"))
+    return check_manifest(folder / MANIFEST, _json(folder, MANIFEST))
 
 
 def _check_choices(path: Path, rows: Iterable[dict[str, Any]], column: str, known: Collection[str]) -> None:
@@ -243,8 +244,8 @@ def read_run(folder: Path, *, allow_code: bool, cache: Cache | None) -> Run:
 def _problems(folder: Path, tables: Tables, cache: Cache | None, *, allow_code: bool) -> Iterator[Problem]:
     commands = {case.columns["scenario"]: case.columns["reproduce"] for case in tables.cases}
     for name, facts in tables.manifest["scenarios"].items():
-        where = f"{folder / 'manifest.json'}: scenarios.{name}"
-        scenario = deserialized(facts, where, allow_code=allow_code)
+        file = folder / MANIFEST
+        scenario = deserialized(facts, f"{file}: scenarios.{name}", allow_code=allow_code, file=file)
         problem = Problem.of(scenario, scenario_spec(commands.get(name, "")) or name, cache)
         path = folder / "trajectories" / file_name(name) / "truth.npz"
         stored = read_arrays(path)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.pinned_libraries import duckdb_connection
 from bodycheck._util.untrusted import escaped
 from bodycheck.reference_impl.truth.truth import QUANTITIES
 from bodycheck.reports.document import markdown_table
@@ -274,11 +275,9 @@ def as_parquet(table: pd.DataFrame) -> bytes:
 
     It is written by DuckDB, which also reads and queries a history, so pyarrow is not required.
     """
-    import duckdb
-
     # the type of an empty text column cannot be inferred
     texts = {name: "string" for name in table.columns if table[name].dtype == object}
-    with tempfile.TemporaryDirectory() as folder, duckdb.connect() as database:
+    with tempfile.TemporaryDirectory() as folder, duckdb_connection() as database:
         path = Path(folder, "table.parquet")
         database.from_df(table.astype(texts)).write_parquet(str(path))
         return path.read_bytes()

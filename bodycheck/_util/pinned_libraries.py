@@ -1,0 +1,64 @@
+"""numba, matplotlib and DuckDB without the settings that they would read from the working directory.
+
+That folder may belong to anybody. The environment and the user's own settings still count.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from duckdb import DuckDBPyConnection
+
+_NUMBA_FILE, _MATPLOTLIB_FILE = ".numba_config.yaml", "matplotlibrc"
+
+
+@contextmanager
+def _without(file: str) -> Iterator[None]:
+    """Make a file of the working directory appear missing to a library that is being imported.
+
+    Neither library has a setting for this, and to change the directory would affect other threads.
+    """
+    exists = os.path.exists
+    os.path.exists = lambda path: path != file and exists(path)
+    try:
+        yield
+    finally:
+        os.path.exists = exists
+
+
+@cache
+def numba() -> Any:
+    """Import numba; its settings are those of the environment, which are part of a build's identity."""
+    with _without(_NUMBA_FILE):
+        import numba as found
+        from numba.core import config
+    config._config_fname = ""  # it is read again whenever something is compiled
+    config.reload_config()  # another package may have imported numba before
+    return found
+
+
+@cache
+def matplotlib() -> Any:
+    """Import matplotlib; raises ImportError if it is not installed."""
+    with _without(_MATPLOTLIB_FILE):
+        import matplotlib as found
+    return found
+
+
+def duckdb_connection() -> DuckDBPyConnection:
+    """Return a database in memory that loads no extensions and writes nothing to the working directory."""
+    import duckdb
+
+    settings: dict[str, Any] = {
+        "autoinstall_known_extensions": "false",
+        "autoload_known_extensions": "false",
+        "temp_directory": tempfile.gettempdir(),
+        "python_enable_replacements": "false",
+    }
+    return duckdb.connect(config=settings)
