@@ -21,8 +21,8 @@ import yaml
 
 import bodycheck
 from bodycheck._util.formatting import scientific
-from bodycheck.adapters.engine_names import named_programs
-from bodycheck.adapters.registry import get_adapter, optional_engines, registered, stated_by
+from bodycheck.adapters.engine_names import admit_file
+from bodycheck.adapters.registry import get_adapter, optional_engines, program_of, registered, stated_by
 from bodycheck.cli.commands import app
 from bodycheck.reports.gates.gate import read_gates, read_thresholds
 from bodycheck.reports.gates.thresholds import THRESHOLD
@@ -310,7 +310,11 @@ def test_toml_of_the_docs_is_accepted(block: Block, folder: Path, monkeypatch: p
         return
     if "[engines." in block.text:
         (folder / "engines.toml").write_text(block.text)
-        assert len(named_programs()) == block.text.count("[engines.")
+        with registered():
+            admit_file(folder / "engines.toml", allow_code=True)
+            names = re.findall(r"^\[engines\.(.+)\]$", block.text, re.MULTILINE)
+            assert names
+            assert all(program_of(name) is not None for name in names)
         return
     whole = a_scenario_with(block.text)
     assert block.text in whole

@@ -482,6 +482,28 @@ def test_each_gate_of_a_file_is_a_test(inner: pytest.Pytester) -> None:
     )
 
 
+STARTED = """
+[[gate]]
+engine = 'cmd:/bin/sh -c "touch RAN"'
+measure = "energy_drift"
+upper = 1e-2
+reason = "starts a program"
+"""
+
+
+def test_program_of_a_gate_starts_only_if_allowed(
+    inner: pytest.Pytester, expected_message: ExpectedMessage
+) -> None:
+    """The file of gates may name programs only with --bodycheck-allow-code."""
+    inner.makefile(".toml", gates=STARTED)
+    inner.makepyfile(USING_GATES)
+    words = ("--bodycheck-gates", "gates.toml", "--bodycheck-suite", "mine.toml")
+    expected_message(error_of(run(inner, *words)), inner.path)
+    assert not (inner.path / "RAN").exists()
+    run(inner, *words, "--bodycheck-allow-code")
+    assert (inner.path / "RAN").exists()
+
+
 @pytest.mark.parametrize(
     "options",
     [

@@ -98,6 +98,7 @@ def gate(
     _check(update=update, margin=margin, loosen=loosen)
     if run is not None:
         refuse_others(context, f"--run {run}: checks a stored run", _OF_A_STORED_RUN)
+    from bodycheck.adapters.engine_names import admit
     from bodycheck.reports.document import answer, print_document
     from bodycheck.reports.gates.gate import read_gates
     from bodycheck.reports.gates.gate_output import as_junit, results_data, results_document
@@ -116,8 +117,9 @@ def gate(
         options = RunOptions(jobs=jobs, timeout_s=timeout_s, reuse=reuse_of(fresh, "truths"))
         make_progress = progress_of(quiet=quiet)
         admit_engines(engines, allow_code=allow_code)
+        admit((gate.engine for gate in bounds), allow_code=allow_code, file=gates)
         measured = _new_run(
-            bounds, gates, scenarios or ["standard"], options, make_progress, out, allow_code=allow_code
+            bounds, scenarios or ["standard"], options, make_progress, out, allow_code=allow_code
         )
     else:
         measured = read_tables(run)
@@ -145,7 +147,6 @@ def _check(*, update: bool, margin: float | None, loosen: str | None) -> None:
 
 def _new_run(
     gates: Sequence[Gate],
-    file: Path,
     scenarios: Sequence[str],
     options: RunOptions,
     make_progress: ProgressFactory,
@@ -153,12 +154,12 @@ def _new_run(
     *,
     allow_code: bool,
 ) -> Run:
-    """Run what the gates of a file check, and write it to `out`, if given."""
+    """Run what the gates check, and write it to `out`, if given."""
     from bodycheck.runs.directory import write_run
     from bodycheck.runs.gate_run import run_for_gates
 
     try:
-        run = run_for_gates(gates, scenarios, options, make_progress, file=file, allow_code=allow_code)
+        run = run_for_gates(gates, scenarios, options, make_progress, allow_code=allow_code)
     except KeyboardInterrupt:
         raise StoppedError("stopped before any gate was checked") from None
     if out is not None:

@@ -339,8 +339,6 @@ class GateCase:
     run_gates: tuple[Gate, ...]
     scenarios: tuple[str, ...]
     reuse: Reuse
-    file: Path
-    allow_code: bool
     report_folder: Path | None = None
     record: Record | None = None
 
@@ -352,36 +350,16 @@ class GateCase:
         """Assert that the gate passes; a gate that matched or measured nothing fails."""
         __tracebackhide__ = True
         assert self.record is not None
-        run, report = _run_of(
-            self.run_gates,
-            self.scenarios,
-            self.reuse,
-            self.file,
-            self.report_folder,
-            allow_code=self.allow_code,
-        )
+        run, report = _run_of(self.run_gates, self.scenarios, self.reuse, self.report_folder)
         (result,) = check_gates([self.gate], run)
         assert_passed(result, run, self.record, report=report)
 
 
 @cache
 def _run_of(
-    gates: tuple[Gate, ...],
-    scenarios: tuple[str, ...],
-    reuse: Reuse,
-    file: Path,
-    report_folder: Path | None,
-    *,
-    allow_code: bool,
+    gates: tuple[Gate, ...], scenarios: tuple[str, ...], reuse: Reuse, report_folder: Path | None
 ) -> tuple[Run, Path | None]:
-    run = run_for_gates(
-        gates,
-        scenarios,
-        RunOptions(reuse=reuse),
-        lambda _: nullcontext(NULL_PROGRESS),
-        file=file,
-        allow_code=allow_code,
-    )
+    run = run_for_gates(gates, scenarios, RunOptions(reuse=reuse), lambda _: nullcontext(NULL_PROGRESS))
     return run, None if report_folder is None else _write_report(run, report_folder, None)
 
 
@@ -392,8 +370,10 @@ def parametrize_gates(metafunc: pytest.Metafunc) -> None:
         _refuse(f"{metafunc.definition.nodeid}: bodycheck_gate needs --bodycheck-gates FILE")
     try:
         gates = read_gates(Path(file))
+        allow_code = metafunc.config.getoption("--bodycheck-allow-code")
+        admit((gate.engine for gate in gates), allow_code=allow_code, file=Path(file))
     except InputError as error:
-        _refuse(str(error))
+        _refuse(str(error).replace("--allow-code", "--bodycheck-allow-code"))
     suite = metafunc.config.getoption("--bodycheck-suite") or "standard"
     scenarios = tuple(suite.split(","))
     # under pytest-xdist each process runs what its own gates need; otherwise one run serves all gates
@@ -401,18 +381,6 @@ def parametrize_gates(metafunc: pytest.Metafunc) -> None:
     reuse: Reuse = "everything" if metafunc.config.getoption("--bodycheck-reuse") else "truths"
     folder = metafunc.config.getoption("--bodycheck-report")
     report_folder = None if folder is None else Path(folder).absolute() / "gates"
-    allow_code = metafunc.config.getoption("--bodycheck-allow-code")
-    params = [
-        GateCase(
-            gate,
-            (gate,) if shared else gates,
-            scenarios,
-            reuse,
-            Path(file).absolute(),
-            allow_code,
-            report_folder,
-        )
-        for gate in gates
-    ]
+    params = [GateCase(gate, (gate,) if shared else gates, scenarios, reuse, report_folder) for gate in gates]
     names = [f"{index}-{gate.scenario}-{gate.engine}-{gate.method}" for index, gate in enumerate(gates)]
     metafunc.parametrize("bodycheck_gate", params, ids=names, indirect=True)

@@ -70,12 +70,16 @@ class RunRequest:
     tls_cert: StrictStr | None = None
     tls_key: StrictStr | None = None
 
-    @property
-    def selection(self) -> Selection:
-        """Resolve and check scenarios, engines, steps and tolerances; raises InputError if any is wrong."""
+    def selection(self, file: Path | None = None) -> Selection:
+        """Resolve and check scenarios, engines, steps and tolerances; raises InputError if any is wrong.
+
+        file: the one that stores the request, unless it is the user's.
+        """
         shard = None if self.shard is None else Shard.parse(self.shard)
         selection = select(
-            self.scenarios, self.engines, self.dt_s, self.tolerances, allow_code=self.allow_code
+            *(self.scenarios, self.engines, self.dt_s, self.tolerances),
+            allow_code=self.allow_code,
+            file=file,
         )
         return selection if shard is None else selection.of_shard(shard)
 
@@ -141,7 +145,7 @@ def run_to_folder(request: RunRequest, out: Path | None, make_progress: Progress
     if (partial / _REQUEST).exists():
         raise InputError(f"{partial}: holds an interrupted run; continue with --resume {out}, or remove it")
     try:
-        selection = request.selection
+        selection = request.selection()
     except KeyboardInterrupt:
         raise StoppedError("stopped before anything was measured") from None
     with request.connected() as options:
@@ -195,7 +199,7 @@ def resume(out: Path, make_progress: ProgressFactory, *, allow_code: bool = Fals
     if request.cluster is not None:
         check_code(request.cluster, "a cluster can run code here", allow_code=allow_code, file=file)
     try:
-        selection = request.selection
+        selection = request.selection(file)
     except KeyboardInterrupt:
         raise StoppedError(f"stopped; {_continue_hint(out, request)}") from None
     now = _definitions(selection)

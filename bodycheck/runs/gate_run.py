@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from bodycheck.adapters.engine_names import admit, is_program
+from bodycheck.adapters.engine_names import is_program
 from bodycheck.adapters.registry import default_engines, engine_names, optional_engines
 from bodycheck.reports.gates.gate import Gate
 from bodycheck.reports.run_files.run_tables import Run
@@ -22,17 +22,14 @@ def run_for_gates(
     options: RunOptions,
     make_progress: ProgressFactory,
     *,
-    file: Path,
     allow_code: bool = False,
 ) -> Run:
     """Run what the gates check, at the scenarios' own steps, and nothing else.
 
-    scenarios: names, suites, paths of TOML files. file: has the gates. allow_code: files may name functions
-    and programs, whose code runs. Raises InputError if the input is wrong.
+    scenarios: names, suites, paths of TOML files. Raises InputError if they are wrong.
     """
     others = [gate.engine for gate in gates if not any(gate.matches_engine(name) for name in engine_names())]
     programs = [name for name in dict.fromkeys(others) if is_program(name)]
-    admit(programs, allow_code=allow_code, file=file)
     named = [name for name in optional_engines() if any(gate.engine == name for gate in gates)]
     selection = select(
         scenarios,

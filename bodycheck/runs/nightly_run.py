@@ -41,7 +41,7 @@ def run_nightly(
     folder: that of the history, created if it does not exist. thresholds: the size above which a change
     counts. Raises InputError if the input is wrong or cannot be written; the history is then unchanged.
     """
-    selection, options = request.selection, request.options
+    selection, options = request.selection(), request.options
     history = History.at(folder)
     with make_progress(selection.cases_listed()) as progress:
         run = run_selection(selection, options, Identity.new(), journal=None, progress=progress)

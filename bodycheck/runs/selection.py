@@ -120,11 +120,13 @@ def select(
     tolerances: Iterable[float] | None = None,
     *,
     allow_code: bool = False,
+    file: Path | None = None,
     predicate: Predicate | None = None,
 ) -> Selection:
     """Resolve names, suites and paths; engines as `split_method` has them; steps in s for every scenario.
 
-    allow_code: scenarios may name functions, whose code runs. predicate: replaces `engines`; selects from the
+    allow_code: scenarios may name functions, whose code runs. file: has the names of the engines, unless the
+    user wrote them. predicate: replaces `engines`; selects from the
     methods of all available engines.
 
     Raises InputError with one line per error: unknown names, wrong files, steps that do not fit.
@@ -138,7 +140,7 @@ def select(
     engines = None if engines is None else _names("engines", engines, str)
     steps, requested_tolerances = _doubles("dt_s", dt_s), _doubles("tolerances", tolerances)
     names = [split_method(name) for name in engines or default_engines()]
-    _register_modules(names, allow_code=allow_code)
+    _register_modules(names, allow_code=allow_code, file=file)
     requested = [name for name in dict.fromkeys(engine for engine, _, _ in names) if not engine_fault(name)]
     with announcing(requested) as announcement:
         loaded = checked_scenarios(scenarios, steps, requested_tolerances, allow_code=allow_code)
@@ -152,7 +154,7 @@ def select(
     return _with_off_centre_methods(selection, names) if off_centre else selection
 
 
-def _register_modules(names: Sequence[tuple[str, str, str]], *, allow_code: bool) -> None:
+def _register_modules(names: Sequence[tuple[str, str, str]], *, allow_code: bool, file: Path | None) -> None:
     """Register modules with step functions, given as MODULE:FUNCTION, as engines of that name.
 
     Raises InputError where code is not allowed, or a module or function cannot be imported.
@@ -161,7 +163,7 @@ def _register_modules(names: Sequence[tuple[str, str, str]], *, allow_code: bool
     for engine, mark, function in names:
         known = not engine_fault(engine) and not isinstance(registered_adapter(engine), StepModule)
         if mark == ":" and not known and _is_module(engine):
-            user_function(f"{engine}:{function}", allow_code=allow_code)
+            user_function(f"{engine}:{function}", allow_code=allow_code, file=file)
             functions.setdefault(engine, []).append(function)
     for engine, found in functions.items():
         register_adapter(StepModule(engine, tuple(dict.fromkeys(found))))

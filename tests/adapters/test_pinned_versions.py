@@ -15,9 +15,9 @@ from types import SimpleNamespace
 import pytest
 
 from bodycheck._util.errors import UnavailableError
-from bodycheck.adapters.engine_names import Pin, engine_fault, pin_of
+from bodycheck.adapters.engine_names import Pin, admit, engine_fault, pin_of
 from bodycheck.adapters.mujoco.mj_model import methods_of
-from bodycheck.adapters.registry import stated_by
+from bodycheck.adapters.registry import registered, stated_by
 from bodycheck.adapters.versions import environments, uv
 from bodycheck.adapters.versions.uv import UvError, pip_settings
 from tests.helpers.expected_messages import ExpectedMessage
@@ -34,8 +34,11 @@ def test_pin_is_written_as_for_pip() -> None:
 
 def test_program_is_valid_where_it_exists() -> None:
     """An existing program has no fault; for any other the fault names what is missing."""
-    assert engine_fault("cmd:true") is None
-    assert engine_fault("cmd:./no-such-worker") == "cmd:./no-such-worker: no such program: ./no-such-worker"
+    with registered():
+        admit(["cmd:true", "cmd:./no-such-worker"], allow_code=True)
+        assert engine_fault("cmd:true") is None
+        fault = engine_fault("cmd:./no-such-worker")
+    assert fault == "cmd:./no-such-worker: no such program: ./no-such-worker"
 
 
 @pytest.mark.parametrize(

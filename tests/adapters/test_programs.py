@@ -14,7 +14,7 @@ import pytest
 
 import bodycheck
 from bodycheck._util.errors import InputError
-from bodycheck.adapters.engine_names import pin_of, program_of, split_method, with_method
+from bodycheck.adapters.engine_names import admit, admit_file, pin_of, split_method, with_method
 from bodycheck.adapters.registry import registered
 from bodycheck.runs.selection import select
 from tests.helpers.expected_messages import ExpectedMessage
@@ -73,7 +73,7 @@ def test_wrong_file_of_engines_is_refused_in_one_line(
     """The error is one line with the file and the key."""
     (folder / "engines.toml").write_text(text)
     with expected_message.raises(InputError) as refused:
-        program_of("a")
+        admit_file(Path("engines.toml"), allow_code=True)
     assert "\n" not in str(refused.value)
 
 
@@ -91,7 +91,7 @@ def test_program_that_does_not_exist_is_refused_before_anything_runs(
 ) -> None:
     """The error names the program."""
     with expected_message.raises(InputError):
-        select(["mine.toml"], engines=[name])
+        bodycheck.run(["mine.toml"], engines=[name])
 
 
 def _javascript() -> str:
@@ -158,7 +158,7 @@ def test_program_that_does_not_announce_itself_costs_its_own_cases(fault: str, f
     assert list(run.results["engine"]) == ["reference"]
     assert program in run.manifest["engines"][program]["unavailable"]
     with pytest.raises(InputError, match=r"worker\.py"):
-        select(["mine.toml"], engines=[program])
+        bodycheck.run(["mine.toml"], engines=[program])
 
 
 DYING = """
@@ -186,10 +186,20 @@ def test_program_that_ends_in_a_case_costs_that_case(end: str, outcome: str, fol
     """The case has its own outcome, and the program's claim to be an installed release is ignored."""
     (folder / "worker.py").write_text(DYING.format(end))
     (folder / "engines.toml").write_text(f"[engines.x]\ncommand = ['{sys.executable}', 'worker.py']\n")
-    run = bodycheck.run(["mine.toml"], engines=["x", "reference:m1"], dt_s=[0.02], speed=False, timeout_s=5.0)
+    run = bodycheck.run(
+        ["mine.toml"],
+        engines=["x", "reference:m1"],
+        dt_s=[0.02],
+        speed=False,
+        timeout_s=5.0,
+        engines_file="engines.toml",
+        allow_code=True,
+    )
     outcomes = dict(zip(run.results["engine"], run.results["outcome"], strict=True))
     assert outcomes == {"x": outcome, "reference": "ok"}
     assert run.manifest["engines"]["x"]["build"]["kind"] == "plug-in"
+    command = run.results["reproduce"][0]
+    assert command.endswith("--engine x:m --dt 0.02 --engines engines.toml --allow-code"), command
 
 
 def test_program_gets_its_variables(folder: Path) -> None:
@@ -198,6 +208,7 @@ def test_program_gets_its_variables(folder: Path) -> None:
         f"[engines.x]\ncommand = ['{sys.executable}', '-c', 'import os; print(os.environ[\"COLOUR\"])']\n"
         "environment = { COLOUR = 'blue' }\n"
     )
+    admit_file(Path("engines.toml"), allow_code=True)
     with pytest.raises(InputError, match="blue"):
         select(["mine.toml"], engines=["x"])
 
@@ -299,11 +310,18 @@ def test_module_needs_permission_in_each_run(folder: Path, expected_message: Exp
         select(["mine.toml"], engines=["permitted_steps:rk4"])
 
 
-def test_file_of_engines_is_read_for_unknown_names_only(
-    folder: Path, expected_message: ExpectedMessage
-) -> None:
-    """An invalid engines.toml is an error for an engine that it may define, but not for a built-in one."""
-    (folder / "engines.toml").write_text("[engines")
-    select(["mine.toml"], engines=["reference:m1"])
+def test_file_of_engines_is_read_only_if_it_is_named(folder: Path, expected_message: ExpectedMessage) -> None:
+    """A short name that an engines.toml of the working directory defines is an unknown engine."""
+    (folder / "engines.toml").write_text("[engines.other]\ncommand = ['true']\n")
     with expected_message.raises(InputError):
-        select(["mine.toml"], engines=["other"])
+        bodycheck.run(["mine.toml"], engines=["other"], allow_code=True)
+
+
+def test_only_an_admitted_program_is_a_valid_engine(folder: Path, expected_message: ExpectedMessage) -> None:
+    """A command that nobody asked the gate about is refused, whatever reads its name."""
+    del folder
+    with expected_message.raises(InputError):
+        select(["mine.toml"], engines=["cmd:true"])
+    admit(["cmd:true"], allow_code=True)
+    with pytest.raises(InputError, match="exited with status 0"):
+        select(["mine.toml"], engines=["cmd:true"])

@@ -182,7 +182,7 @@ def _make_python(pin: Pin, environment: Path) -> None:
     other = _other_python(pin)
     python = other or sys.executable
     # the working directory may be a project of anybody
-    uv("venv", "--no-project", "--python", python, str(environment), downloads=bool(other))
+    uv("venv", "--python", python, "--no-project", str(environment), downloads=bool(other))
     try:
         _install(pin, environment, _as_here())
     except UvError as error:
