@@ -272,4 +272,4 @@ def test_data_starts_nothing_without_permission(
     assert not (folder / "RAN").exists()
     assert sorted(path.name for path in folder.iterdir()) == before
     assert done.returncode in (1, 2)
-    expected_message(done.stderr if done.returncode == 2 else done.stdout)
+    expected_message((done.stderr if done.returncode == 2 else done.stdout).strip())
