@@ -259,6 +259,18 @@ def judge(
     explain: Annotated[
         bool, typer.Option("--explain", help="Also print which fault explains each error, if one does.")
     ] = False,
+    start: Annotated[
+        Literal["scenario", "first-sample"],
+        typer.Option(help="Where the truth starts: at the start of the scenario, or at the first sample."),
+    ] = "scenario",
+    resolution: Annotated[
+        str | None,
+        typer.Option(
+            help="The resolution of the quantities for --explain, in SI units: 1e-3, or "
+            "omega=1e-3, attitude=1e-5.",
+            show_default="that of the digits in the file",
+        ),
+    ] = None,
     allow_code: AllowCode = False,
     json: Json = False,
 ) -> None:
@@ -280,6 +292,7 @@ def judge(
             steps_s,
             column_map=map_ or (),
             like=like,
+            start=start,
             allow_code=allow_code,
         )
         cases = [
@@ -289,6 +302,7 @@ def judge(
                 dt_s=None if steps_s is None else steps_s[index],
                 column_map=map_ or (),
                 like=like,
+                resolution=resolution,
                 allow_code=allow_code,
             )
             for index, path in enumerate(trajectories if explain else ())

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -20,8 +20,9 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import plan_steps
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.truths import known_truth
-from bodycheck.reports.diagnosis.diagnosis import diagnosed
 from bodycheck.reports.diagnosis.explain import ExplainedCase
+from bodycheck.reports.diagnosis.recorded import diagnosed_recording
+from bodycheck.reports.diagnosis.resolution import Resolution
 from bodycheck.reports.document import Column, Document, Sentence, Table
 from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion, stable_motion
 from bodycheck.reports.measurement.convergence import Convergence, Criteria, Point, convergence_of
@@ -42,8 +43,12 @@ from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.scales import Scales
 from bodycheck.reports.measurement.study import limit
 from bodycheck.reports.recordings.column_map import ColumnMap
-from bodycheck.reports.recordings.conversion import recorded_motion
+from bodycheck.reports.recordings.conversion import RecordedMotion, recorded_motion
+from bodycheck.reports.recordings.first_sample import start_bound_rad, started_at_first_sample
 from bodycheck.scenarios.model import Scenario
+
+Start: TypeAlias = Literal["scenario", "first-sample"]
+"""Where the truth of a recording starts: at the start of the scenario, or at the first row of the file."""
 
 FROM_START = "_from_start"
 """Suffix of an energy drift relative to the first sample of the file, instead of relative to the truth."""
@@ -91,25 +96,26 @@ def judge_files(
     cache: Cache | None,
     column_map: ColumnMap,
     steps_s: Sequence[float] | None,
+    start: Start = "scenario",
 ) -> Ranking:
     """Judge several files of one scenario and rank them by the first error that all of them have.
 
-    steps_s: the step of each file, from which orders are fitted. Raises InputError where a file is invalid,
+    steps_s: the step of each file, from which orders are fitted. start: where the truth starts. Raises InputError where a file is invalid,
     has nothing to compare, or has times outside the scenario's duration, where two steps are the same, and
     where the files end at different times.
     """
     if steps_s is not None and (twice := [one for one, times in Counter(steps_s).items() if times > 1]):
         raise InputError(f"--dt: the step {twice[0]!r} is given twice")
-    recordings = {str(path): recorded_motion(path, column_map).arrays for path in paths}
+    recordings = {str(path): recorded_motion(path, column_map) for path in paths}
     problem = Problem.of(scenario, scenario_spec, cache)
     rows = [
-        {"file": str(path), **_judged(path, recordings[str(path)], problem, cache, column_map)}
+        {"file": str(path), **_judged(path, recordings[str(path)], problem, cache, column_map, start)}
         for path in paths
     ]
     if steps_s is not None:
         rows = [{"file": row["file"], "dt_s": dt_s, **row} for row, dt_s in zip(rows, steps_s, strict=True)]
     ended = [row for row in rows if row["outcome"] == "ok"]
-    _check_spans({row["file"]: float(recordings[row["file"]]["t_s"][-1]) for row in ended})
+    _check_spans({row["file"]: float(recordings[row["file"]].arrays["t_s"][-1]) for row in ended})
     common = [name for name in (*_PREFERRED, *MEASURES) if ended and all(name in row for row in ended)]
     quantity = next(iter(common), "")
     ranked = sorted(rows, key=lambda row: (row["outcome"] != "ok", _resolved(row, quantity)))
@@ -148,9 +154,15 @@ def _orders(
 
 
 def _judged(
-    path: Path, arrays: dict[str, Array], problem: Problem, cache: Cache | None, column_map: ColumnMap
+    path: Path,
+    recorded: RecordedMotion,
+    problem: Problem,
+    cache: Cache | None,
+    column_map: ColumnMap,
+    start: Start,
 ) -> dict[str, Any]:
-    scenario = problem.scenario
+    arrays = recorded.arrays
+    scenario = _started(problem.scenario, arrays, start, cache)
     scene, t_s, available = scenario.scene, arrays["t_s"], _quantities(arrays)
     if not available:
         raise InputError(
@@ -166,12 +178,15 @@ def _judged(
     trusted = t_s < truth.trusted_until_s
     if not trusted[0]:
         raise InputError(f"{path}: the truth ends before the first time in t_s: {truth.end_reason}")
+    bound_rad = truth.bound_rad
+    if start == "first-sample":
+        bound_rad = bound_rad + start_bound_rad(scene, t_s, Resolution.of(recorded.resolution), cache)
     columns: dict[str, Any] = {
         "scenario": scenario.name,
         "outcome": "ok",
         "message": "",
         "truth": truth.kind,
-        "truth_bound_rad": float(truth.bound_rad[trusted].max()),
+        "truth_bound_rad": float(bound_rad[trusted].max()),
     }
     trajectory = _completed(arrays, truth.trajectory)
     true = Motion.of(scene, truth.trajectory)
@@ -199,6 +214,16 @@ def _judged(
     worst = worst_drift(compared.invariant_drifts)
     own = _drifts_from_start(measurable, departures, compared.until, scales)
     return columns | reduced(measurable, scales) | own | (worst.columns if worst else {})
+
+
+def _started(
+    scenario: Scenario, arrays: dict[str, Array], start: Start, cache: Cache | None
+) -> Scenario:
+    """Return the scenario, started at the first sample where that is asked for."""
+    if start == "scenario":
+        return scenario
+    truth = known_truth(scenario.scene, arrays["t_s"], cache).trajectory
+    return started_at_first_sample(scenario, _completed(arrays, truth), frozenset(_quantities(arrays)))
 
 
 def _check_redundant(path: Path, trajectory: Trajectory) -> None:
@@ -242,38 +267,50 @@ def explained_file(
     cache: Cache | None,
     column_map: ColumnMap,
     dt_s: float | None,
+    resolution_text: str | None = None,
 ) -> ExplainedCase:
-    """Return the diagnosis of the trajectory in a file.
+    """Return the diagnosis of the trajectory in a file, which starts from its own rows.
 
-    dt_s: the step of the program that wrote it, None if unknown. Raises InputError as `judge_files` does,
-    and where the step does not fit the times.
+    dt_s: the step of the program that wrote it, None if unknown. resolution_text: what is known of its
+    resolution (Resolution.with_given). Raises InputError as `judge_files` does, and where the step does not
+    fit the times.
     """
-    arrays = recorded_motion(path, column_map).arrays
+    recorded = recorded_motion(path, column_map)
+    arrays, resolution = recorded.arrays, Resolution.of(recorded.resolution)
+    if resolution_text is not None:
+        resolution = resolution.with_given(resolution_text)
     problem, t_s = Problem.of(scenario, scenario_spec, cache), arrays["t_s"]
     truth = known_truth(scenario.scene, t_s, cache)
     trajectory, known = _completed(arrays, truth.trajectory), frozenset(_quantities(arrays))
-    scene = scenario.scene
+    scene = _sampled_at(scenario.scene, t_s, resolution.stamp)
     if dt_s is not None:
-        scene = _sampled_at(scene, t_s, dt_s)
-    found = diagnosed(scene, trajectory, problem.scales, dt_s, known=known)
+        _check_step(scene, t_s, dt_s)
+    found = diagnosed_recording(
+        scene, trajectory, problem.scales, dt_s, known=known, resolution=resolution
+    )
     columns = {"scenario": scenario.name, "control": "none" if dt_s is None else "dt", "dt_s": dt_s}
     columns |= {"outcome": "ok", "message": ""}
     case = CaseResult({**columns, "engine": path.name, "method": ""}, MeasuredMotion(trajectory))
     return ExplainedCase(problem, (path.name,), case, (), found)
 
 
-def _sampled_at(scene: Scene, t_s: Array, dt_s: float) -> Scene:
-    """Return the scene with the samples of a file; raise InputError where these do not fit the step."""
+def _sampled_at(scene: Scene, t_s: Array, resolution_s: float) -> Scene:
+    """Return the scene with the samples of a file, where these are evenly spaced from 0."""
     end = float(t_s[-1])
     evenly = np.arange(len(t_s)) * end / max(len(t_s) - 1, 1)
-    if len(t_s) < 2 or not np.allclose(t_s, evenly, rtol=0.0, atol=1e-9 * end):
+    if len(t_s) < 2 or not np.allclose(t_s, evenly, rtol=0.0, atol=max(1e-9 * end, resolution_s)):
+        return scene
+    return replace(scene, duration_s=end, samples=len(t_s))
+
+
+def _check_step(scene: Scene, t_s: Array, dt_s: float) -> None:
+    """Raise InputError where the samples of a file do not fit the step."""
+    if scene.samples != len(t_s) or scene.duration_s != t_s[-1]:
         raise InputError(f"--dt {dt_s}: needs evenly spaced times that begin at 0")
-    sampled = replace(scene, duration_s=end, samples=len(t_s))
     try:
-        plan_steps(sampled, dt_s)
+        plan_steps(scene, dt_s)
     except ValueError as error:
         raise InputError(f"--dt {dt_s}: {error}") from None
-    return sampled
 
 
 def _quantities(arrays: dict[str, Array]) -> set[str]:

@@ -21,7 +21,7 @@ from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.reports.cache.truths import is_known, known_truth
 from bodycheck.reports.diagnosis.explain import ExplainedCase, diagnosis_row, explained_cases, wrong_verdicts
-from bodycheck.reports.judge import Ranking, explained_file, judge_files
+from bodycheck.reports.judge import Ranking, Start, explained_file, judge_files
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.study import Study
 from bodycheck.reports.probes.examination import identified
@@ -291,11 +291,13 @@ def rank(
     *,
     column_map: MapSpec | Sequence[MapSpec] = (),
     like: str | None = None,
+    start: Start = "scenario",
     allow_code: bool = False,
 ) -> Ranking:
     """Judge several trajectories of one scenario, best first, and fit their orders.
 
-    steps_s: the step of each file. The others: as for `judge`. Raises InputError if a file or a map is wrong.
+    steps_s: the step of each file. start: where the truth starts, at the start of the scenario or at the
+    first sample of each file, whose resolution then enters the bound of the truth. The others: as for `judge`. Raises InputError if a file or a map is wrong.
     """
     if unnamed := [one for one in trajectories if not isinstance(one, str | Path)]:
         raise InputError(f"a trajectory must be the path of a file, not {unnamed[0]!r}")
@@ -308,7 +310,7 @@ def rank(
     found = _column_map(column_map, like)
     spec = _scenario_spec(scenario, like, paths[0])
     loaded = load_scenario(spec, allow_code=allow_code)
-    return judge_files(paths, loaded, spec, Cache.default(), found, steps_s)
+    return judge_files(paths, loaded, spec, Cache.default(), found, steps_s, start)
 
 
 def explain(
@@ -318,17 +320,20 @@ def explain(
     dt_s: float | None = None,
     column_map: MapSpec | Sequence[MapSpec] = (),
     like: str | None = None,
+    resolution: str | None = None,
     allow_code: bool = False,
 ) -> ExplainedCase:
     """Return the diagnosis of a trajectory from any program.
 
-    dt_s: the step of the program in s; without it, the motion is compared with the exact flow. Other
-    parameters and errors as for `judge`.
+    dt_s: the step of the program in s; without it, the motion is compared with the exact flow, and with maps
+    that make one step per sample. resolution: of the quantities of the file, such as
+    "omega=1e-3, attitude=1e-5", in SI units; without it, that of their digits. Other parameters and errors as
+    for `judge`.
     """
     found, path = _column_map(column_map, like), Path(trajectory)
     spec = _scenario_spec(scenario, like, path)
     loaded = load_scenario(spec, allow_code=allow_code)
-    return explained_file(path, loaded, spec, Cache.default(), found, dt_s)
+    return explained_file(path, loaded, spec, Cache.default(), found, dt_s, resolution)
 
 
 def _column_map(column_map: MapSpec | Sequence[MapSpec], like: str | None) -> ColumnMap:

@@ -9,6 +9,7 @@ from itertools import combinations, product
 
 import numpy as np
 
+from bodycheck._util.formatting import names, number
 from bodycheck.reference_impl.arrays import Array, largest_norm
 from bodycheck.reference_impl.scene import GravityGradient, Scene
 from bodycheck.reference_impl.trajectory import Trajectory
@@ -16,17 +17,19 @@ from bodycheck.reference_impl.wrench import steps_per_sample
 from bodycheck.reports.diagnosis.engine_model import Grid
 from bodycheck.reports.diagnosis.faults import FAULTS
 from bodycheck.reports.diagnosis.faults.fault import Fault, FaultContext
-from bodycheck.reports.diagnosis.fit import Fit, Start, cost_of, fitted
+from bodycheck.reports.diagnosis.fit import Fit, Start, fitted
 from bodycheck.reports.diagnosis.flow import BASES, EXACT, Base
+from bodycheck.reports.diagnosis.resolution import NOT_RECORDED, Resolution
+from bodycheck.reports.diagnosis.start import StartDifference
 from bodycheck.reports.diagnosis.transitions import Transitions
 from bodycheck.reports.measurement.scales import Scales
 
 ALL_QUANTITIES = frozenset({"position", "velocity", "attitude", "omega"})
 
 _FIRST_LOOK, _SCREENED, _FITTED = 6, 20, 120  # transitions: to choose a map, to screen faults, for the result
+_SCREENED_OF_LOG, _FITTED_OF_LOG = 60, 1000  # where the whole log counts; interpolated between them
 _FIRST_SWEEPS, _LEADERS = 3, 3  # of all faults; of them, those that are fitted to the end
 _SAME_LEADERS = 16  # faults that are tried with further maps of the same order
-_AT_ROUND_OFF = 30.0  # multiples of the round-off that count as it
 _EXPLAINED = 0.95  # share of the differences: less is no explanation
 _TIE = 3.0  # a rival is as good if its cost is at most so many times that of the best
 _SAME_EFFECT = 0.02  # relative difference of what two faults leave, below which one stands for both
@@ -64,11 +67,16 @@ class Diagnosis:
     """What explains a motion.
 
     verdict: explained, healthy (the motion is that of the map, without a fault), lower-order (the same, but
-    the map is of a lower order than the method), or unexplained. base: the map that the faults change.
+    the map is of a lower order than the method), strapdown (the attitude is integrated from an omega that is
+    right), or unexplained. base: the map that the faults change.
     faults: one or two. share: of the differences from the map, over one sample interval, that the faults
     explain. alike: other faults that this scene cannot distinguish from them. nearly: the best single fault
     of an unexplained motion. before, after: root mean square of the differences, over their scales;
-    round_off: their round-off. order: of the method, where the verdict is lower-order.
+    round_off: their round-off, or 1 where they are whitened (whitening.py). order: of the method, where the
+    verdict is lower-order. start: how a recording begins off its scenario. equal_maps: other known maps that
+    make the same motion, to the digits of a recording. within: these digits in words. per_sample: the largest
+    difference from the exact motion over one sample interval, of an exact motion that is not exact to the
+    digits.
     """
 
     verdict: str
@@ -83,6 +91,10 @@ class Diagnosis:
     after: float = 0.0
     round_off: float = 0.0
     order: int | None = None
+    start: StartDifference | None = None
+    equal_maps: tuple[str, ...] = ()
+    within: str = ""
+    per_sample: float | None = None
     fit: Fit | None = field(default=None, repr=False, compare=False)
     circumstances: FaultContext | None = field(default=None, repr=False, compare=False)
 
@@ -90,7 +102,14 @@ class Diagnosis:
     def sentence(self) -> str:
         """The faults in one sentence, with those that would explain the motion as well."""
         if self.verdict == "healthy":
-            return f"no fault: the motion is that of {self.base_words}"
+            within = f", to {self.within}" if self.within else ""
+            if self.per_sample is not None:
+                within = f" to {number(self.per_sample, 2)} per sample, as a solver with that tolerance gives"
+            others = f"; equal to these digits: {names(self.equal_maps)}" if self.equal_maps else ""
+            return f"no fault: the motion is that of {self.base_words}{within}{others}"
+        if self.verdict == "strapdown":
+            omega = "omega is that of the exact motion"
+            return f"no fault in omega: {omega}; the attitude is integrated from it: {self.base_words}"
         if self.verdict == "lower-order":
             orders = f"of order {BASES[self.base].order}, not {self.order}"
             return f"the method is {orders}: the motion is that of {self.base_words}"
@@ -130,17 +149,17 @@ def diagnosed(
     quantities that the trajectory has. known_faults: names of faults that are tried first. Not examined are
     callback loads, gravity gradients about a pivot, and motions with too many steps between two samples.
     """
-    if not _can_be_examined(scene, trajectory, known):
+    if not can_be_examined(scene, trajectory, known):
         return None
     with np.errstate(all="ignore"):
-        search = _Search.of(scene, trajectory, scales, dt_s, known)
+        search = Search.of(scene, trajectory, scales, dt_s, known)
         if search is None:
             return None
         bases = bases_for(order) if dt_s is not None else (EXACT,)
         return search.diagnosis(bases, known_faults, order)
 
 
-def _can_be_examined(scene: Scene, trajectory: Trajectory, known: frozenset[str]) -> bool:
+def can_be_examined(scene: Scene, trajectory: Trajectory, known: frozenset[str]) -> bool:
     about_pivot = scene.pivot is not None and any(isinstance(load, GravityGradient) for load in scene.loads)
     if scene.has_callback_load or about_pivot or len(trajectory.t_s) < 2:
         return False
@@ -148,7 +167,7 @@ def _can_be_examined(scene: Scene, trajectory: Trajectory, known: frozenset[str]
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class Search:
     """The transitions of a case on the grid of its own steps, if any, and on one for the exact flow."""
 
     own: Transitions | None
@@ -156,18 +175,34 @@ class _Search:
 
     @classmethod
     def of(
-        cls, scene: Scene, trajectory: Trajectory, scales: Scales, dt_s: float | None, known: frozenset[str]
-    ) -> _Search | None:
+        cls,
+        scene: Scene,
+        trajectory: Trajectory,
+        scales: Scales,
+        dt_s: float | None,
+        known: frozenset[str],
+        resolution: Resolution = NOT_RECORDED,
+        *,
+        from_rows: bool = False,
+    ) -> Search | None:
+        """Return the search; None where there are too many steps between two samples."""
         own = fine = None
+
+        def on(grid: Grid, base: Base) -> Transitions:
+            found = Transitions.of(
+                scene, trajectory, grid, scales, known, resolution, from_rows=from_rows
+            )
+            return found.whitened_by(base) if found.is_coarse else found
+
         if dt_s is not None and steps_per_sample(scene.sample_interval_s, dt_s) <= _MAX_STEPS:
-            own = Transitions.of(scene, trajectory, Grid.of(scene, dt_s), scales, known)
+            own = on(Grid.of(scene, dt_s), BASES["midpoint"])
         speed = largest_norm(trajectory.omega_body)
         finest = _COARSEST_TURN / speed if speed > 0.0 else math.inf
         if math.isfinite(speed):
             stride = max(4.0, np.ceil(np.max(np.diff(trajectory.t_s)) / finest))
             if stride <= _MAX_STEPS:
                 fine_grid = Grid.between(scene, trajectory.t_s, int(stride))
-                fine = Transitions.of(scene, trajectory, fine_grid, scales, known)
+                fine = on(fine_grid, EXACT)
         return None if own is None and fine is None else cls(own, fine)
 
     def on(self, base: Base) -> Transitions | None:
@@ -181,7 +216,7 @@ class _Search:
         usable = [base for base in bases if self.on(base) is not None] or [EXACT]
         candidates = [(self._healthy_cost(base), base) for base in usable]
         _, base = min(candidates, key=lambda pair: pair[0])
-        if self._is_healthy(base):
+        if self.is_healthy(base):
             return self._without_fault(base, usable, order)
         for one in usable:
             if (known := self._known(one, known_faults)) is not None:
@@ -193,7 +228,7 @@ class _Search:
     def _without_fault(self, base: Base, usable: Sequence[Base], order: int | None) -> Diagnosis:
         """Return the diagnosis of the motion of a map, or of one that this motion cannot tell from it."""
         if _is_below(base, order):
-            alike = (one for one in usable if not _is_below(one, order) and self._is_healthy(one))
+            alike = (one for one in usable if not _is_below(one, order) and self.is_healthy(one))
             base = next(alike, base)
         cost, round_off = self._healthy_cost(base), self._subset(base, _FITTED).round_off
         found = Diagnosis("healthy", base.name, base.text, before=cost, after=cost, round_off=round_off)
@@ -211,11 +246,11 @@ class _Search:
             # one of two faults may have no effect here, such as a limit that is not reached
             singles = fitted(few, base, at, [one for fault in faults for one in _combined((fault,), at)])
             best = min(singles, key=lambda fit: _score(fit, few))
-            if best.cost <= _AT_ROUND_OFF * few.round_off:
+            if best.cost <= few.limit:
                 return self._conclusion(base, few, full, [best], [])
             if len(faults) > 1:
                 pairs = fitted(few, base, at, _combined(faults, at))
-                if pairs[0].cost <= _AT_ROUND_OFF * few.round_off:
+                if pairs[0].cost <= few.limit:
                     return self._conclusion(base, few, full, [best], pairs)
         return None
 
@@ -233,7 +268,7 @@ class _Search:
             if base.order > 1:  # maps of a higher order differ little, so that the same faults fit
                 leaders: list[Start] = [(fit.faults, tuple(fit.values)) for fit in fits[:_SAME_LEADERS]]
                 first.setdefault((base.order, general), leaders)
-            if costs[-1] <= _AT_ROUND_OFF * self._subset(base, _FIRST_LOOK).round_off:
+            if costs[-1] <= self._subset(base, _FIRST_LOOK).limit:
                 return base
             best, _ = candidates[int(np.argmin(costs))]
             if base is bases[-1] and min(costs) <= (1.0 - _EXPLAINED) * self._healthy_cost(best):
@@ -244,6 +279,8 @@ class _Search:
     def _subset(self, base: Base, max_count: int) -> Transitions:
         transitions = self.on(base)
         assert transitions is not None
+        if transitions.whitening is not None:
+            max_count = _FITTED_OF_LOG if max_count == _FITTED else _SCREENED_OF_LOG
         return transitions.subset(max_count)
 
     def _first_look(self, base: Base, starts: Sequence[Start] | None, *, general: bool) -> list[Fit]:
@@ -261,12 +298,14 @@ class _Search:
 
     def _healthy_cost(self, base: Base) -> float:
         few = self._subset(base, _FIRST_LOOK)
-        return cost_of(_healthy(few, base), few)
+        return few.cost_of(_healthy(few, base))
 
-    def _is_healthy(self, base: Base) -> bool:
+    def is_healthy(self, base: Base) -> bool:
         """Whether a map without faults leaves nothing but round-off."""
         transitions = self._subset(base, _FITTED)
-        return cost_of(_healthy(transitions, base), transitions) <= _AT_ROUND_OFF * transitions.round_off
+        if transitions.whitening is not None:
+            transitions = transitions.whitened_by(base)
+        return transitions.cost_of(_healthy(transitions, base)) <= transitions.limit
 
     def _context(self, base: Base, transitions: Transitions) -> FaultContext:
         return FaultContext(transitions, base is not EXACT)
@@ -277,7 +316,7 @@ class _Search:
         singles = sorted(fitted(few, base, at, _starts(at)), key=lambda fit: _score(fit, few))
         best = singles[0]
         pairs: list[Fit] = []
-        is_exact = best.cost <= _AT_ROUND_OFF * few.round_off
+        is_exact = best.cost <= few.limit
         if best.is_general or not is_exact:
             # where a general fault explains all, two of fewer parameters say more
             ones = [fit for fit in singles if fit.complexity < best.complexity] if is_exact else singles
@@ -292,11 +331,11 @@ class _Search:
     def _conclusion(
         self, base: Base, few: Transitions, full: Transitions, singles: Sequence[Fit], pairs: Sequence[Fit]
     ) -> Diagnosis:
-        before, round_off = cost_of(_healthy(few, base), few), few.round_off
+        before, round_off = few.cost_of(_healthy(few, base)), few.round_off
         best, rivals = singles[0], singles
         if pairs:
             pair = pairs[0]
-            is_as_good = pair.cost <= _AT_ROUND_OFF * round_off and pair.complexity < best.complexity
+            is_as_good = pair.cost <= few.limit and pair.complexity < best.complexity
             if _share(pair, before) >= _EXPLAINED and (is_as_good or _BETTER * pair.cost < best.cost):
                 best, rivals = pair, pairs
         described = Diagnosis(
@@ -321,7 +360,7 @@ class _Search:
         """Return the fits on more transitions, without those that these tell from the best one."""
         starts: list[Start] = [(one.faults, tuple(one.values)) for one in equivalent]
         found = fitted(full, base, self._context(base, full), starts, sweeps=3)
-        if found[0].cost > _AT_ROUND_OFF * full.round_off:
+        if found[0].cost > full.limit:
             found.sort(key=lambda fit: _score(fit, full))
         return [found[0], *_equivalent(found[0], found[1:], full)]
 
@@ -344,7 +383,7 @@ def _share(fit: Fit, before: float) -> float:
 
 def _score(fit: Fit, transitions: Transitions) -> float:
     """Return the decades of the cost, above round-off, with a charge for parameters."""
-    lowest = 3.0 * transitions.round_off
+    lowest = transitions.round_off * (3.0 if transitions.whitening is None else 1.0)
     return math.log10(max(fit.cost, lowest)) + _PARAMETER_COST * fit.complexity
 
 
@@ -431,7 +470,7 @@ def _equivalent(best: Fit, rivals: Iterable[Fit], transitions: Transitions) -> l
     Where the best one leaves round-off, these make the same motion: the scene cannot distinguish them. Fits
     with more parameters contain the best one.
     """
-    limit = _TIE * max(best.cost, _AT_ROUND_OFF * transitions.round_off)
+    limit = _TIE * max(best.cost, transitions.limit)
     found: dict[frozenset[str], Fit] = {}
     for fit in rivals:
         if fit.cost <= limit and fit.complexity <= best.complexity + 1:

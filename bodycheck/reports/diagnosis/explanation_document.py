@@ -157,11 +157,14 @@ def _facts(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
         reason = _NOT_EXAMINED.get(outcome, "no case of the method ended well")
         yield "diagnosis", Span(f"not examined: {reason}", "open")
         return
+    if found.start is not None:
+        yield "start", Span(found.start.sentence, "open")
     tint = {"explained": "bad", "lower-order": "bad", "healthy": "good"}.get(found.verdict, "open")
     yield "diagnosis", Span(found.sentence, tint)
     if found.verdict == "unexplained" and found.nearly:
         yield "nearest fault", found.nearly[0].sentence
-    yield "map", f"{found.base}: {found.base_words}"
+    words = found.base_words
+    yield "map", words if words.startswith(found.base) else f"{found.base}: {words}"
     for fault in found.faults:
         if fault.confirm:
             yield "to confirm", fault.confirm

@@ -109,12 +109,6 @@ def planted(at: FaultContext, healthy: Model, faults: Sequence[Fault], values: A
     return model
 
 
-def cost_of(differences: Array, transitions: Transitions) -> float:
-    """Return the root mean square of differences (12, s) of known quantities."""
-    known = np.count_nonzero(transitions.weights)
-    return math.sqrt(float(np.sum(differences**2)) / (known * differences.shape[-1]))
-
-
 def fitted(
     transitions: Transitions,
     base: Base,
@@ -180,7 +174,7 @@ def _change(parameter: Parameter, value: float) -> float:
 
 def _step(one: _Candidate, here: Array, slopes: Array, transitions: Transitions) -> None:
     """Keep the best values, and move on from them."""
-    cost = cost_of(here, transitions)
+    cost = transitions.cost_of(here)
     before, best = one.best, one.best
     if before is None or cost < before.cost:
         best = one.best = Fit(one.faults, one.values.copy(), cost, here, slopes)

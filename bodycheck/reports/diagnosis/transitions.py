@@ -14,7 +14,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.arrays import Array, largest_norm
 from bodycheck.reference_impl.pivot import about_pivot
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
@@ -32,7 +32,9 @@ from bodycheck.reports.diagnosis.engine_model import (
     times,
     transposed_times,
 )
-from bodycheck.reports.diagnosis.flow import Base, Flow, States
+from bodycheck.reports.diagnosis.flow import EXACT, Base, Flow, States
+from bodycheck.reports.diagnosis.resolution import NOT_RECORDED, Resolution
+from bodycheck.reports.diagnosis.whitening import Whitening
 from bodycheck.reports.measurement.scales import Scales
 
 QUANTITIES = {
@@ -45,10 +47,15 @@ QUANTITIES = {
 
 _EPS = float(np.finfo(np.float64).eps)
 _EPS_SINGLE = float(np.finfo(np.float32).eps)
-_ROUND_OFF = 4.0  # multiples of eps: of the worst operation of a step, and of a reading
+ROUND_OFF = 4.0  # multiples of eps: of the worst operation of a step, and of a reading
+_FEWEST_OF_LOG = 60  # transitions between which the differences of a whole log are interpolated
 _FAR_OFF = 1e3  # a difference that is not finite
 _SWEEPS = 20  # at most, of the fixed point that finds a state from quantities of two instants
 _SETTLED = 1e-15  # relative change of that fixed point that is round-off
+AT_ROUND_OFF = 30.0  # multiples of the round-off that count as it
+WITHIN = 1.8  # root mean square of whitened differences: rounding leaves at most sqrt(3)
+SHIFT = 1e-5
+"""The shift of a state, over the scale of its quantity, for the derivatives of a map."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +63,9 @@ class Transitions:
     """Some transitions (s,) of a trajectory: from sample `indices` to the next one.
 
     grid: of all transitions. known: the quantities that the trajectory has. is_single: whether all of its
-    numbers are float32.
+    numbers are float32. resolution: of a recording. from_rows: whether the first transition starts from the
+    first row instead of the start of the scene. whitening: of all transitions of the whole log, where the
+    resolution is coarser than round-off. whole: these transitions, of which `indices` are some.
     """
 
     scene: Scene
@@ -66,10 +75,22 @@ class Transitions:
     indices: Indices
     known: frozenset[str]
     is_single: bool
+    resolution: Resolution = NOT_RECORDED
+    from_rows: bool = False
+    whitening: Whitening | None = None
+    whole: Transitions | None = None
 
     @classmethod
     def of(
-        cls, scene: Scene, trajectory: Trajectory, grid: Grid, scales: Scales, known: frozenset[str]
+        cls,
+        scene: Scene,
+        trajectory: Trajectory,
+        grid: Grid,
+        scales: Scales,
+        known: frozenset[str],
+        resolution: Resolution = NOT_RECORDED,
+        *,
+        from_rows: bool = False,
     ) -> Transitions:
         """Return all transitions of a trajectory."""
         arrays = (trajectory.position_m, trajectory.velocity_m_s, trajectory.omega_body_rad_s,
@@ -80,10 +101,49 @@ class Transitions:
             )
         exact = all(np.array_equal(h, np.round(h, 3)) for h in (h[1:] for h in arrays if h is not None))
         indices = np.arange(len(trajectory.t_s) - 1)
-        return cls(scene, trajectory, grid, scales, indices, known, single and not exact)
+        single = single and not exact
+        return cls(scene, trajectory, grid, scales, indices, known, single, resolution, from_rows)
+
+    @property
+    def is_coarse(self) -> bool:
+        """Whether the resolution of a known quantity is coarser than round-off."""
+        return bool(np.any(self.spread[self.rows] > self.rounding[self.rows]))
+
+    def whitened_by(self, base: Base, model: Model | None = None) -> Transitions:
+        """Return the transitions with their differences whitened over the whole log.
+
+        base, model: the map whose derivatives are used, by default without faults.
+        """
+        whole = self if self.whole is None else self.whole
+        derivatives = whole._derivatives(base, whole.grid.model(whole.scene) if model is None else model)
+        return self.whitened_with(derivatives)
+
+    def whitened_with(self, derivatives: Array) -> Transitions:
+        """Return the transitions with their differences whitened; derivatives (s, n, n) of the whole log."""
+        whole = self if self.whole is None else self.whole
+        rows = whole.rows
+        least = whole.rounding[rows] / ROUND_OFF
+        spread = np.maximum(whole.spread[rows], least)
+        follows = np.r_[False, np.diff(whole.indices) == 1]
+        whitening = Whitening.of(derivatives, spread, least, follows)
+        return replace(self, whitening=whitening, whole=None if self.whole is None else whole)
+
+    def _derivatives(self, base: Base, model: Model) -> Array:
+        """(s, n, n): of the known quantities after each transition with respect to those before it."""
+        models = [model.copied() for _ in range(1 + len(self.rows))]
+        for row, shifted in zip(self.rows.tolist(), models[1:], strict=True):
+            undo = partial(_shifted, row=row, size=SHIFT * self.sizes[row])
+            shifted.misreadings = (*shifted.misreadings, Misreading(_as_read, undo))
+        found = replace(self, from_rows=True).gaps(models, base)[:, self.rows]
+        return derivatives_of(found)
 
     def subset(self, max_count: int) -> Transitions:
-        """Return at most so many of the transitions, evenly spread, the first and the load switches kept."""
+        """Return at most so many of the transitions, evenly spread, the first and the load switches kept.
+
+        Of a whole log, its differences are interpolated between them.
+        """
+        if self.whitening is not None:
+            max_count = max(max_count, _FEWEST_OF_LOG)
         if len(self.indices) <= max_count:
             return self
         rows = self.grid.timeline[self.indices]
@@ -92,7 +152,25 @@ class Transitions:
         )
         spread = np.linspace(0, len(self.indices) - 1, max_count).round().astype(np.intp)
         chosen = np.unique(np.concatenate([spread, mixed[: max_count // 2]]))
-        return replace(self, indices=self.indices[chosen])
+        whole = None if self.whitening is None else self
+        if whole is not None:
+            chosen = np.union1d(chosen, [len(self.indices) - 1])
+        return replace(self, indices=self.indices[chosen], whole=whole)
+
+    def of_quantities(self, known: frozenset[str]) -> Transitions:
+        """Return the transitions of some quantities alone."""
+        found = replace(self, known=known, whitening=None, whole=None)
+        return found.whitened_by(EXACT) if found.is_coarse else found
+
+    def part(self, rows: slice) -> Transitions:
+        """Return consecutive transitions of a log."""
+        return replace(self, indices=self.indices[rows], whitening=None, whole=None)
+
+    @cached_property
+    def rows(self) -> Indices:
+        """Where the known quantities stand in a difference."""
+        spans = [QUANTITIES[name] for name in QUANTITIES if name in self.known]
+        return np.concatenate([np.arange(12)[span] for span in spans])
 
     @cached_property
     def world_omega(self) -> bool:
@@ -113,10 +191,34 @@ class Transitions:
         return start, end
 
     @cached_property
+    def sizes(self) -> Array:
+        """(12,) scales of the quantities; 1 where nothing moves."""
+        scales = self.scales
+        of = {"position": scales.length_scale_m, "velocity": scales.speed_scale_m_s, "attitude": 1.0}
+        of["omega"] = scales.omega_scale_rad_s
+        return np.repeat([of[name] or 1.0 for name in QUANTITIES], 3)
+
+    @cached_property
+    def spread(self) -> Array:
+        """(12,) standard deviations of recorded states that the resolution leaves, over the scales."""
+        path, stated = self.trajectory, self.resolution
+        rates = {"position": path.velocity_m_s, "attitude": path.omega_body}
+        found = []
+        for name in QUANTITIES:
+            moved = largest_norm(rates[name]) * stated.stamp if name in rates else 0.0
+            found.append(math.hypot(getattr(stated, name), moved) / math.sqrt(12.0))
+        return np.repeat(found, 3) / self.sizes
+
+    @cached_property
     def noise(self) -> Array:
+        """(12,) round-off of a difference, and what the resolution leaves of it, over the scale."""
+        return np.maximum(self.rounding, 2.0 * self.spread)
+
+    @cached_property
+    def rounding(self) -> Array:
         """(12,) round-off of a difference, over the scale of its quantity; infinite for a missing one."""
         path, scales = self.trajectory, self.scales
-        eps = _EPS_SINGLE if self.is_single else _EPS
+        eps = _EPS_SINGLE if self.is_single and not self.resolution.is_stated else _EPS
         moved = max(float(np.max(np.abs(path.velocity_m_s))), 1e-300) * float(np.max(np.diff(path.t_s)))
         sizes = {
             "position": (np.max(np.abs(path.position_m)) + moved) / (scales.length_scale_m or 1.0),
@@ -127,7 +229,7 @@ class Transitions:
         noise = np.full(12, np.inf)
         for name, span in QUANTITIES.items():
             if name in self.known:
-                noise[span] = _ROUND_OFF * eps * max(sizes[name], 1.0) * np.sqrt(self.grid.stride)
+                noise[span] = ROUND_OFF * eps * max(sizes[name], 1.0) * np.sqrt(self.grid.stride)
         return noise
 
     @cached_property
@@ -137,8 +239,13 @@ class Transitions:
 
     @property
     def round_off(self) -> float:
-        """The root mean square of weighted differences that are round-off."""
-        return float(np.min(self.noise))
+        """The root mean square of differences that are round-off, or as large as the resolution leaves."""
+        return float(np.min(self.noise)) if self.whitening is None else 1.0
+
+    @property
+    def limit(self) -> float:
+        """The largest root mean square of differences of a candidate that could have made the trajectory."""
+        return AT_ROUND_OFF * self.round_off if self.whitening is None else WITHIN
 
     def flow(self, models: Sequence[Model], base: Base) -> Flow:
         """Return candidates about to advance these transitions."""
@@ -174,20 +281,69 @@ class Transitions:
 
     def differences(self, models: Sequence[Model], base: Base) -> Array:
         """(c, 12, s) weighted differences of the trajectory from the predictions, over their scales."""
+        gaps = self.gaps(models, base)
+        if self.whitening is None:
+            return gaps * self.weights[:, None]
+        if self.whole is not None:
+            healthy = self.whole.healthy_gaps(base)
+            gaps = healthy + (gaps - healthy[:, :, self._places]) @ self._interpolation
+        return self.whitened(gaps)
+
+    def whitened(self, gaps: Array) -> Array:
+        """Return differences (c, 12, s) over their scales, whitened over the whole log; 0 if unknown."""
+        assert self.whitening is not None
+        found = np.zeros_like(gaps)
+        found[:, self.rows] = self.whitening.whitened(gaps[:, self.rows])
+        return found
+
+    def gaps(self, models: Sequence[Model], base: Base) -> Array:
+        """(c, 12, s) differences of the trajectory from the predictions, over their scales."""
         with np.errstate(all="ignore"):
-            found = self._difference(self.predicted(models, base))
-        found = np.where(np.isfinite(found), found, _FAR_OFF)
-        return np.clip(found, -_FAR_OFF, _FAR_OFF) * self.weights[:, None]
+            return self.gaps_of(self.predicted(models, base))
+
+    def gaps_of(self, predicted: Reading) -> Array:
+        """(c, 12, s) differences of the trajectory from readings (.., c, s), over their scales."""
+        with np.errstate(all="ignore"):
+            found = self._difference(predicted)
+        return np.clip(np.where(np.isfinite(found), found, _FAR_OFF), -_FAR_OFF, _FAR_OFF)
+
+    def cost_of(self, differences: Array) -> float:
+        """Return the root mean square of weighted differences (.., 12, n) of known quantities."""
+        known = np.count_nonzero(self.weights)
+        return math.sqrt(float(np.sum(differences**2)) / (known * differences.shape[-1]))
+
+    def healthy_gaps(self, base: Base) -> Array:
+        """(1, 12, s) differences from a map without faults."""
+        if base.name not in self._healthy_gaps:
+            self._healthy_gaps[base.name] = self.gaps([self.grid.model(self.scene)], base)
+        return self._healthy_gaps[base.name]
+
+    @cached_property
+    def _healthy_gaps(self) -> dict[str, Array]:
+        return {}
+
+    @cached_property
+    def _places(self) -> Indices:
+        """Where these transitions stand in the whole log."""
+        assert self.whole is not None
+        return np.searchsorted(self.whole.indices, self.indices)
+
+    @cached_property
+    def _interpolation(self) -> Array:
+        """(s, n): the linear interpolation from these transitions to those of the whole log."""
+        assert self.whole is not None
+        places, unit = self._places, np.eye(len(self.indices))
+        every = np.arange(len(self.whole.indices))
+        return np.stack([np.interp(every, places, row) for row in unit])
 
     def _difference(self, reading: Reading) -> Array:
-        end, scales = self._read[1], self.scales
+        end, sizes = self._read[1], self.sizes[::3]
+        turned = product(conjugated(reading.q / np.sqrt((reading.q**2).sum(axis=0))), end.q[:, None])
         parts = [
-            (end.x[:, None] - reading.x) / (scales.length_scale_m or 1.0),
-            (end.v[:, None] - reading.v) / (scales.speed_scale_m_s or 1.0),
-            rotation_vector(
-                product(conjugated(reading.q / np.sqrt((reading.q**2).sum(axis=0))), end.q[:, None])
-            ),
-            (end.w[:, None] - reading.w) / (scales.omega_scale_rad_s or 1.0),
+            (end.x[:, None] - reading.x) / sizes[0],
+            (end.v[:, None] - reading.v) / sizes[1],
+            rotation_vector(turned),
+            (end.w[:, None] - reading.w) / sizes[3],
         ]
         return np.ascontiguousarray(np.moveaxis(np.concatenate(parts), 1, 0))
 
@@ -222,7 +378,7 @@ class Transitions:
         if len(stale):
             now = self._now([models[row] for row in stale], base, y.of(stale))
             y.x[:, stale], y.v[:, stale], y.q[:, stale], y.w[:, stale] = now.x, now.v, now.q, now.w
-        if self.indices[0] == 0 and self.trajectory.t_s[0] == 0.0:
+        if self.indices[0] == 0 and self.trajectory.t_s[0] == 0.0 and not self.from_rows:
             self._start_values(models, y)
         return y
 
@@ -267,6 +423,28 @@ class Transitions:
             if max(largest, _relative(gap[1:], gap)) <= _SETTLED:
                 break
         return now
+
+
+def derivatives_of(found: Array) -> Array:
+    """Return the derivatives (s, n, n) from differences (1 + n, n, s), the first from unshifted states."""
+    change = (found[:1] - found[1:]) / SHIFT
+    return np.ascontiguousarray(np.moveaxis(change, (2, 1, 0), (0, 1, 2)))
+
+
+def _as_read(reading: Reading) -> Reading:
+    return reading
+
+
+def _shifted(reading: Reading, row: int, size: float) -> Reading:
+    """Return the reading with one of its twelve components shifted."""
+    name, axis = "xvqw"[row // 3], row % 3
+    if name == "q":
+        turn = np.zeros((4, 1))
+        turn[0], turn[1 + axis] = math.cos(0.5 * size), math.sin(0.5 * size)
+        return replace(reading, q=product(reading.q, turn))
+    value = getattr(reading, name).copy()
+    value[axis] += size
+    return replace(reading, **{name: value})
 
 
 def _relative(change: Array, value: Array) -> float:

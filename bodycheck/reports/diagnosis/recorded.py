@@ -1,0 +1,121 @@
+"""What made a recording: its start, a known map, the exact motion, strapdown integration, or a fault."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.one_step_maps import EXACT as EXACT_MAP
+from bodycheck.reference_impl.one_step_maps import OneStepMap
+from bodycheck.reference_impl.one_step_maps.one_step_map import Motion, Solid, scene_loads, times
+from bodycheck.reference_impl.rotations import normalised
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.diagnosis.diagnosis import Diagnosis, Search, bases_for, can_be_examined
+from bodycheck.reports.diagnosis.flow import EXACT
+from bodycheck.reports.diagnosis.known_maps import KnownMap, maps_of
+from bodycheck.reports.diagnosis.resolution import Resolution
+from bodycheck.reports.diagnosis.start import StartState, start_difference
+from bodycheck.reports.diagnosis.strapdown import strapdown_rules
+from bodycheck.reports.measurement.scales import Scales
+
+
+def diagnosed_recording(
+    scene: Scene,
+    trajectory: Trajectory,
+    scales: Scales,
+    dt_s: float | None,
+    *,
+    known: frozenset[str],
+    resolution: Resolution,
+) -> Diagnosis | None:
+    """Return what made a recording; None where it cannot be examined.
+
+    scene: with the samples of the recording. dt_s: the step of the program; None if it is unknown or there is
+    none: then the exact motion is tried, and maps with one step per sample. known: the quantities that the
+    recording has. Not examined are callback loads, gravity gradients about a pivot, and motions with too many
+    steps between two samples.
+    """
+    if not can_be_examined(scene, trajectory, known):
+        return None
+    at_start = trajectory.t_s[0] == 0.0
+    start = start_difference(scene, trajectory, known, resolution, {}) if at_start else None
+    step = dt_s
+    if step is None and len(trajectory.t_s) == scene.samples:
+        step = scene.sample_interval_s
+    from_rows = start is not None or not at_start
+    with np.errstate(all="ignore"):
+        search = Search.of(scene, trajectory, scales, step, known, resolution, from_rows=from_rows)
+        if search is None:
+            return None
+        found, made_by = _without_fault(search, known, resolution)
+        if found is None:
+            bases = bases_for(None) if dt_s is not None else (EXACT,)
+            found = search.diagnosis(bases, (), None)
+    if start is not None and made_by is not None and scene.pivot is None:
+        later = _later(scene, made_by, step or scene.sample_interval_s, trajectory)
+        start = start_difference(scene, trajectory, known, resolution, later)
+    return replace(found, start=start)
+
+
+def _without_fault(
+    search: Search, known: frozenset[str], resolution: Resolution
+) -> tuple[Diagnosis | None, OneStepMap | None]:
+    """Return the diagnosis of a motion without a fault, and the map that made it."""
+    some = search.own or search.fine
+    assert some is not None
+    within = resolution.text(known) if some.is_coarse else ""
+    matches: Sequence[KnownMap] = ()
+    if search.own is not None and search.own.scene.pivot is None:
+        matches = maps_of(search.own)
+    if search.fine is not None and search.is_healthy(EXACT):
+        names = tuple(match.text for match in matches)
+        found = Diagnosis("healthy", EXACT.name, EXACT.text, within=within, equal_maps=names)
+        return found, EXACT_MAP
+    if matches:
+        first, *others = matches
+        words = f"{first.text}, {first.one.description}"
+        names = tuple(match.text for match in others)
+        return Diagnosis("healthy", first.text, words, within=within, equal_maps=names), first.one
+    if search.fine is not None and search.fine.scene.pivot is None:
+        omega = search.fine.of_quantities(frozenset({"omega"}))
+        rules = strapdown_rules(some)
+        if rules and Search(None, omega).is_healthy(EXACT):
+            words = f"{rules[0].name}, {rules[0].formula}, of order {rules[0].order}"
+            names = tuple(rule.name for rule in rules[1:])
+            return Diagnosis("strapdown", rules[0].name, words, within=within, equal_maps=names), None
+    return None, None
+
+
+def _later(
+    scene: Scene, one: OneStepMap, dt_s: float, trajectory: Trajectory
+) -> dict[str, StartState]:
+    """Return what a log may begin with: the state after the first step, or after the first sample interval."""
+    initial, world = scene.initial, trajectory.omega_body_rad_s is None
+    stride = max(round(scene.sample_interval_s / dt_s), 1)
+    loads = scene_loads(replace(scene, duration_s=scene.sample_interval_s, samples=2))
+    motion = Motion(
+        np.zeros(1),
+        initial.position[None],
+        initial.velocity[None],
+        normalised(initial.quaternion)[None],
+        initial.omega_body[None],
+        rotation=None if trajectory.quaternion is not None else initial.rotation[None],
+    )
+    found = {}
+    for step in range(1, stride + 1):
+        motion = one.step(Solid.of(scene.body), motion, np.full(1, dt_s), loads)
+        state = _start_of(motion, world=world)
+        if step == 1:
+            found["row k holds the state after step k + 1: the whole log is one step late"] = state
+        if step == stride > 1:
+            found["row k holds the state of row k + 1: the whole log is one row late"] = state
+    return found
+
+
+def _start_of(motion: Motion, *, world: bool) -> StartState:
+    omega: Array = times(motion.orthogonal, motion.omega) if world else motion.omega
+    return StartState(motion.position[0], motion.velocity[0], normalised(motion.quaternion)[0], omega[0])

@@ -1,0 +1,85 @@
+"""How finely a recording states each quantity, and how far that leaves its states open."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import number
+from bodycheck.reference_impl.arrays import Array
+
+QUANTITIES = ("position", "velocity", "attitude", "omega")
+_SINGLE = float(np.finfo(np.float32).eps)
+_PER_ARRAY = {
+    "position_m": ("position", 1.0),
+    "velocity_m_s": ("velocity", 1.0),
+    "quaternion": ("attitude", 2.0),  # an angle is twice the change of a quaternion
+    "rotation": ("attitude", 1.0),
+    "omega_body_rad_s": ("omega", 1.0),
+    "omega_world_rad_s": ("omega", 1.0),
+}
+"""Array -> its quantity, and how far this moves with a number of the array."""
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """The distance between neighbouring values that a recording can state, of each quantity in SI units.
+
+    attitude in rad, stamp in s. A stated number is off by at most half of this, as it is rounded to it.
+    """
+
+    position: float = 0.0
+    velocity: float = 0.0
+    attitude: float = 0.0
+    omega: float = 0.0
+    stamp: float = 0.0
+
+    @property
+    def is_stated(self) -> bool:
+        """Whether the numbers are those of a recording, whose resolution is known."""
+        return self.attitude > 0.0 or self.omega > 0.0
+
+    @classmethod
+    def of(cls, spacings: Mapping[str, Array]) -> Resolution:
+        """Return the resolution of the arrays of a recording; spacings: array -> those of its numbers."""
+        found = {"stamp": float(np.max(spacings.get("t_s", np.zeros(1))))}
+        for name, (quantity, factor) in _PER_ARRAY.items():
+            if name in spacings:
+                found[quantity] = max(found.get(quantity, 0.0), factor * float(np.max(spacings[name])))
+        return cls(**found)
+
+    def with_given(self, text: str) -> Resolution:
+        """Return the resolution with what an option states: "1e-3", or "omega=1e-3, attitude=1e-5".
+
+        Raises InputError for an unknown quantity, and for what is no positive number.
+        """
+        changes: dict[str, float] = {}
+        for part in text.split(","):
+            name, equals, value = (one.strip() for one in part.rpartition("="))
+            if equals and name not in QUANTITIES:
+                raise InputError(f"--resolution {text}: {name!r} must be one of {', '.join(QUANTITIES)}")
+            try:
+                size = float(value)
+            except ValueError:
+                size = math.nan
+            if not 0.0 < size < math.inf:
+                raise InputError(f"--resolution {text}: {value!r} is not a positive number")
+            changes |= {name: size} if equals else dict.fromkeys(QUANTITIES, size)
+        return replace(self, **changes)
+
+    def text(self, known: frozenset[str]) -> str:
+        """Return the coarsest resolution of the known quantities in words."""
+        quantity = max(known & set(QUANTITIES), key=lambda name: getattr(self, name))
+        size = getattr(self, quantity) / (2.0 if quantity == "attitude" else 1.0)
+        decimals = -math.log10(size) if size > 0.0 else math.inf
+        if abs(decimals - round(decimals)) < 1e-6 and decimals < 15.5:
+            return f"the {round(decimals)} decimals of the file"
+        return f"the resolution of the file, {number(size, 2)} in {quantity}"
+
+
+NOT_RECORDED = Resolution()
+"""Of a trajectory that has all digits of the program."""

@@ -1,0 +1,155 @@
+"""How the first sample of a recording differs from the start of its scenario, and what that means."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bodycheck._util.formatting import names, number
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.rotations import conjugate, geodesic_angle, normalised, quaternion_to_matrix
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.diagnosis.resolution import Resolution
+
+_SAME = 3.0  # multiples of the resolution
+_SAME_ROUND_OFF = 1e-12  # relative to the size of a quantity
+_UNITS = {"position": "m", "velocity": "m/s", "attitude": "rad", "omega": "rad/s"}
+
+
+@dataclass(frozen=True)
+class StartState:
+    """One state: position, velocity (3,) and attitude (4,) in world axes, omega (3,) in its own axes."""
+
+    position: Array
+    velocity: Array
+    attitude: Array
+    omega: Array
+
+    @classmethod
+    def of(cls, scene: Scene, *, world_omega: bool) -> StartState:
+        """Return the start of a scenario, with omega in the axes that a recording has."""
+        initial = scene.initial
+        omega = initial.omega_body
+        omega = quaternion_to_matrix(initial.quaternion) @ omega if world_omega else omega
+        return cls(initial.position, initial.velocity, normalised(initial.quaternion), omega)
+
+
+@dataclass(frozen=True)
+class StartDifference:
+    """The differences of the first sample from the start of the scenario, and what would explain them.
+
+    sizes: quantity -> difference in its unit. meaning: "" where none is known. begins_late: whether the
+    log begins with the state after the first sample interval or step.
+    """
+
+    sizes: Mapping[str, float]
+    meaning: str = ""
+    begins_late: bool = False
+
+    @property
+    def sentence(self) -> str:
+        """The difference in one sentence."""
+        parts = [f"{name} by {number(size, 3)} {_UNITS[name]}" for name, size in self.sizes.items()]
+        meaning = f": {self.meaning}" if self.meaning else ""
+        return f"the first sample differs from the start of the scenario, {names(parts)}{meaning}"
+
+
+def start_difference(
+    scene: Scene,
+    trajectory: Trajectory,
+    known: frozenset[str],
+    resolution: Resolution,
+    later: Mapping[str, StartState],
+) -> StartDifference | None:
+    """Return how the first sample differs from the start of the scenario; None where it does not.
+
+    later: sentence -> the state of the same motion somewhat later, with which a log may begin.
+    """
+    world_omega = trajectory.omega_body_rad_s is None
+    start = StartState.of(scene, world_omega=world_omega)
+    omega = trajectory.omega_world_rad_s if world_omega else trajectory.omega_body_rad_s
+    assert omega is not None
+    attitude = trajectory.attitude[0]
+    first = StartState(trajectory.position_m[0], trajectory.velocity_m_s[0], attitude, omega[0])
+    sizes = _differences(first, start, known, resolution)
+    if not sizes:
+        return None
+    for meaning, state in later.items():
+        if not _differences(first, state, known, resolution):
+            return StartDifference(sizes, meaning, begins_late=True)
+    found = []
+    for name in ("attitude", "omega"):
+        if name in sizes:
+            for meaning, state in _READINGS[name](start, scene, world_omega):
+                if name not in _differences(first, state, known, resolution):
+                    found.append(meaning)
+                    break
+    return StartDifference(sizes, "; ".join(found))
+
+
+def _differences(
+    first: StartState, start: StartState, known: frozenset[str], resolution: Resolution
+) -> dict[str, float]:
+    found = {}
+    for name in ("attitude", "omega", "position", "velocity"):
+        if name not in known:
+            continue
+        one, other = getattr(first, name), getattr(start, name)
+        size = 1.0 if name == "attitude" else float(np.max(np.abs([one, other])))
+        distance = (
+            float(geodesic_angle(one / np.linalg.norm(one), other))
+            if name == "attitude"
+            else float(np.linalg.norm(one - other))
+        )
+        if distance > max(_SAME * getattr(resolution, name), _SAME_ROUND_OFF * size):
+            found[name] = distance
+    return found
+
+
+_Reading = Iterator[tuple[str, StartState]]
+
+
+def _attitudes(start: StartState, _: Scene, world_omega: bool) -> _Reading:
+    del world_omega
+    other = {
+        "its quaternion is the conjugate, world to body": conjugate(start.attitude),
+        "its quaternion is the scenario's with the scalar last, (x, y, z, w)": np.roll(start.attitude, -1),
+        "its quaternion is the scenario's taken as scalar last, (x, y, z, w)": np.roll(start.attitude, 1),
+        "its attitude is the identity": np.array([1.0, 0.0, 0.0, 0.0]),
+    }
+    for meaning, attitude in other.items():
+        yield meaning, StartState(start.position, start.velocity, attitude, start.omega)
+
+
+def _omegas(start: StartState, scene: Scene, world_omega: bool) -> _Reading:
+    rotation = quaternion_to_matrix(scene.initial.quaternion)
+    other_axes = rotation.T @ start.omega if world_omega else rotation @ start.omega
+    here, there = ("world", "body") if world_omega else ("body", "world")
+    inverse = rotation @ start.omega if world_omega else rotation.T @ start.omega
+    factors = {
+        "its omega is in degrees per second": 180.0 / math.pi,
+        "its omega is the scenario's number taken as degrees per second": math.pi / 180.0,
+        "its omega has the opposite sign": -1.0,
+    }
+    others = {
+        f"its omega in {here} axes is the scenario's omega in {there} axes": other_axes,
+        "its omega is the scenario's, rotated by the inverse of its attitude": inverse,
+        **{meaning: factor * start.omega for meaning, factor in factors.items()},
+        **{
+            f"its omega about {axis} has the opposite sign": start.omega * (1.0 - 2.0 * np.eye(3)[index])
+            for index, axis in enumerate("xyz")
+        },
+    }
+    for meaning, omega in others.items():
+        yield meaning, StartState(start.position, start.velocity, start.attitude, omega)
+
+
+_READINGS: Mapping[str, Callable[[StartState, Scene, bool], _Reading]] = {
+    "attitude": _attitudes,
+    "omega": _omegas,
+}
+"""Quantity -> how its first value may have been read or set."""
