@@ -100,9 +100,9 @@ def judge_files(
 ) -> Ranking:
     """Judge several files of one scenario and rank them by the first error that all of them have.
 
-    steps_s: the step of each file, from which orders are fitted. start: where the truth starts. Raises InputError where a file is invalid,
-    has nothing to compare, or has times outside the scenario's duration, where two steps are the same, and
-    where the files end at different times.
+    steps_s: the step of each file, from which orders are fitted. start: where the truth starts.
+    Raises InputError where a file is invalid, has nothing to compare, or has times outside the scenario's
+    duration, where two steps are the same, and where the files end at different times.
     """
     if steps_s is not None and (twice := [one for one, times in Counter(steps_s).items() if times > 1]):
         raise InputError(f"--dt: the step {twice[0]!r} is given twice")
@@ -216,9 +216,7 @@ def _judged(
     return columns | reduced(measurable, scales) | own | (worst.columns if worst else {})
 
 
-def _started(
-    scenario: Scenario, arrays: dict[str, Array], start: Start, cache: Cache | None
-) -> Scenario:
+def _started(scenario: Scenario, arrays: dict[str, Array], start: Start, cache: Cache | None) -> Scenario:
     """Return the scenario, started at the first sample where that is asked for."""
     if start == "scenario":
         return scenario
@@ -285,9 +283,7 @@ def explained_file(
     scene = _sampled_at(scenario.scene, t_s, resolution.stamp)
     if dt_s is not None:
         _check_step(scene, t_s, dt_s)
-    found = diagnosed_recording(
-        scene, trajectory, problem.scales, dt_s, known=known, resolution=resolution
-    )
+    found = diagnosed_recording(scene, trajectory, problem.scales, dt_s, known=known, resolution=resolution)
     columns = {"scenario": scenario.name, "control": "none" if dt_s is None else "dt", "dt_s": dt_s}
     columns |= {"outcome": "ok", "message": ""}
     case = CaseResult({**columns, "engine": path.name, "method": ""}, MeasuredMotion(trajectory))

@@ -297,7 +297,8 @@ def rank(
     """Judge several trajectories of one scenario, best first, and fit their orders.
 
     steps_s: the step of each file. start: where the truth starts, at the start of the scenario or at the
-    first sample of each file, whose resolution then enters the bound of the truth. The others: as for `judge`. Raises InputError if a file or a map is wrong.
+    first sample of each file, whose resolution then enters the bound of the truth. The others: as for
+    `judge`. Raises InputError if a file or a map is wrong.
     """
     if unnamed := [one for one in trajectories if not isinstance(one, str | Path)]:
         raise InputError(f"a trajectory must be the path of a file, not {unnamed[0]!r}")

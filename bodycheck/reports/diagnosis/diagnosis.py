@@ -160,6 +160,7 @@ def diagnosed(
 
 
 def can_be_examined(scene: Scene, trajectory: Trajectory, known: frozenset[str]) -> bool:
+    """Whether a motion can be diagnosed."""
     about_pivot = scene.pivot is not None and any(isinstance(load, GravityGradient) for load in scene.loads)
     if scene.has_callback_load or about_pivot or len(trajectory.t_s) < 2:
         return False
@@ -189,9 +190,7 @@ class Search:
         own = fine = None
 
         def on(grid: Grid, base: Base) -> Transitions:
-            found = Transitions.of(
-                scene, trajectory, grid, scales, known, resolution, from_rows=from_rows
-            )
+            found = Transitions.of(scene, trajectory, grid, scales, known, resolution, from_rows=from_rows)
             return found.whitened_by(base) if found.is_coarse else found
 
         if dt_s is not None and steps_per_sample(scene.sample_interval_s, dt_s) <= _MAX_STEPS:
@@ -239,10 +238,10 @@ class Search:
         few, full = self._subset(base, _SCREENED), self._subset(base, _FITTED)
         at = self._context(base, few)
         by_name = {fault.name: fault for fault in FAULTS if fault.applies(at)}
-        for names in known_faults:
-            if not by_name.keys() >= set(names):
+        for known in known_faults:
+            if not by_name.keys() >= set(known):
                 continue
-            faults = tuple(by_name[name] for name in names)
+            faults = tuple(by_name[name] for name in known)
             # one of two faults may have no effect here, such as a limit that is not reached
             singles = fitted(few, base, at, [one for fault in faults for one in _combined((fault,), at)])
             best = min(singles, key=lambda fit: _score(fit, few))

@@ -54,9 +54,12 @@ def maps_of(transitions: Transitions) -> list[KnownMap]:
     """
     steps = _LibrarySteps(transitions.subset(_SCREENED) if transitions.whitening is None else transitions)
     screened = [
-        (one, rule) for one in MAPS.values() if one.order > 0 for rule in steps.rules(one)
+        (one, rule)
+        for one in MAPS.values()
+        if one.order > 0 and one is not EXACT
+        for rule in steps.rules(one)
         if steps.cost(one, rule) <= _NEAR * transitions.limit and steps.has_norm_of(one, rule)
-    ]  # fmt: skip
+    ]
     steps = _LibrarySteps(transitions)
     found = [KnownMap(one, steps.cost(one, rule, own=True), rule) for one, rule in screened]
     return [match for match in found if match.cost <= transitions.limit]

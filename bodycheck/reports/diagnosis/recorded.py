@@ -90,10 +90,8 @@ def _without_fault(
     return None, None
 
 
-def _later(
-    scene: Scene, one: OneStepMap, dt_s: float, trajectory: Trajectory
-) -> dict[str, StartState]:
-    """Return what a log may begin with: the state after the first step, or after the first sample interval."""
+def _later(scene: Scene, one: OneStepMap, dt_s: float, trajectory: Trajectory) -> dict[str, StartState]:
+    """Return what a log may begin with: the state after the first step, or after the first interval."""
     initial, world = scene.initial, trajectory.omega_body_rad_s is None
     stride = max(round(scene.sample_interval_s / dt_s), 1)
     loads = scene_loads(replace(scene, duration_s=scene.sample_interval_s, samples=2))

@@ -94,7 +94,7 @@ def start_difference(
 def _differences(
     first: StartState, start: StartState, known: frozenset[str], resolution: Resolution
 ) -> dict[str, float]:
-    found = {}
+    found: dict[str, float] = {}
     for name in ("attitude", "omega", "position", "velocity"):
         if name not in known:
             continue

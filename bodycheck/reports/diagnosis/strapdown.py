@@ -41,12 +41,8 @@ def _turned(q: Array, angle: Array) -> Array:
 
 
 RULES = (
-    StrapdownRule(
-        "left-rate exponential", "q+ = q exp(h w0 / 2)", 1, lambda q, a, _: _turned(q, a)
-    ),
-    StrapdownRule(
-        "right-rate exponential", "q+ = q exp(h w1 / 2)", 1, lambda q, _, b: _turned(q, b)
-    ),
+    StrapdownRule("left-rate exponential", "q+ = q exp(h w0 / 2)", 1, lambda q, a, _: _turned(q, a)),
+    StrapdownRule("right-rate exponential", "q+ = q exp(h w1 / 2)", 1, lambda q, _, b: _turned(q, b)),
     StrapdownRule(
         "mean-rate exponential", "q+ = q exp(h (w0 + w1) / 4)", 2, lambda q, a, b: _turned(q, 0.5 * (a + b))
     ),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -37,7 +36,7 @@ def started_at_first_sample(scenario: Scenario, path: Trajectory, known: frozens
         velocity_m_s=velocity,
         omega_body_rad_s=tuple(omega.tolist()),
     )
-    return scenario.model_copy(update={"initial": changed})
+    return Scenario.model_construct(**{**dict(scenario), "initial": changed})  # its scene is cached
 
 
 def start_bound_rad(scene: Scene, t_s: Array, resolution: Resolution, cache: Cache | None) -> Array:

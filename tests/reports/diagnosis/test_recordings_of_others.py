@@ -1,0 +1,113 @@
+"""Recordings of other programs: their start, their digits, and what made them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodycheck.reports.diagnosis.diagnosis import Diagnosis
+from bodycheck.runs import runner
+from tests.helpers.expected_messages import ExpectedMessage
+
+CASES = Path(__file__).parent / "cases"
+
+
+def diagnosis_of(case: str, file: str, scenario: str, dt_s: float | None = None) -> Diagnosis:
+    """Return the diagnosis of a recording of a case."""
+    (folder,) = CASES.glob(f"{case}-*")
+    found = runner.explain(folder / file, folder / scenario, dt_s=dt_s).diagnosis
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize(
+    ("scenario", "size", "meaning"),
+    [
+        ("same.toml", None, ""),
+        ("start-off.toml", 0.1, ""),
+        ("start-in-world-axes.toml", 5.06, "its omega in body axes is the scenario's omega in world axes"),
+    ],
+)
+def test_the_start_is_a_finding_of_its_own(scenario: str, size: float | None, meaning: str) -> None:
+    """Rows that are steps of a map are healthy wherever they start; the difference of the start is stated."""
+    found = diagnosis_of("01", "healthy.csv", scenario, 0.01)
+    assert (found.verdict, found.base) == ("healthy", "M1")
+    if size is None:
+        assert found.start is None
+    else:
+        assert found.start is not None
+        assert found.start.sizes == {"omega": pytest.approx(size, rel=1e-3)}
+        assert found.start.meaning == meaning
+
+
+def test_a_start_in_the_other_axes_is_not_a_reading(expected_message: ExpectedMessage) -> None:
+    """Only the start of the program is in the other axes; no row is read so."""
+    found = diagnosis_of("01", "fine-steps.csv", "fine-steps-start-in-world-axes.toml", 0.002)
+    assert (found.verdict, found.base) == ("healthy", "M1")
+    assert found.start is not None
+    expected_message(found.start.sentence)
+
+
+@pytest.mark.parametrize("file", ["full.csv", "six-decimals.csv"])
+def test_a_map_is_named_to_the_digits_of_the_file(file: str) -> None:
+    """Rounding to six decimals is no float32; of 820 maps, only those that equal M1 here are listed."""
+    found = diagnosis_of("02", file, "top.toml", 0.01)
+    assert (found.verdict, found.base, found.start) == ("healthy", "M1", None)
+    assert found.equal_maps == ("M1, step angle at most pi/4",)
+    assert found.within == ("the 6 decimals of the file" if file.startswith("six") else "")
+
+
+def test_a_log_that_begins_after_the_first_step_is_late() -> None:
+    """Row k holds the state after step k + 1: the start differs by one step of the map of the rows."""
+    found = diagnosis_of("03", "late.csv", "top.toml", 0.01)
+    assert (found.verdict, found.base) == ("healthy", "M1")
+    assert found.start is not None
+    assert found.start.begins_late
+    assert set(found.start.sizes) == {"attitude", "omega"}
+
+
+@pytest.mark.parametrize(
+    ("file", "name"),
+    [
+        ("matrix-euler.csv", "Buss 2000, order 1, additive matrix"),
+        ("lie-euler.csv", "Buss 2000, order 1"),
+    ],
+)
+def test_maps_that_fingerprints_know_are_known(file: str, name: str) -> None:
+    """The maps of reference:euler and reference:lie-euler are named, with those that are equal here."""
+    found = diagnosis_of("05", file, "top.toml", 0.01)
+    assert (found.verdict, found.base) == ("healthy", name)
+    assert all(other.startswith(("Buss", "angular momentum")) for other in found.equal_maps)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dt_s", [None, 0.005])
+@pytest.mark.parametrize(
+    ("name", "order"), [("left-rate exponential", 1), ("mean-rate exponential", 2), ("mean-rate additive", 2)]
+)
+def test_strapdown_integration_is_recognised(name: str, order: int, dt_s: float | None) -> None:
+    """An attitude that is integrated from the true omega is named with its rule, not as a fault."""
+    found = diagnosis_of("06", f"{name.replace(' ', '-')}.csv", "coning.toml", dt_s)
+    assert (found.verdict, found.base, found.equal_maps) == ("strapdown", name, ())
+    assert f"of order {order}" in found.base_words
+
+
+def test_a_step_is_found_where_it_is_one_per_sample() -> None:
+    """Without a step, a map with one step per sample is tried after the exact motion."""
+    found = diagnosis_of("02", "full.csv", "top.toml")
+    assert (found.verdict, found.base) == ("healthy", "M1")
+
+
+def test_a_fault_changes_the_verdict_of_a_healthy_log(tmp_path: Path) -> None:
+    """The checks can fail: a row that is moved by ten resolutions is no longer a step of the map."""
+    (folder,) = CASES.glob("02-*")
+    lines = (folder / "six-decimals.csv").read_text().splitlines()
+    values = np.array([line.split(",") for line in lines[1:]], dtype=float)
+    values[100:, 5] += 1e-4
+    rows = [lines[0], *(",".join(f"{value:.6f}" for value in row) for row in values)]
+    (tmp_path / "moved.csv").write_text("\n".join(rows))
+    found = runner.explain(tmp_path / "moved.csv", folder / "top.toml", dt_s=0.01).diagnosis
+    assert found is not None
+    assert found.verdict != "healthy"
