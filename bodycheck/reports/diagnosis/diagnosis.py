@@ -19,7 +19,7 @@ from bodycheck.reports.diagnosis.faults import FAULTS
 from bodycheck.reports.diagnosis.faults.fault import Fault, FaultContext
 from bodycheck.reports.diagnosis.fit import Fit, Start, fitted
 from bodycheck.reports.diagnosis.flow import BASES, EXACT, Base
-from bodycheck.reports.diagnosis.resolution import NOT_RECORDED, Resolution
+from bodycheck.reports.diagnosis.quantity_resolution import NOT_RECORDED, Resolution
 from bodycheck.reports.diagnosis.start import StartDifference
 from bodycheck.reports.diagnosis.transitions import Transitions
 from bodycheck.reports.measurement.scales import Scales

@@ -52,16 +52,19 @@ def maps_of(transitions: Transitions) -> list[KnownMap]:
 
     transitions: all of them. Maps without the gyroscopic term are faults, and so left out.
     """
-    steps = _LibrarySteps(transitions.subset(_SCREENED) if transitions.whitening is None else transitions)
+    few, steps = _LibrarySteps(transitions.alone().subset(_SCREENED)), _LibrarySteps(transitions)
     screened = [
         (one, rule)
         for one in MAPS.values()
         if one.order > 0 and one is not EXACT
-        for rule in steps.rules(one)
-        if steps.cost(one, rule) <= _NEAR * transitions.limit and steps.has_norm_of(one, rule)
+        for rule in few.rules(one)
+        if few.cost(one, rule) <= few.transitions.limit and few.has_norm_of(one, rule)
     ]
-    steps = _LibrarySteps(transitions)
-    found = [KnownMap(one, steps.cost(one, rule, own=True), rule) for one, rule in screened]
+    if transitions.whitening is not None:
+        costs = steps.costs(screened)
+        near = _NEAR * transitions.limit
+        screened = [one for one, cost in zip(screened, costs, strict=True) if cost <= near]
+    found = [KnownMap(one, steps.cost(one, rule), rule) for one, rule in screened]
     return [match for match in found if match.cost <= transitions.limit]
 
 
@@ -95,15 +98,21 @@ class _LibrarySteps:
             moved.append(_moved(self._starts, row // 3, shift, world=self.transitions.world_omega))
         return moved
 
-    def cost(self, one: OneStepMap, rule: str, *, own: bool = False) -> float:
-        """Return the root mean square of the differences; own: whitened by derivatives of the map itself."""
+    def cost(self, one: OneStepMap, rule: str) -> float:
+        """Return the root mean square of the differences, whitened by derivatives of the map itself."""
         here = self.transitions
         if here.whitening is None:
             return here.cost_of(self._gaps(one, rule, self._starts) * here.weights[:, None])
-        if own:
-            shifted = [self._gaps(one, rule, start)[0] for start in self._shifted_starts]
-            here = here.whitened_with(derivatives_of(np.stack(shifted)[:, here.rows]))
-        return here.cost_of(here.whitened(self._gaps(one, rule, self._starts)))
+        shifted = np.concatenate([self._gaps(one, rule, start) for start in self._shifted_starts])
+        here = here.whitened_with(derivatives_of(shifted[:, here.rows]))
+        return here.cost_of(here.whitened(shifted[:1]))
+
+    def costs(self, some: Sequence[tuple[OneStepMap, str]]) -> list[float]:
+        """Return the root mean squares of the differences, all whitened by the same derivatives."""
+        if not some:
+            return []
+        gaps = np.concatenate([self._gaps(one, rule, self._starts) for one, rule in some])
+        return [self.transitions.cost_of(part) for part in self.transitions.whitened(gaps)]
 
     def has_norm_of(self, one: OneStepMap, rule: str) -> bool:
         """Whether the norms of quaternions, or the matrices, are those that a map makes."""

@@ -17,7 +17,7 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.diagnosis.diagnosis import Diagnosis, Search, bases_for, can_be_examined
 from bodycheck.reports.diagnosis.flow import EXACT
 from bodycheck.reports.diagnosis.known_maps import KnownMap, maps_of
-from bodycheck.reports.diagnosis.resolution import Resolution
+from bodycheck.reports.diagnosis.quantity_resolution import Resolution
 from bodycheck.reports.diagnosis.start import StartState, start_difference
 from bodycheck.reports.diagnosis.strapdown import strapdown_rules
 from bodycheck.reports.measurement.scales import Scales
@@ -44,8 +44,10 @@ def diagnosed_recording(
     at_start = trajectory.t_s[0] == 0.0
     start = start_difference(scene, trajectory, known, resolution, {}) if at_start else None
     step = dt_s
-    if step is None and len(trajectory.t_s) == scene.samples:
-        step = scene.sample_interval_s
+    is_even = len(trajectory.t_s) == scene.samples and trajectory.t_s[-1] == scene.duration_s
+    if is_even:  # the samples are then where the scene has them, whatever the stamps are rounded to
+        resolution, trajectory = replace(resolution, stamp=0.0), replace(trajectory, t_s=scene.sample_times)
+        step = scene.sample_interval_s if dt_s is None else dt_s
     from_rows = start is not None or not at_start
     with np.errstate(all="ignore"):
         search = Search.of(scene, trajectory, scales, step, known, resolution, from_rows=from_rows)

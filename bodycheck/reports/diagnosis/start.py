@@ -13,7 +13,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import conjugate, geodesic_angle, normalised, quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.diagnosis.resolution import Resolution
+from bodycheck.reports.diagnosis.quantity_resolution import Resolution
 
 _SAME = 3.0  # multiples of the resolution
 _SAME_ROUND_OFF = 1e-12  # relative to the size of a quantity

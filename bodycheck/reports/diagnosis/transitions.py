@@ -33,7 +33,7 @@ from bodycheck.reports.diagnosis.engine_model import (
     transposed_times,
 )
 from bodycheck.reports.diagnosis.flow import EXACT, Base, Flow, States
-from bodycheck.reports.diagnosis.resolution import NOT_RECORDED, Resolution
+from bodycheck.reports.diagnosis.quantity_resolution import NOT_RECORDED, Resolution
 from bodycheck.reports.diagnosis.whitening import Whitening
 from bodycheck.reports.measurement.scales import Scales
 
@@ -156,6 +156,10 @@ class Transitions:
         if whole is not None:
             chosen = np.union1d(chosen, [len(self.indices) - 1])
         return replace(self, indices=self.indices[chosen], whole=whole)
+
+    def alone(self) -> Transitions:
+        """Return the transitions each by itself, without the whole log."""
+        return replace(self, whitening=None, whole=None)
 
     def of_quantities(self, known: frozenset[str]) -> Transitions:
         """Return the transitions of some quantities alone."""

@@ -12,7 +12,7 @@ from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.truths import known_truth
-from bodycheck.reports.diagnosis.resolution import Resolution
+from bodycheck.reports.diagnosis.quantity_resolution import Resolution
 from bodycheck.scenarios.model import Initial, Scenario
 
 _RESOLVED = 1e-14  # rad or rad/s: finer resolutions are those of doubles

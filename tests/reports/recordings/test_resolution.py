@@ -144,3 +144,11 @@ def test_stamps_are_exact_unless_they_are_rounded(kind: str) -> None:
     assert stamp_spacing(exact) == expected
     differences = [float(Fraction(stamp) - Fraction(exact[0])) for stamp in exact]
     assert since_first(exact).tolist() == differences
+
+
+def test_a_round_number_above_the_others_does_not_coarsen_them() -> None:
+    """A quaternion that starts at 1 and has six decimals has six decimals, not six digits of 1."""
+    values = np.r_[1.0, np.round(np.cos(np.linspace(0.01, 1.0, 50)), 6)]
+    digits = digits_of(values)
+    assert digits is not None
+    assert digits.spacing(1.0) == pytest.approx(1e-6)
