@@ -21,8 +21,8 @@ from bodycheck.reference_impl.wrench import plan_steps
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.truths import known_truth
 from bodycheck.reports.diagnosis.explain import ExplainedCase
-from bodycheck.reports.diagnosis.recorded import diagnosed_recording
 from bodycheck.reports.diagnosis.quantity_resolution import Resolution
+from bodycheck.reports.diagnosis.recorded import diagnosed_recording
 from bodycheck.reports.document import Column, Document, Sentence, Table
 from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion, stable_motion
 from bodycheck.reports.measurement.convergence import Convergence, Criteria, Point, convergence_of

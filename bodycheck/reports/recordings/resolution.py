@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal, localcontext
 from itertools import pairwise
 from typing import TypeAlias
@@ -28,12 +28,14 @@ class Digits:
     """How the numbers of a column are rounded.
 
     decimals: the most after the point, negative for multiples of ten. significant: the most digits of a
-    number. is_float32: whether they are rounded to float32, whatever their digits.
+    number. is_float32: whether they are rounded to float32, whatever their digits. magnitude: the power of ten
+    of the largest number with the most digits: a larger one, such as 1 among 0.999999, may be round.
     """
 
     decimals: int
     significant: int
     is_float32: bool
+    magnitude: int = 400
 
     @property
     def rank(self) -> tuple[int, int]:
@@ -54,7 +56,8 @@ class Digits:
         fixed = 10.0**-self.decimals
         if value == 0.0:
             return fixed
-        return max(fixed, 10.0 ** (math.floor(math.log10(abs(value))) - self.significant + 1))
+        magnitude = min(math.floor(math.log10(abs(value))), self.magnitude)
+        return max(fixed, 10.0 ** (magnitude - self.significant + 1))
 
 
 OF_DOUBLES = Digits(decimals=400, significant=17, is_float32=False)
@@ -73,10 +76,13 @@ def digits_of(values: Array) -> Digits | None:
     if len(sample) < _FEWEST_VALUES:
         return None
     numbers = [Decimal(repr(value)).normalize() for value in sample.tolist() if value]
+    significant = max(len(number.as_tuple().digits) for number in numbers)
+    full = (number for number in numbers if len(number.as_tuple().digits) == significant)
     found = Digits(
         max(_decimals(number) for number in numbers),
-        max(len(number.as_tuple().digits) for number in numbers),
+        significant,
         is_float32=False,
+        magnitude=max(number.adjusted() for number in full),
     )
     with np.errstate(over="ignore"):
         off = np.abs(sample - sample.astype(np.float32))
@@ -85,7 +91,7 @@ def digits_of(values: Array) -> Digits | None:
             or repr(value) == repr(float(str(np.float32(value))))
             for value, rounding in zip(sample.tolist(), off.tolist(), strict=True)
         )
-    return Digits(found.decimals, found.significant, is_float32)
+    return replace(found, is_float32=is_float32)
 
 
 def _decimals(number: Decimal) -> int:
