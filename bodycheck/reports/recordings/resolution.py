@@ -28,7 +28,7 @@ class Digits:
     """How the numbers of a column are rounded.
 
     decimals: the most after the point, negative for multiples of ten. significant: the most digits of a
-    number. is_float32: whether they are rounded to float32, whatever their digits. magnitude: the power of ten
+    number. is_float32: whether they are rounded to float32, whatever their digits. magnitude: the power of 10
     of the largest number with the most digits: a larger one, such as 1 among 0.999999, may be round.
     """
 
