@@ -225,7 +225,7 @@ def judge(
         list[Path],
         typer.Argument(
             metavar="TRAJECTORY...",
-            help="Trajectories from any program: .csv, .npz, .parquet, .jsonl or .mcap.",
+            help="Trajectories from any program: tables of text, .npz, .parquet, .jsonl, .mcap or .aem.",
         ),
     ],
     scenario: Annotated[
@@ -248,7 +248,10 @@ def judge(
     ] = None,
     like: Annotated[
         str | None,
-        typer.Option(help="Use the map of a known source: jsbsim, mcap or nesc.", show_default="none"),
+        typer.Option(
+            help="Use the map of a known source: aem, euroc, jsbsim, kitti, mcap, nesc or tum.",
+            show_default="none",
+        ),
     ] = None,
     dt: Annotated[
         str | None,

@@ -106,11 +106,14 @@ def judge_files(
     """
     if steps_s is not None and (twice := [one for one, times in Counter(steps_s).items() if times > 1]):
         raise InputError(f"--dt: the step {twice[0]!r} is given twice")
-    recordings = {str(path): recorded_motion(path, column_map) for path in paths}
+    intervals = [None] * len(paths) if steps_s is None else steps_s
+    recordings = {
+        str(path): recorded_motion(path, column_map, dt_s)
+        for path, dt_s in zip(paths, intervals, strict=True)
+    }
     problem = Problem.of(scenario, scenario_spec, cache)
     rows = [
-        {"file": str(path), **_judged(path, recordings[str(path)], problem, cache, column_map, start)}
-        for path in paths
+        {"file": str(path), **_judged(path, recordings[str(path)], problem, cache, start)} for path in paths
     ]
     if steps_s is not None:
         rows = [{"file": row["file"], "dt_s": dt_s, **row} for row, dt_s in zip(rows, steps_s, strict=True)]
@@ -154,12 +157,7 @@ def _orders(
 
 
 def _judged(
-    path: Path,
-    recorded: RecordedMotion,
-    problem: Problem,
-    cache: Cache | None,
-    column_map: ColumnMap,
-    start: Start,
+    path: Path, recorded: RecordedMotion, problem: Problem, cache: Cache | None, start: Start
 ) -> dict[str, Any]:
     arrays = recorded.arrays
     scenario = _started(problem.scenario, arrays, start, cache)
@@ -169,9 +167,12 @@ def _judged(
             f"{path}: omega in world axes needs an attitude to be compared: qw, qx, qy, qz, or r00 to r22"
         )
     if t_s[0] < 0.0 or t_s[-1] > scenario.duration_s * (1.0 + 1e-12):
+        fits = t_s[-1] - t_s[0] <= scenario.duration_s
         raise InputError(
             f"{path}: t_s must lie between 0 and the duration, {scenario.duration_s!r} s, but goes from "
             f"{float(t_s[0])!r} to {float(t_s[-1])!r}"
+            + "; --map time_origin=first-sample subtracts the first time"
+            * bool(fits)
         )
     scales = problem.scales
     truth = known_truth(scene, t_s, cache)
@@ -188,6 +189,9 @@ def _judged(
         "truth": truth.kind,
         "truth_bound_rad": float(bound_rad[trusted].max()),
     }
+    if stamp_spacing_s := float(recorded.resolution["t_s"]):
+        columns["stamp_spacing_s"] = stamp_spacing_s
+        columns["truth_bound_rad"] += stamp_spacing_s * largest_norm(truth.trajectory.omega_body[trusted])
     trajectory = _completed(arrays, truth.trajectory)
     true = Motion.of(scene, truth.trajectory)
     motion = stable_motion(scene, trajectory, true)
@@ -203,7 +207,7 @@ def _judged(
         scene, truth.trajectory, true, trajectory, motion, invariants, until=int(np.count_nonzero(trusted))
     )
     departures = departures_of(compared)
-    if column_map.euler:  # the file has no quaternion
+    if "quaternion" in recorded.computed:
         departures.pop("quaternion_norm_error", None)
     series = series_of(compared, departures)
     measurable = {
@@ -273,7 +277,7 @@ def explained_file(
     resolution (Resolution.with_given). Raises InputError as `judge_files` does, and where the step does not
     fit the times.
     """
-    recorded = recorded_motion(path, column_map)
+    recorded = recorded_motion(path, column_map, dt_s)
     arrays, resolution = recorded.arrays, Resolution.of(recorded.resolution)
     if resolution_text is not None:
         resolution = resolution.with_given(resolution_text)

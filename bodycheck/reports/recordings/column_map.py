@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from importlib.resources import files
 from pathlib import Path
@@ -27,8 +27,23 @@ EARTH_RATE_RAD_S = 7.292115e-5
 """Sidereal rate of the Earth in WGS-84 (NIMA TR8350.2, table 3.1)."""
 
 EULER = ("euler_1_rad", "euler_2_rad", "euler_3_rad")
+RODRIGUES = ("rodrigues_x", "rodrigues_y", "rodrigues_z")
+MODIFIED_RODRIGUES = ("modified_rodrigues_x", "modified_rodrigues_y", "modified_rodrigues_z")
 PLACE = ("longitude_rad", "latitude_rad")
 BODY_VELOCITY = ("vx_body_m_s", "vy_body_m_s", "vz_body_m_s")
+
+VECTORS = {
+    **COLUMNS,
+    "euler": EULER,
+    "rodrigues": RODRIGUES,
+    "modified_rodrigues": MODIFIED_RODRIGUES,
+    "place": PLACE,
+    "velocity_body_m_s": BODY_VELOCITY,
+}
+"""Vector or matrix -> what a map defines of it: whole, or not at all."""
+
+ATTITUDES = ("quaternion", "rotation", "euler", "rodrigues", "modified_rodrigues")
+"""The vectors and matrices that state an attitude."""
 
 _KINDS = (
     ({"t_s"}, "a time", (1, 0, 0)),
@@ -36,7 +51,11 @@ _KINDS = (
     ({"x_m", "y_m", "z_m"}, "a length", (0, 0, 1)),
     ({*COLUMNS["velocity_m_s"], *BODY_VELOCITY}, "a velocity", (-1, 0, 1)),
     ({*COLUMNS["omega_world_rad_s"], *COLUMNS["omega_body_rad_s"]}, "an angular velocity", (-1, 1, 0)),
-    ({*COLUMNS["quaternion"], *COLUMNS["rotation"]}, "a pure number", (0, 0, 0)),
+    (
+        {*COLUMNS["quaternion"], *COLUMNS["rotation"], *RODRIGUES, *MODIFIED_RODRIGUES},
+        "a pure number",
+        (0, 0, 0),
+    ),
 )
 """What a product can give, its kind, and its powers of s, rad and m."""
 
@@ -245,6 +264,11 @@ def _text(value: Any, key: str) -> str:
     return text
 
 
+def _columns(value: Any, key: str) -> tuple[str, ...]:
+    """Return the names of columns, of a list or of text with blanks between them."""
+    return _texts(value.split() if isinstance(value, str) else value, key)
+
+
 def _texts(value: Any, key: str) -> tuple[str, ...]:
     texts = value if isinstance(value, list | tuple) else [value]
     if not all(isinstance(text, str) for text in texts):
@@ -260,6 +284,8 @@ CONVENTIONS = {
     "earth_rate_rad_s": _rate,
     "time_origin": _one_of("file", "first-sample"),
     "topic": _text,
+    "columns": _columns,
+    "times": _text,
     "ignore": _texts,
 }
 """Key of a map -> what checks and reads its value."""
@@ -272,7 +298,9 @@ class ColumnMap:
     euler: axes of euler_1_rad to euler_3_rad. attitude: which way quaternion, matrix and angles rotate.
     world, body: matrices (3, 3) from the file's axes to the scenario's, None where they are the same.
     time_origin: whether the scenario starts at t_s = 0 or at the first sample. topic: of an
-    MCAP file. ignore: patterns of columns; "*" leaves out all but the standard ones.
+    MCAP file. columns: the names of those of a file without a header. times: the path of a file with the
+    time of each row in s, for a file without times. optional: target -> products, of which the first whose
+    columns the file has is used. ignore: patterns of columns; "*" leaves out all but the standard ones.
     """
 
     products: Mapping[str, Product] = field(default_factory=dict)
@@ -283,6 +311,9 @@ class ColumnMap:
     earth_rate_rad_s: float = EARTH_RATE_RAD_S
     time_origin: str = "file"
     topic: str = ""
+    columns: tuple[str, ...] = ()
+    times: str = ""
+    optional: Mapping[str, tuple[Product, ...]] = field(default_factory=dict)
     ignore: tuple[str, ...] = ()
 
     def ignores(self, column: str) -> bool:
@@ -301,15 +332,30 @@ def read_map(specs: Sequence[MapSpec], like: str | None = None) -> ColumnMap:
 
     Raises InputError for an unknown source, key or unit, and for a file that cannot be read.
     """
-    raw: Raw = {} if like is None else dict(source(like)["map"])
-    ignored: list[str] = list(_texts(raw.pop("ignore", []), "ignore"))
+    if like is None:
+        return changed_map(ColumnMap(), specs)
+    known = source(like)
+    optional = {
+        target: tuple(parse_product(text, target) for text in ([texts] if isinstance(texts, str) else texts))
+        for target, texts in known.get("optional", {}).items()
+    }
+    return changed_map(ColumnMap(optional=optional), [known["map"], *specs])
+
+
+def changed_map(column_map: ColumnMap, specs: Sequence[MapSpec]) -> ColumnMap:
+    """Return a map changed by others, each of which takes precedence.
+
+    Raises InputError as `read_map` does.
+    """
+    raw: Raw = {}
+    ignored: list[str] = list(column_map.ignore)
     for spec in specs:
         for key, value in _pairs(spec):
             if key == "ignore":
                 ignored += _texts(value, key)
             else:
                 raw[key] = value
-    products: dict[str, Product] = {}
+    products = dict(column_map.products)
     conventions: dict[str, Any] = {"ignore": tuple(ignored)}
     for key, value in raw.items():
         if key in CONVENTIONS:
@@ -320,7 +366,7 @@ def read_map(specs: Sequence[MapSpec], like: str | None = None) -> ColumnMap:
             raise InputError(f'{key}: should be a product, like "p_deg_s*deg"')
         else:
             products[key] = parse_product(str(value), key)
-    return ColumnMap(products, **conventions)
+    return replace(column_map, products=products, **conventions)
 
 
 def _pairs(spec: MapSpec) -> Iterator[tuple[str, Any]]:
@@ -352,7 +398,7 @@ def source_names() -> tuple[str, ...]:
 
 
 def source(name: str) -> Raw:
-    """Return a built-in source: `map`, and `scenarios`: pattern of a file name -> scenario.
+    """Return a built-in source: `map`, its `optional` products, and `scenarios`: file name -> scenario.
 
     Raises InputError if there is no such source.
     """

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,8 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.formatting import names, nearest
-from bodycheck._util.untrusted import shell_quote
+from bodycheck._util.formatting import names
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import (
     conjugate,
@@ -23,118 +21,35 @@ from bodycheck.reference_impl.rotations import (
     quaternion_to_matrix,
 )
 from bodycheck.reports.recordings.column_map import (
-    BODY_VELOCITY,
+    ATTITUDES,
     EULER,
     KINDS,
-    PLACE,
-    UNITS,
+    VECTORS,
     ColumnMap,
-    read_map,
-    source_names,
+    changed_map,
 )
-from bodycheck.reports.recordings.recording import Recording, read_recording
+from bodycheck.reports.recordings.formats import read_recording
+from bodycheck.reports.recordings.proposed_map import proposal
+from bodycheck.reports.recordings.recording import EXACT, Recording
 from bodycheck.reports.recordings.resolution import OF_DOUBLES, Digits, digits_of, largest_finite, since_first
 from bodycheck.reports.run_files.trajectory_files import COLUMNS, checked_arrays
 
 ACCEPTED = "t_s, x_m, y_m, z_m, qw, qx, qy, qz, r00 to r22, vx_m_s ..., wx_body_rad_s ..., wx_world_rad_s ..."
 """The columns that need no map."""
 
-_AXIS_NAMES = ("x", "y", "z")
-_ALIASES = {
-    "t_s": ("t", "time", "times", "timestamp", "simtime", "elapsedtime"),
-    **{f"{axis}_m": (axis, f"p{axis}", f"pos{axis}", f"position{axis}") for axis in _AXIS_NAMES},
-    **{f"v{axis}_m_s": (f"v{axis}", f"vel{axis}", f"velocity{axis}", f"{axis}dot") for axis in _AXIS_NAMES},
-    **{f"v{axis}_body_m_s": (body, f"{body}body") for axis, body in zip(_AXIS_NAMES, "uvw", strict=True)},
-    **{
-        f"w{axis}_body_rad_s": (
-            *(rate, f"{angle}rate", f"w{axis}", f"w{axis}body", f"omega{axis}", f"omegabody{axis}"),
-            *(f"gyro{axis}", f"angularvelocity{axis}", f"angvel{axis}", f"bodyrate{axis}"),
-        )
-        for axis, rate, angle in zip(_AXIS_NAMES, "pqr", ("roll", "pitch", "yaw"), strict=True)
-    },
-    **{f"w{axis}_world_rad_s": (f"w{axis}world", f"omegaworld{axis}") for axis in _AXIS_NAMES},
-    **{
-        f"q{part}": (f"q{part}", f"q{index}", f"quat{part}", f"quaternion{part}", f"orientation{part}")
-        for index, part in enumerate("wxyz")
-    },
-    "euler_1_rad": ("yaw", "psi", "heading"),
-    "euler_2_rad": ("pitch", "theta"),
-    "euler_3_rad": ("roll", "phi"),
+_ATTITUDE_NAMES = {
+    "quaternion": "a quaternion",
+    "rotation": "a rotation matrix",
+    "euler": "Euler angles",
+    "rodrigues": "Rodrigues parameters",
+    "modified_rodrigues": "modified Rodrigues parameters",
 }
-_TARGETS = {alias: target for target, aliases in _ALIASES.items() for alias in aliases}
-_SPELLINGS = {
-    "sec": "s",
-    "seconds": "s",
-    "degrees": "deg",
-    "feet": "ft",
-    "dps": "deg",
-    "fps": "ft",
-    "mps": "m",
-}
-_PLAIN = re.compile(r"[^\W\d]\w*(?:\.\w+|\[[0-9]+\])*")
-_MAX_IGNORED = 2
-
-
-def nearest_map(columns: Sequence[str], known: ColumnMap | None = None) -> str:
-    """Return "; try --map ..." or "; try --like ..." for the columns of a file.
-
-    known: the map that was given, whose keys are not proposed again.
-    """
-    for name in source_names():
-        products = read_map((), name).products.values()
-        if {column for product in products for column in product.columns} <= set(columns):
-            return f"; try --like {name}"
-    pairs = ", ".join(_pairs(columns, known or ColumnMap()))
-    return f"; try --map {shell_quote(pairs)}" if pairs else ""
-
-
-def _pairs(columns: Sequence[str], known: ColumnMap) -> Iterator[str]:
-    taken = {*known.products, *(name for name in columns if name in KINDS)}
-    used = {name for product in known.products.values() for name, _ in product.names}
-    used |= {name for product in known.products.values() for name in product.columns}
-    left = []
-    for column in columns:
-        if column in used or column in KINDS or known.ignores(column):
-            continue
-        target, unit = _guess(column)
-        if target is None or target in taken:
-            left.append(column)
-            continue
-        taken.add(target)
-        yield f"{target}={_written(column)}{unit}"
-    if not known.euler and taken & set(EULER):
-        yield "euler=ZYX"
-    if len(left) > _MAX_IGNORED:
-        yield "ignore=*"
-    else:
-        yield from (f"ignore={_written(column)}" for column in left)
-
-
-def _guess(column: str) -> tuple[str | None, str]:
-    """Return the target that a column's name resembles, and the unit in the name, as a factor."""
-    words = [word.lower() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+", column)]
-    units: list[str] = []
-    while len(words) > 1 and _SPELLINGS.get(words[-1], words[-1]) in UNITS:
-        word = words.pop()
-        units.insert(0, _SPELLINGS.get(word, word))
-    stems = ("".join(words), "".join(reversed(words)))
-    target = next((_TARGETS[stem] for stem in stems if stem in _TARGETS), None) or nearest(column, KINDS)
-    if target is None and len(words) > 1 and (close := nearest(stems[0], _TARGETS)):
-        target = _TARGETS[close]
-    factors = [unit for unit in units if UNITS[unit][0] != 1.0]
-    return target, f"*{factors[0]}" if factors else ""
-
-
-def _written(column: str) -> str:
-    """Return a column as a map names it: quoted unless it is a plain name that is not a unit."""
-    return column if _PLAIN.fullmatch(column) and column not in UNITS else f'"{column}"'
-
+_LARGEST_SLOPES = {"euler": 0.5, "rodrigues": 1.0, "modified_rodrigues": 2.0, "velocity_body_m_s": 1.0}
+"""Quantity -> the largest change of what is computed from it per change of one of its components."""
 
 _MAX_NAMED = 4
 _IGNORED = ("bound_rad",)  # the last column of `bodycheck truth`
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-_VECTORS = {**COLUMNS, "euler": EULER, "place": PLACE, "velocity_body_m_s": BODY_VELOCITY}
-_ATTITUDES = ("quaternion", "rotation", "euler")
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,30 +58,53 @@ class RecordedMotion:
 
     arrays: t_s (n,) and quantities, as an npz of bodycheck has them. resolution: name of each array -> the
     spacing of the numbers that the file can state, in the unit of the array: () for t_s, (3,) for a vector,
-    (4,) for a quaternion, (3, 3) for a matrix.
+    (4,) for a quaternion, (3, 3) for a matrix. computed: the arrays that the file has in another form.
     """
 
     arrays: dict[str, Array]
     resolution: dict[str, Array]
+    computed: frozenset[str] = frozenset()
 
 
-def recorded_motion(path: Path, column_map: ColumnMap) -> RecordedMotion:
+def recorded_motion(path: Path, column_map: ColumnMap, dt_s: float | None = None) -> RecordedMotion:
     """Return the quantities of a recording, and their resolution.
 
-    Raises InputError with one line that names the file and the fault.
+    dt_s: the interval between two rows of a file without times. Raises InputError with one line that names
+    the file and the fault, and the map that would do, if one is found.
     """
     recording = read_recording(path, column_map.topic)
-    targets = _targets(recording, column_map)
+    try:
+        return _converted(recording, column_map, dt_s)
+    except _UnmappedError as error:
+
+        def arrays(proposed: ColumnMap, interval_s: float | None) -> dict[str, Array]:
+            return _converted(recording, proposed, interval_s or dt_s).arrays
+
+        raise InputError(f"{error}{proposal(recording, column_map, arrays)}") from None
+
+
+def _converted(recording: Recording, column_map: ColumnMap, dt_s: float | None) -> RecordedMotion:
+    path = recording.path
+    if recording.described:
+        column_map = changed_map(column_map, [recording.described])
+    if column_map.columns and not recording.is_named:
+        recording = recording.renamed(column_map.columns)
+    targets = _targets(recording, column_map, dt_s)
     found = _vectors(path, {name: target.values for name, target in targets.items()})
     if "t_s" not in found:
-        raise InputError(f"{path}: has no t_s{nearest_map(recording.names)}")
+        raise _UnmappedError(f"{path}: has no t_s")
     stated = _vectors(path, _resolutions(targets))
     with np.errstate(invalid="ignore", over="ignore"):  # a diverged motion is an outcome, not an error
         try:
             arrays = checked_arrays(path, _in_scenario_axes(found, column_map))
         except _ConventionError as error:
             raise InputError(f"{path}: {error}") from None
-        return RecordedMotion(arrays, _resolution_in_scenario_axes(stated, arrays, column_map))
+        resolution = _resolution_in_scenario_axes(stated, arrays, column_map)
+    return RecordedMotion(arrays, resolution, frozenset(arrays) - frozenset(found))
+
+
+class _UnmappedError(InputError):
+    """A map is missing, which may be proposed."""
 
 
 class _ConventionError(ValueError):
@@ -218,7 +156,7 @@ def _resolutions(targets: Mapping[str, _Target]) -> dict[str, Array]:
 
     of_file = finest([name for name in targets if name != "t_s"], OF_DOUBLES)
     found: dict[str, Array] = {}
-    for vector in (("t_s",), *_VECTORS.values()):
+    for vector in (("t_s",), *VECTORS.values()):
         present = [name for name in vector if name in targets]
         digits = finest(present, of_file)
         found |= {name: np.array([targets[name].resolution(digits)]) for name in present}
@@ -227,13 +165,32 @@ def _resolutions(targets: Mapping[str, _Target]) -> dict[str, Array]:
 
 def _stamped(recording: Recording, column: str, column_map: ColumnMap, scale: float) -> _Target:
     """Return the times of a column: less the first, where the map says so, before they are scaled."""
-    stamps, spacing = recording.stamps(column)
     subtracts = column_map.time_origin == "first-sample"
+    stamps, spacing = recording.stamps(column, relative=subtracts)
+    if not subtracts and any(isinstance(stamp, int) and abs(stamp) > EXACT for stamp in stamps):
+        raise InputError(
+            f"{recording.path}: {column} has integers above 2^53, which do not fit in doubles; "
+            "--map time_origin=first-sample subtracts the first one exactly"
+        )
     values = since_first(stamps) if subtracts else recording.values(column)
     return _Target(scale, (values,), recording.rows, spacing)
 
 
-def _targets(recording: Recording, column_map: ColumnMap) -> dict[str, _Target]:
+def _times(recording: Recording, column_map: ColumnMap, dt_s: float | None) -> _Target | None:
+    """Return the times of a file that has none: of another file, or even ones."""
+    if column_map.times:
+        other = read_recording(Path(column_map.times), "")
+        if other.rows != recording.rows:
+            raise InputError(
+                f"{other.path}: has {other.rows} times, but {recording.path} {recording.rows} rows"
+            )
+        return _stamped(other, other.names[0], column_map, 1.0)
+    if dt_s is not None:
+        return _Target(dt_s, (np.arange(recording.rows, dtype=np.float64),), recording.rows, 0.0)
+    return None
+
+
+def _targets(recording: Recording, column_map: ColumnMap, dt_s: float | None) -> dict[str, _Target]:
     """Return the quantities of a recording by name.
 
     Raises InputError where a column is neither used nor ignored.
@@ -241,8 +198,13 @@ def _targets(recording: Recording, column_map: ColumnMap) -> dict[str, _Target]:
     path = recording.path
     found: dict[str, _Target] = {}
     used: set[str] = set()
+    products = dict(column_map.products)
+    for target, several in column_map.optional.items():
+        fitting = (product for product in several if {*product.columns} <= {*recording.names})
+        if target not in products and (product := next(fitting, None)):
+            products[target] = product
     try:
-        for target, product in column_map.products.items():
+        for target, product in products.items():
             scale, columns = product.settled(target, recording.names)
             used.update(columns)
             if target == "t_s" and len(columns) == 1:
@@ -258,6 +220,8 @@ def _targets(recording: Recording, column_map: ColumnMap) -> dict[str, _Target]:
             found[name] = _stamped(recording, name, column_map, 1.0)
         elif name not in found:
             found[name] = _Target(1.0, (recording.values(name),), recording.rows)
+    if "t_s" not in found and (times := _times(recording, column_map, dt_s)) is not None:
+        found["t_s"] = times
     unknown = [
         name
         for name in recording.names
@@ -269,10 +233,7 @@ def _targets(recording: Recording, column_map: ColumnMap) -> dict[str, _Target]:
         and not column_map.ignores(name)
     ]
     if unknown:
-        raise InputError(
-            f"{path}: unknown trajectory column {_some(unknown)} (accepted: {ACCEPTED})"
-            f"{nearest_map(recording.names, column_map)}"
-        )
+        raise _UnmappedError(f"{path}: unknown trajectory column {_some(unknown)} (accepted: {ACCEPTED})")
     return found
 
 
@@ -285,7 +246,7 @@ def _some(columns: Sequence[str]) -> str:
 def _vectors(path: Path, targets: Mapping[str, Array]) -> dict[str, Array]:
     """Return t_s and the whole vectors and matrices; raises InputError where a component is missing."""
     found = {"t_s": targets["t_s"]} if "t_s" in targets else {}
-    for array, columns in _VECTORS.items():
+    for array, columns in VECTORS.items():
         present = [column for column in columns if column in targets]
         if present and len(present) < len(columns):
             missing = ", ".join(column for column in columns if column not in targets)
@@ -298,13 +259,17 @@ def _vectors(path: Path, targets: Mapping[str, Array]) -> dict[str, Array]:
 
 def _in_scenario_axes(found: dict[str, Array], column_map: ColumnMap) -> dict[str, Array]:
     """Return the quantities with rotations from the scenario's body axes to its world axes."""
-    attitudes = [name for name in _ATTITUDES if name in found]
-    if "euler" in found and len(attitudes) > 1:
-        raise _ConventionError(f"has both Euler angles and a {attitudes[0]}; ignore one of them")
+    attitudes = [name for name in ATTITUDES if name in found]
+    if len(attitudes) > 1 and set(attitudes) != {"quaternion", "rotation"}:
+        named = [_ATTITUDE_NAMES[name] for name in attitudes]
+        raise _ConventionError(f"has both {named[0]} and {named[1]}; ignore one of them")
     _check_combinations(found, column_map, has_attitude=bool(attitudes))
     arrays = {name: value for name, value in found.items() if name in ("t_s", *COLUMNS)}
     if "euler" in found:
         arrays["quaternion"] = _euler_quaternions(found["euler"], column_map.euler)
+    for name, power in (("rodrigues", 1), ("modified_rodrigues", 2)):
+        if name in found:
+            arrays["quaternion"] = _rodrigues_quaternions(found[name], power)
     if column_map.attitude == "world-to-body":
         arrays |= _reversed(arrays)
     if "place" in found:
@@ -353,6 +318,16 @@ def _euler_quaternions(angles: Array, sequence: str) -> Array:
     ]
     first, second, third = turns if sequence.isupper() else turns[::-1]
     return quaternion_product(quaternion_product(first, second), third)
+
+
+def _rodrigues_quaternions(parameters: Array, power: int) -> Array:
+    """q = ((1, p) / |(1, p)|)^power of p = e tan(angle / (2 power)): classical (1) or modified (2).
+
+    Shapes: (n, 3) -> (n, 4).
+    """
+    q = np.concatenate([np.ones((len(parameters), 1)), parameters], axis=-1)
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return quaternion_product(q, q) if power == 2 else q
 
 
 def _reversed(arrays: Mapping[str, Array]) -> dict[str, Array]:
@@ -409,8 +384,10 @@ def _resolution_in_scenario_axes(
     found = {}
     for name, array in arrays.items():
         if name not in stated:
-            total = 0.5 * stated["euler"].sum() if name == "quaternion" else stated["velocity_body_m_s"].sum()
-            found[name] = np.full(array.shape[1:], total)
+            source = next(
+                one for one in _LARGEST_SLOPES if one in stated and (one in ATTITUDES) == (name in ATTITUDES)
+            )
+            found[name] = np.full(array.shape[1:], _LARGEST_SLOPES[source] * stated[source].sum())
             continue
         own = np.asarray(stated[name][0])
         if axes_are_same or name == "t_s":

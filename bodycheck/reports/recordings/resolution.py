@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from datetime import date
 from decimal import Decimal, localcontext
 from itertools import pairwise
 from typing import TypeAlias
@@ -133,3 +135,27 @@ def stamp_spacing(stamps: Sequence[Stamp]) -> float:
     is_even = len(set(steps)) <= 1
     is_coarse = math.gcd(*steps) ** len(steps) > _CHANCE
     return 0.0 if is_even or is_coarse else 10.0**-decimals
+
+
+_DATE = re.compile(
+    r"(\d{4})-(?:(\d\d)-(\d\d)|(\d{3}))[T ](\d\d):(\d\d):(\d\d(?:\.\d+)?)(?:Z|([+-])(\d\d):?(\d\d))?"
+)
+
+
+def iso_seconds(text: str) -> Decimal | None:
+    """Return a date and time of ISO 8601, or of the day of the year, in s since 1970; None for other text."""
+    found = _DATE.fullmatch(text.strip())
+    if found is None:
+        return None
+    year, month, day, of_year, hour, minute, second, sign, hours, minutes = found.groups()
+    try:
+        first = (
+            date(int(year), 1, 1).toordinal()
+            if of_year
+            else date(int(year), int(month), int(day)).toordinal()
+        )
+    except ValueError:
+        return None
+    days = first + (int(of_year) - 1 if of_year else 0) - date(1970, 1, 1).toordinal()
+    offset = int(f"{sign}1") * (60 * int(hours) + int(minutes)) if sign else 0
+    return 60 * Decimal(24 * 60 * days + 60 * int(hour) + int(minute) - offset) + Decimal(second)

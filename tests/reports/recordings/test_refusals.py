@@ -7,6 +7,8 @@ import io
 import json
 import random
 import re
+import shlex
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -31,6 +33,8 @@ from bodycheck.scenarios.library import scenario_names
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.file_mutations import any_bytes, csv_cell, json_value, toml_line
 
+MESSAGES = tomllib.loads((Path(__file__).parents[2] / "expected_messages.toml").read_text())
+EXPECTED = {key: text for messages in MESSAGES.values() for key, text in messages.items()}
 RATES = "t_s,wx_body_rad_s,wy_body_rad_s,wz_body_rad_s"
 
 
@@ -147,6 +151,23 @@ FILES: dict[str, tuple[str, str, str]] = {
         "t_s,vx_body_m_s,vy_body_m_s,vz_body_m_s\n0,1,0,0\n",
         "",
     ),
+    "stamps and half a vector": (
+        "log.csv",
+        "stamp,gyro_x,gyro_y,gyro_z,acc_x,pos_x\n1403715524907143168,1,2,3,4,5\n1403715525007143168,1,2,3,4,5\n",
+        "",
+    ),
+    "angles and rates in degrees without units": (
+        "log.csv",
+        "time,gx,gy,gz,roll,pitch,yaw\n0,0,0,90,0,0,0\n0.1,0,0,90,0,0,9\n0.2,0,0,90,0,0,18\n",
+        "",
+    ),
+    "a quaternion and angles": (
+        "log.txt",
+        "time;q0;q1;q2;q3;roll;pitch;yaw\n0;1;0;0;0;0;0;0\n0,1;1;0;0;0;0;0;0\n",
+        "",
+    ),
+    "poses of KITTI": ("00.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 1 0 1 0 0 0 0 1 0\n", ""),
+    "modified Rodrigues parameters": ("log.csv", "time [ms],mrp1,mrp2,mrp3\n0,0,0,0\n10,0,0,0.1\n", ""),
     "text in JSON": ("log.jsonl", '{"t_s": 0, "x_m": 1, "y_m": "a", "z_m": 1}\n', ""),
     "no JSON": ("log.jsonl", '{"t_s": 0}\n{"t_s": 1\n', ""),
     "no object": ("log.jsonl", "[1]\n", ""),
@@ -174,20 +195,46 @@ def test_wrong_recording_is_refused_in_one_line(
     expected_message(str(refused.value), tmp_path)
 
 
-@pytest.mark.parametrize("what", ["unknown columns", "units in brackets", "misspelt columns"])
-def test_proposed_map_is_accepted(what: str, tmp_path: Path) -> None:
-    """The map that a message proposes reads the file that was refused."""
-    name, text, _ = FILES[what]
+PROPOSAL = re.compile(r"try (--.*?)(?: \(.*\))?$")
+CASES = Path(__file__).parent / "cases"
+PROPOSING = {
+    **{f"wrong_recording_is_refused_in_one_line[{what}]": what for what in FILES},
+    "handed_files_are_read_or_refused_with_the_reason[euroc.csv-euroc]": "euroc.csv",
+    "handed_files_are_read_or_refused_with_the_reason[tum.csv-tum]": "tum.csv",
+}
+
+
+@pytest.mark.parametrize("key", PROPOSING)
+def test_proposed_options_read_the_file(key: str, tmp_path: Path) -> None:
+    """What a message proposes for a file works, with the map that was given before."""
+    what = PROPOSING[key]
+    name, text, spec = FILES[what] if what in FILES else (what, (CASES / what).read_text(), "")
     path = tmp_path / name
     path.write_text(text)
     with pytest.raises(bodycheck.InputError) as refused:
-        recorded_motion(path, read_map(()))
-    proposed = re.search(r"try --map '([^']*)'", str(refused.value))
-    assert proposed is not None
-    arrays = recorded_motion(path, read_map([proposed[1]])).arrays
-    assert "omega_body_rad_s" in arrays
-    if what != "misspelt columns":
+        recorded_motion(path, read_map([spec] if spec else ()))
+    proposed = PROPOSAL.search(str(refused.value))
+    assert (proposed is None) == ("try --" not in EXPECTED.get(key, ""))
+    if proposed is None:
+        return
+    words = shlex.split(proposed[1])
+    options = dict(zip(words[::2], words[1::2], strict=True))
+    assert set(options) <= {"--map", "--like", "--dt"}
+    maps = [*([spec] if spec else []), *([options["--map"]] if "--map" in options else [])]
+    dt_s = float(options["--dt"]) if "--dt" in options else None
+    arrays = recorded_motion(path, read_map(maps, options.get("--like")), dt_s).arrays
+    assert len(arrays) >= 2
+    if "omega_body_rad_s" in arrays and what in ("unknown columns", "units in brackets"):
         assert arrays["omega_body_rad_s"][0, 2] == pytest.approx(np.deg2rad(3.0), rel=1e-15)
+    if what == "angles and rates in degrees without units":
+        np.testing.assert_allclose(arrays["omega_body_rad_s"][:, 2], np.pi / 2, rtol=1e-15)
+
+
+def test_every_proposal_of_the_tests_is_run() -> None:
+    """A message with a proposal belongs to a file of the test above."""
+    proposing = {key for key, text in EXPECTED.items() if "try --" in text}
+    assert proposing
+    assert proposing <= set(PROPOSING)
 
 
 def test_later_map_takes_precedence(tmp_path: Path) -> None:
@@ -222,8 +269,10 @@ def _settles(product: Any, target: str) -> bool:
 def test_built_in_source_is_a_map(name: str) -> None:
     """A source is a valid map of a whole attitude or rates, and its scenarios exist."""
     found = read_map((), name)
-    assert {"t_s", "wx_body_rad_s"} <= set(found.products)
-    assert set(source(name)) <= {"map", "scenarios"}
+    defined = {*found.products, *found.optional, *found.columns}
+    assert name in ("aem", "kitti") or "t_s" in defined
+    assert name == "aem" or {"qw", "r00", "euler_1_rad"} & defined
+    assert set(source(name)) <= {"map", "optional", "scenarios"}
     assert set(source(name).get("scenarios", {}).values()) <= set(scenario_names())
     assert not set(KINDS) & set(CONVENTIONS)
 
