@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -65,24 +65,30 @@ def check(
 
 @adapter_commands.command(
     name="new-adapter",
-    short_help="Write the package of a new adapter.",
-    **described(ADAPTERS, "bodycheck new-adapter my-engine"),
+    short_help="Write a new adapter in Python, C or Rust.",
+    **described(
+        ADAPTERS, "bodycheck new-adapter my-engine", "bodycheck new-adapter my-engine --language rust"
+    ),
 )
 def new(
     name: Annotated[str, typer.Argument(help="The engine's name, lower case, like my-engine.")],
+    language: Annotated[
+        Literal["python", "c", "rust"],
+        typer.Option(
+            help="python: a package with its tests, for an engine with Python bindings. c, rust: a program "
+            "that speaks the worker protocol."
+        ),
+    ] = "python",
     json: Json = False,
 ) -> None:
-    """Write a package into ./bodycheck-NAME: pyproject.toml, a working example adapter, and its tests."""
+    """Write a working example of an adapter into ./bodycheck-NAME, and print how to build and check it."""
     from bodycheck.reports.document import Command, Document, Sentence, answer
     from bodycheck.runs.new_adapter import new_adapter
 
-    folder = new_adapter(name)
-    parts = (
-        Sentence(f"{folder} is written: replace the example by calls of the engine, then"),
-        Command(f"pip install -e {folder}"),
-        Command(f"bodycheck check-adapter {name}"),
-    )
-    answer(Document("bodycheck new-adapter", parts), {"folder": folder}, as_json=json)
+    folder, commands = new_adapter(name, language)
+    sentence = Sentence(f"{folder} is written: replace the example by calls of the engine, then")
+    document = Document("bodycheck new-adapter", (sentence, *(Command(command) for command in commands)))
+    answer(document, {"folder": folder, "commands": commands}, as_json=json)
 
 
 identity_commands = typer.Typer()

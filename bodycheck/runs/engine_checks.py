@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -102,7 +103,7 @@ def conformance_document(found: Conformance) -> Document:
     table = Table(_HEADS, tuple(rows))
     tint = "bad" if failed else "good"
     conclusion = Sentence(summary, tint, strong=True)
-    following = Command(f"bodycheck run smoke --engine {found.engine}", "errors and orders")
+    following = Command(f"bodycheck run smoke --engine {shlex.quote(found.engine)}", "errors and orders")
     return Document(
         "bodycheck check-adapter", (table, conclusion) if failed else (table, conclusion, following)
     )

@@ -1,4 +1,4 @@
-"""Write the package of a new adapter: a working example to be replaced piece by piece, with its tests."""
+"""Write a new adapter: a working example to be replaced piece by piece, in Python, C or Rust."""
 
 from __future__ import annotations
 
@@ -7,11 +7,15 @@ import shutil
 import tempfile
 from collections.abc import Mapping
 from importlib.metadata import version
+from importlib.resources import files
 from pathlib import Path
+from typing import Literal, TypeAlias
 
 from bodycheck._util.errors import InputError
 from bodycheck.adapters import example
 from bodycheck.adapters.registry import engine_names
+
+Language: TypeAlias = Literal["python", "c", "rust"]
 
 _NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
 
@@ -64,10 +68,18 @@ def test_motions_are_checked(conformance) -> None:
 '''
 
 
-def new_adapter(name: str) -> Path:
-    """Write the package into ./bodycheck-NAME and return that folder.
+_CARGO = """[package]
+name = "{name}"
+version = "0.1.0"
+edition = "2021"
+"""
 
-    Raises InputError if the name is invalid or taken, or the folder exists or cannot be written.
+
+def new_adapter(name: str, language: Language = "python") -> tuple[Path, tuple[str, ...]]:
+    """Write a package in Python, or a worker in C or Rust, into ./bodycheck-NAME.
+
+    Returns that folder, and the commands that build and check the adapter. Raises InputError if the name is
+    invalid or taken, or the folder exists or cannot be written.
     """
     if _NAME.fullmatch(name) is None:
         raise InputError(f"{name}: not a name of an engine (expected lower case, like my-engine)")
@@ -80,7 +92,7 @@ def new_adapter(name: str) -> Path:
         unfinished = Path(tempfile.mkdtemp(prefix=f".{folder}-", dir="."))
         try:
             unfinished.chmod(0o755)
-            for file_name, text in _files(name).items():
+            for file_name, text in _files(name, language).items():
                 path = unfinished / file_name
                 path.parent.mkdir(exist_ok=True)
                 path.write_text(text, encoding="utf-8")
@@ -89,11 +101,27 @@ def new_adapter(name: str) -> Path:
             shutil.rmtree(unfinished, ignore_errors=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
-    return folder
+    return folder, _commands(name, folder, language)
 
 
-def _files(name: str) -> Mapping[str, str]:
-    """Return the texts of the package by their places."""
+def _commands(name: str, folder: Path, language: Language) -> tuple[str, ...]:
+    """Return the commands that build and check what was written."""
+    if language == "python":
+        return f"pip install -e {folder}", f"bodycheck check-adapter {name}"
+    if language == "c":
+        build, program = f"cc -O2 -o {folder}/{name} {folder}/{name}.c -lm", folder / name
+    else:
+        build = f"cargo build --release --manifest-path {folder}/Cargo.toml"
+        program = folder / "target/release" / name
+    return build, f"bodycheck check-adapter cmd:{program}"
+
+
+def _files(name: str, language: Language) -> Mapping[str, str]:
+    """Return the texts of an adapter by their places."""
+    if language == "c":
+        return {f"{name}.c": _worker("worker.c", name)}
+    if language == "rust":
+        return {"Cargo.toml": _CARGO.format(name=name), "src/main.rs": _worker("worker.rs", name)}
     values = {
         "name": name,
         "module": f"bodycheck_{name.replace('-', '_')}",
@@ -105,6 +133,12 @@ def _files(name: str) -> Mapping[str, str]:
         f"{values['module']}/__init__.py": _adapter(values["name"], values["class_name"]),
         "tests/test_adapter.py": _TEST.format(**values),
     }
+
+
+def _worker(file: str, name: str) -> str:
+    """Return the worker of the engine `example` under another name."""
+    text = (files("bodycheck.adapters") / "skeletons" / file).read_text(encoding="utf-8")
+    return re.sub(r"\bexample\b", name, text)
 
 
 def _adapter(name: str, class_name: str) -> str:

@@ -52,51 +52,31 @@ function step(state, body, gravity, h) {
   state.quaternion = q.map((x) => x / size);
 }
 
-// An array as the protocol has it: its shape and its little-endian doubles.
-function array(rows) {
-  const shape = Array.isArray(rows[0]) ? [rows.length, rows[0].length] : [rows.length];
-  return { shape, base64: Buffer.from(Float64Array.from(rows.flat()).buffer).toString("base64") };
-}
-
-// Makes all steps; calls `sampled(k, state)` at each sample.
-function run({ scene, dt_s }, sampled) {
+// Makes all steps; returns the step and the state at each sample.
+function run({ scene, dt_s }) {
   const state = structuredClone(scene.initial);
   const body = { inertia: scene.body.inertia, inverted: inverse(scene.body.inertia) };
   const interval = scene.duration_s / (scene.samples - 1);
   const steps = Math.round(interval / dt_s);
   const h = scene.duration_s / (steps * (scene.samples - 1));
-  sampled(0, state);
+  const path = [{ ...state }];
   for (let k = 1; k < scene.samples; k++) {
     for (let i = 0; i < steps; i++) step(state, body, scene.gravity, h);
-    sampled(k, state);
+    path.push({ ...state });
   }
-  return h;
+  return { h, path };
 }
 
-function record(request) {
+// again: whether the case is run, read back, reset and run again.
+function record(request, again) {
   const { scene } = request;
   if (request.method !== METHOD.name) return { outcome: "unsupported", message: `no method ${request.method}` };
   if (scene.loads.length > 0 || scene.pivot || scene.link)
     return { outcome: "unsupported", message: "only free bodies under gravity" };
-  const t = [], position = [], velocity = [], quaternion = [], omega = [];
-  const h = run(request, (k, state) => {
-    t.push((k * scene.duration_s) / (scene.samples - 1));
-    position.push(state.position);
-    velocity.push(state.velocity);
-    quaternion.push(state.quaternion);
-    omega.push(state.omega_body);
-  });
-  const trajectory = {
-    t_s: array(t),
-    position_m: array(position),
-    velocity_m_s: array(velocity),
-    quaternion: array(quaternion),
-    omega_body_rad_s: array(omega),
-  };
-  const state = Object.fromEntries(Object.entries(scene.initial).map(([name, value]) => [name, array(value)]));
-  const { mass, inertia } = scene.body;
-  const read_back = { mass, inertia: array(inertia), dt_s: h, gravity: array(scene.gravity), state };
-  return { outcome: "ok", message: "", trajectory, read_back, stepping: "native", steps: null };
+  const { h, path } = run(request);
+  const state = again ? path.at(-1) : path[0];
+  const read_back = { ...scene.body, dt_s: h, gravity: scene.gravity, state };
+  return { outcome: "ok", trajectory: again ? run(request).path : path, read_back };
 }
 
 let prepared = null;
@@ -104,21 +84,21 @@ let prepared = null;
 function answer(request) {
   switch (request.do) {
     case "record":
-      return record(request.case);
+      return record(request.case, false);
+    case "replay":
+      return record(request.case, true);
     case "prepare":
       prepared = request.case;
-      run(prepared, () => {});
+      run(prepared);
       return { outcome: "ok" };
     case "lap": {
       const begin = process.cpuUsage();
-      run(prepared, () => {});
+      run(prepared);
       const { user, system } = process.cpuUsage(begin);
       return { outcome: "ok", cpu_s: 1e-6 * (user + system) };
     }
     case "stable-step":
       return { outcome: "unsupported", message: "no search for the largest stable step" };
-    case "replay":
-      return { outcome: "unsupported", message: "no second run of a case" };
     default:
       throw new Error(`unexpected request ${request.do}`);
   }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shlex
 import shutil
 import subprocess
 import sys
@@ -16,8 +18,11 @@ import bodycheck
 from bodycheck._util.errors import InputError
 from bodycheck.adapters.engine_names import admit, admit_file, pin_of, split_method, with_method
 from bodycheck.adapters.registry import registered
+from bodycheck.reports.probes.conformance import CHECKS
+from bodycheck.runs.engine_checks import check_adapter
 from bodycheck.runs.selection import select
 from tests.helpers.expected_messages import ExpectedMessage
+from tests.helpers.in_process_cli import run_bodycheck
 from tests.helpers.scenario_texts import tumbling
 
 WORKERS = Path(__file__).parents[2] / "docs/workers"
@@ -139,6 +144,62 @@ def test_programs_and_built_in_engines_share_a_run(folder: Path) -> None:
     np.testing.assert_allclose(orders["order"], 1.0, atol=0.1)
     command = run.results["reproduce"][0]
     assert "--engine cmd:./euler::euler" in command
+
+
+REFUSED_BY_A_SKELETON = {"loads", "link", "continuous loads", "pivot"}
+
+
+def _passed_checks(program: str) -> set[str]:
+    """Return the names of the checks that a program passes; none may fail."""
+    found = check_adapter(program, timeout_s=60.0)
+    assert [(result.check, result.message) for result in found.failures] == []
+    return {result.check for result in found.results if result.verdict == "consistent"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("language", "compiler"), [("c", "cc"), ("rust", "cargo")])
+def test_new_adapter_in_another_language_is_built_and_passes(
+    language: str, compiler: str, folder: Path
+) -> None:
+    """Fewer than 120 lines, built by the printed command, pass all checks that they do not refuse.
+
+    The steps are those of the same map in the reference.
+    """
+    if shutil.which(compiler) is None:
+        pytest.skip(f"{compiler} is not installed")
+    made = run_bodycheck(folder, "new-adapter", "my-engine", "--language", language, "--json")
+    assert made.returncode == 0, made.stderr
+    answer = json.loads(made.stdout)
+    written = [path for path in Path(answer["folder"]).rglob("*") if path.is_file()]
+    assert sum(len(path.read_text().splitlines()) for path in written) < 120
+    build, check = answer["commands"]
+    subprocess.run(shlex.split(build), check=True, capture_output=True)
+    program = check.removeprefix("bodycheck check-adapter ")
+    assert _passed_checks(program) == {check.name for check in CHECKS} - REFUSED_BY_A_SKELETON
+    run = bodycheck.run(
+        ["full-tensor", "boxes", "thruster"],
+        engines=[program, "reference:quaternion-euler"],
+        dt_s=[2e-3],
+        speed=False,
+    )
+    rows = [case.columns for case in run.cases]
+    outcomes = {(row["scenario"], row["engine"]): row["outcome"] for row in rows}
+    assert outcomes.pop(("thruster", program)) == "unsupported"
+    assert set(outcomes.values()) == {"ok"}
+    for scenario in ("full-tensor", "boxes"):
+        one, other = (case.trajectory for case in run.cases if case.columns["scenario"] == scenario)
+        assert one is not None
+        assert other is not None
+        for name in ("quaternion", "position_m", "omega_body_rad_s"):  # later, round-off has grown
+            mine, expected = getattr(one, name)[:30], getattr(other, name)[:30]
+            np.testing.assert_allclose(mine, expected, rtol=0.0, atol=1e-11)
+
+
+@pytest.mark.slow
+def test_workers_of_the_docs_pass_the_checks_of_adapters(folder: Path) -> None:
+    """The examples in C and JavaScript pass every check of what they do not refuse."""
+    for program in (_compiled(folder), _javascript()):
+        assert _passed_checks(program) == {check.name for check in CHECKS} - REFUSED_BY_A_SKELETON
 
 
 FAULTS = {

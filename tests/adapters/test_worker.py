@@ -141,12 +141,12 @@ def test_worker_reports_an_unavailable_engine() -> None:
 TRIALS = Path(__file__).parents[2] / "tools/worker_trials.py"
 DRIFTING = re.findall(r"```toml\n(.*?)```", PAGE, flags=re.DOTALL)[1]
 BROKEN = {
-    "times of another rounding": (
-        'k * scene["duration_s"] / (n - 1)',
-        'k * (scene["duration_s"] / (n - 1))',
-        "failed .* a trajectory that is not at the scene's samples",
+    "a state too few": ("return states", "return states[1:]", "failed .* a trajectory of 10 states, not 11"),
+    "another mass": (
+        '**scene["body"]',
+        '**scene["body"], "mass": 4.0',
+        "invalid .* mass is 4. in the engine",
     ),
-    "another mass": ('"mass": scene', '"mass": 2.0 * scene', "invalid .* mass is 4. in the engine, not 2."),
     "nothing measured": ('if scene["loads"]', 'if True or scene["loads"]', "a case ends well: nothing was"),
     "another id": ('"id": request_id, **answer', '"id": 7, **answer', "failed .* it answered 7, not 1"),
     "no id": (
@@ -166,8 +166,8 @@ BROKEN = {
         "NOT KEPT: a request that is none has failed: ",
     ),
     "another end": (
-        "import base64,",
-        "import atexit, os; atexit.register(os._exit, 3)\nimport base64,",
+        "import json,",
+        "import atexit, os; atexit.register(os._exit, 3)\nimport json,",
         "NOT KEPT: .* its input ends: status 3",
     ),
 }
@@ -311,6 +311,67 @@ def test_nan_mass_is_read_back_as_nan() -> None:
     assert back.read_back is not None
     fault = read_back_mismatch(case.scene, case.setting.dt_s, back.read_back)
     assert fault == "mass is nan in the engine, not 2.; step is nan in the engine, not 0.25"
+
+
+def listed(**changes: Any) -> dict[str, Any]:
+    """Return the answer of the docs, whose numbers are lists, with other values."""
+    answer = json.loads(ANSWERS[1])
+    return {**answer, **changes}
+
+
+def test_listed_numbers_are_those_of_the_arrays() -> None:
+    """A trajectory as a list of states, and one as arrays over time, in base64 or as lists, are the same."""
+    scene = case_messages.case_of(CASE).scene
+    states = received_messages.answer_of(listed(), scene.sample_times)
+    assert states.trajectory is not None
+    assert (states.stepping, states.steps) == ("native", None)
+    packed = protocol.answer_message(states)
+    in_base64 = received_messages.answer_of(packed, scene.sample_times)
+    columns = {name: protocol.unpacked(value).tolist() for name, value in packed["trajectory"].items()}
+    as_lists = received_messages.answer_of(listed(trajectory=columns), scene.sample_times)
+    for answer in (in_base64, as_lists):
+        assert answer.trajectory is not None
+        for name, values in vars(states.trajectory).items():
+            np.testing.assert_array_equal(values, getattr(answer.trajectory, name))
+
+
+def test_null_in_a_list_is_a_number_that_is_not_finite() -> None:
+    """The state of an unstable motion can be written in JSON."""
+    states = listed()["trajectory"]
+    states[-1]["velocity"] = [None, 0.0, 0.0]
+    found = received_messages.answer_of(
+        listed(trajectory=states), case_messages.case_of(CASE).scene.sample_times
+    )
+    assert found.trajectory is not None
+    assert np.isnan(found.trajectory.velocity_m_s[-1]).tolist() == [True, False, False]
+
+
+LISTED = {"position": [0, 0, 0], "velocity": [0, 0, 0], "quaternion": [1, 0, 0, 0], "omega_body": [0, 0, 0]}
+WRONG_LISTS: dict[str, Any] = {
+    "too few states": [LISTED, LISTED],
+    "a number too many": [LISTED, LISTED, {**LISTED, "position": [0, 0, 0, 0]}],
+    "rows of different lengths": [LISTED, LISTED, {**LISTED, "rotation": [[1, 0, 0], [0, 1], [0, 0, 1]]}],
+    "digits in a string": [LISTED, LISTED, {**LISTED, "velocity": ["1", 0, 0]}],
+    "a truth value": [LISTED, LISTED, {**LISTED, "velocity": [True, 0, 0]}],
+    "states without velocity": 3 * [{name: LISTED[name] for name in LISTED if name != "velocity"}],
+    "a quantity that is there once": [LISTED, LISTED, {**LISTED, "omega_world": [0, 0, 0]}],
+    "a quantity that is missing once": [{**LISTED, "omega_world": [0, 0, 0]}, LISTED, LISTED],
+    "an unknown quantity": 3 * [{**LISTED, "colour": [0, 0, 0]}],
+    "no list of states": 7,
+    "times of another rounding": {
+        "t_s": [0.0, 0.5, 1.0000000000000002],
+        "quaternion": 3 * [[1, 0, 0, 0]],
+        **dict.fromkeys(("position_m", "velocity_m_s", "omega_body_rad_s"), 3 * [[0, 0, 0]]),
+    },
+}
+
+
+@pytest.mark.parametrize("what", WRONG_LISTS)
+def test_wrong_list_of_states_is_refused(what: str, expected_message: ExpectedMessage) -> None:
+    """The message says what is wrong with the answer."""
+    t_s = case_messages.case_of(CASE).scene.sample_times
+    with expected_message.raises(protocol.ProtocolError):
+        received_messages.answer_of(listed(trajectory=WRONG_LISTS[what]), t_s)
 
 
 @pytest.mark.parametrize("shape", [(), (3,), (5,), (2, 4), (0,)], ids=str)

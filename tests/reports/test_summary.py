@@ -15,7 +15,7 @@ from bodycheck.reports.run_files.run_tables import Run, common_step
 from bodycheck.reports.run_files.tables import LAW_COLUMNS, as_table
 from bodycheck.reports.summary.cells import Cell, summary_cells
 from bodycheck.reports.summary.method_identity import fingerprint_document, map_text
-from bodycheck.reports.summary.sentences import Summary, verdict_sentences
+from bodycheck.reports.summary.sentences import Summary, refusal_table, refusals, verdict_sentences
 from bodycheck.reports.summary.worst_results import worst_results
 from tests.helpers.gate_tables import make_tables
 
@@ -53,6 +53,33 @@ def test_a_broken_law_is_a_finding() -> None:
     assert (found.kind, found.method, found.quantity) == ("inconsistent", "mujoco:rk4", "boost")
     assert found.sentence == "law boost broken: omega differs by 1"
     assert found.reproduce == "bodycheck laws mujoco:rk4"
+
+
+def test_the_reason_of_refused_and_invalid_cases_is_printed_once() -> None:
+    """Methods and scenarios with one reason share a row; invalid ones come first, others have none."""
+    refused = {"engine": "dart", "outcome": "unsupported", "message": "no pivot"}
+    run = make_tables(
+        [
+            {**refused, "method": method, "scenario": scenario, "dt_s": dt_s}
+            for method in ("a", "b")
+            for scenario in ("top", "flight")
+            for dt_s in (0.1, 0.05)
+        ]
+        + [{**refused, "method": "a", "scenario": "spring", "message": "no spring"}]
+        + [{"engine": "other", "method": "m", "outcome": "invalid", "message": "mass is 3, not 2"}]
+        + [{"engine": "other", "method": "m", "outcome": "failed", "message": "it crashed"}]
+    )
+    found = refusals(run)
+    assert [(one.outcome, one.engine, one.reason) for one in found] == [
+        ("invalid", "other", "mass is 3, not 2"),
+        ("unsupported", "dart", "no pivot"),
+        ("unsupported", "dart", "no spring"),
+    ]
+    assert (found[1].methods, found[1].scenarios) == (("a", "b"), ("top", "flight"))
+    (table,) = refusal_table(found)
+    assert [row[-1] for row in table.rows] == [one.reason for one in found]
+    assert table.rows[1][1] == "dart:a, dart:b"
+    assert list(refusal_table([])) == []
 
 
 def test_every_verdict_and_outcome_has_its_word() -> None:

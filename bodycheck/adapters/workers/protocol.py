@@ -1,8 +1,9 @@
 """The worker protocol, version 1: messages between a run and the worker process of an engine.
 
 Each message is one JSON object per line, UTF-8, over the worker's standard input and output. Arrays are
-{"shape": [n, 3], "base64": little-endian doubles}. This module encodes the worker's messages,
-received_messages.py decodes them, case_messages.py has the requests; docs/workers.md documents all of them.
+{"shape": [n, 3], "base64": little-endian doubles}; a worker may also list their numbers. This module encodes
+the worker's messages, received_messages.py decodes them, case_messages.py has the requests; docs/workers.md
+documents all of them.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ LARGEST_MESSAGE = 1 << 29
 """Maximum bytes of a line: a million samples of all quantities."""
 LONGEST_ANNOUNCEMENT = 1 << 22
 """Maximum bytes of a line without a trajectory."""
-_BYTES_PER_SAMPLE = 512  # all quantities in base64 take 283; the rest is margin
+_BYTES_PER_SAMPLE = 1024  # all quantities as decimal numbers take 750; the rest is margin
 _LONGEST_TEXT = 1000
 
 Message: TypeAlias = dict[str, Any]

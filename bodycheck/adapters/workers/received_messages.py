@@ -11,7 +11,17 @@ from collections import Counter
 from typing import Annotated, Any, TypeAlias, TypeVar, get_args
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    TypeAdapter,
+    ValidationError,
+    model_validator,
+)
 
 from bodycheck._util.untrusted import escaped, printable
 from bodycheck.adapters.batches import BatchAnswer, RowEnding
@@ -27,7 +37,7 @@ from bodycheck.adapters.contract import (
     Reading,
     Stepping,
 )
-from bodycheck.adapters.execution import Answer, Ending
+from bodycheck.adapters.execution import Answer, Ending, trajectory_of
 from bodycheck.adapters.stable_step import StableStep
 from bodycheck.adapters.workers.protocol import (
     LARGEST_MESSAGE,
@@ -35,6 +45,7 @@ from bodycheck.adapters.workers.protocol import (
     ProtocolError,
     announcement,
     one_line,
+    packed,
     text_of,
     unpacked,
 )
@@ -120,13 +131,28 @@ class AnnouncementMessage(_Message):
     loaded: Annotated[dict[_RawText, _RawText], Field(max_length=_MAX_PARTS), AfterValidator(escaped)] = {}
 
 
+_Finite: TypeAlias = Number | None
+_AS_LISTS: TypeAdapter[Any] = TypeAdapter(list[_Finite] | list[list[_Finite]])
+
+
 class ArrayMessage(BaseModel):
-    """An encoded array; decoding checks the length and the content of its base64."""
+    """An encoded array, or its numbers as lists; decoding checks the length and the content of its base64."""
 
     model_config = ConfigDict(extra="forbid")
 
     shape: Annotated[list[Annotated[int, Field(strict=True, ge=0, le=10**9)]], Field(max_length=3)]
     base64: Annotated[str, Field(strict=True)]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_lists(cls, value: Any) -> Any:
+        """Encode numbers that are listed; null is a number that is not finite."""
+        if not isinstance(value, list):
+            return value
+        try:
+            return packed(np.array(_AS_LISTS.validate_python(value), dtype=np.float64))
+        except ValueError:  # pydantic's is one, and numpy's for rows of different lengths
+            raise ValueError("should be a list of numbers, or of rows of as many numbers each") from None
 
 
 _Arrays: TypeAlias = Annotated[dict[Name, ArrayMessage], Field(max_length=20)]
@@ -147,10 +173,13 @@ class ReadBackMessage(BaseModel):
 class AnswerMessage(_Message):
     """The answer to `record` for a case with the outcome ok."""
 
-    trajectory: _Arrays
+    trajectory: Annotated[
+        Annotated[_Arrays, Tag("arrays")] | Annotated[list[_Arrays], Tag("states")],
+        Discriminator(lambda value: "states" if isinstance(value, list) else "arrays"),
+    ]
     read_back: ReadBackMessage
-    stepping: Stepping
-    steps: Annotated[int, Field(strict=True, ge=0, le=_MAX_STEPS)] | None
+    stepping: Stepping = "native"
+    steps: Annotated[int, Field(strict=True, ge=0, le=_MAX_STEPS)] | None = None
 
 
 class BatchAnswerMessage(_Message):
@@ -192,7 +221,11 @@ def faults(error: ValidationError) -> str:
     lines = []
     for fault in error.errors(include_url=False, include_input=False)[:_MAX_FAULTS]:
         path = ".".join(str(part) for part in fault["loc"]) or "it"
-        lines.append(printable(f"{path}: {fault['msg'].replace('Input should', 'should')}", 150))
+        lines.append(
+            printable(
+                f"{path}: {fault['msg'].replace('Input should', 'should').removeprefix('Value error, ')}", 150
+            )
+        )
     return "; ".join(lines)
 
 
@@ -246,12 +279,24 @@ def answer_of(message: Message, t_s: Array) -> Answer:
         return Answer(outcome, text)
     parsed = checked(AnswerMessage, message, "invalid answer")
     try:
-        trajectory = Trajectory(**{name: unpacked(vars(array)) for name, array in parsed.trajectory.items()})
+        trajectory = _trajectory(parsed.trajectory, t_s)
     except TypeError as error:
         raise ProtocolError(f"incomplete answer: {error}") from None
     if not np.array_equal(trajectory.t_s, t_s):
         raise ProtocolError("a trajectory that is not at the scene's samples")
     return Answer("ok", text, trajectory, _read_back(parsed.read_back), parsed.stepping, parsed.steps)
+
+
+def _trajectory(value: _Arrays | list[_Arrays], t_s: Array) -> Trajectory:
+    """Return the trajectory of arrays over time, or of one state per sample."""
+    if isinstance(value, dict):
+        return Trajectory(**{name: unpacked(vars(array)) for name, array in value.items()})
+    if len(value) != len(t_s):
+        raise ProtocolError(f"a trajectory of {len(value)} states, not {len(t_s)}")
+    for index, state in enumerate(value):
+        if differing := state.keys() ^ value[0].keys():
+            raise ProtocolError(f"{min(differing)} is not in every state, see states 0 and {index}")
+    return trajectory_of(t_s, [_reading(state) for state in value])
 
 
 def batch_answer_of(message: Message, rows: int, samples: int) -> BatchAnswer:
@@ -287,20 +332,23 @@ def read_back_of(read_back: Message) -> ReadBack:
 
 
 def _read_back(read_back: ReadBackMessage) -> ReadBack:
-    if unknown := read_back.state.keys() - _STATE_SHAPES.keys():
-        raise ProtocolError(f"unknown quantity {min(unknown)} of a state (known: {', '.join(_STATE_SHAPES)})")
-    state: Any = {
-        name: _unpacked_as(array, name, *_STATE_SHAPES[name]) for name, array in read_back.state.items()
-    }
-    if missing := [name for name in ("position", "velocity") if name not in state]:
-        raise ProtocolError(f"a state without {missing[0]}")
     return ReadBack(
         mass=math.nan if read_back.mass is None else read_back.mass,
         inertia=_unpacked_as(read_back.inertia, "inertia", 3, 3),
         dt_s=read_back.dt_s,
         gravity=_unpacked_as(read_back.gravity, "gravity", 3),
-        state=Reading(**state),
+        state=_reading(read_back.state),
     )
+
+
+def _reading(arrays: _Arrays) -> Reading:
+    """Return a state; raises ProtocolError for an unknown or a missing quantity."""
+    if unknown := arrays.keys() - _STATE_SHAPES.keys():
+        raise ProtocolError(f"unknown quantity {min(unknown)} of a state (known: {', '.join(_STATE_SHAPES)})")
+    state: Any = {name: _unpacked_as(array, name, *_STATE_SHAPES[name]) for name, array in arrays.items()}
+    if missing := [name for name in ("position", "velocity") if name not in state]:
+        raise ProtocolError(f"a state without {missing[0]}")
+    return Reading(**state)
 
 
 def lap_of(message: Message) -> float:

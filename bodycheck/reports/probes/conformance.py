@@ -44,6 +44,14 @@ class Bench:
         """Return the case of a scene at a step."""
         return Case(scene, self.method.name, self.method.setting(dt_s))
 
+    def accepted(self, scene: Scene, dt_s: float) -> Scene:
+        """Return the scene; if the engine refuses it, without loads, or also without gravity."""
+        free = replace(scene, loads=())
+        for simpler in (scene, free, replace(free, gravity=np.zeros(3))):
+            if self.record(self.engine, self.case(simpler, dt_s)).outcome != "unsupported":
+                return simpler
+        return scene
+
     def motions(self, scene: Scene, steps_s: Sequence[float]) -> Motions:
         """Return the motions at these steps, with the identified mistake of the readings undone."""
         made = self._made(scene, steps_s)
@@ -65,7 +73,7 @@ class Bench:
     def _free(self) -> tuple[Motions, tuple[Finding, ...], Mistake | None]:
         """The motions of the free probe, its findings, and the mistake that explains them."""
         probe = built_in_probes()[1]
-        made = self._made(probe.scene, probe.steps_s)
+        made = self._made(self.accepted(probe.scene, probe.steps_s[0]), probe.steps_s)
         if not made.motions:
             return made, (), None
         with np.errstate(all="ignore"):
@@ -134,7 +142,8 @@ def _slow_scene(*loads: Load) -> Scene:
 
 def _model(bench: Bench) -> Iterator[Finding]:
     """Compare what the adapter reads back with the scene, for the probes and for a link frame."""
-    scene = built_in_probes()[1].scene
+    probe = built_in_probes()[1]
+    scene = bench.accepted(probe.scene, probe.scene.sample_interval_s)
     for name, variant in (("read_back", scene), ("read_back_of_link", replace(scene, link=_LINK))):
         case = bench.case(variant, variant.sample_interval_s)
         answer = bench.record(bench.engine, case)
@@ -451,9 +460,12 @@ def _distance(one: Trajectory, other: Trajectory) -> float:
 
 
 def _repeated(bench: Bench) -> Case:
-    """Return a case with every kind of constant load; where the engine takes one, also with a clock."""
-    loaded = built_in_probes()[0]
-    return bench.case(loaded.scene, loaded.steps_s[0])
+    """Return a case with every kind of constant load; of a free motion if the engine refuses loads."""
+    loaded, free = built_in_probes()
+    dt_s = loaded.steps_s[0]
+    if bench.accepted(loaded.scene, dt_s) is loaded.scene:
+        return bench.case(loaded.scene, dt_s)
+    return bench.case(bench.accepted(free.scene, free.steps_s[0]), free.steps_s[0])
 
 
 def _reset(bench: Bench) -> Iterator[Finding]:
@@ -483,6 +495,8 @@ def _advance(bench: Bench) -> Iterator[Finding]:
         return
     for name, loads in (("advance", (_BODY_TORQUE, _WORLD_FORCE)), ("advance_under_sine", _SMOOTH[-1:])):
         scene = _slow_scene(*loads)
+        if name == "advance":
+            scene = bench.accepted(scene, 1e-2)
         paths = []
         for samples in (33, 17, 2):
             answer = bench.record(bench.engine, bench.case(replace(scene, samples=samples), 1e-2))
@@ -524,12 +538,16 @@ def _repeat_finding(
 
 def _bad_input(bench: Bench) -> Iterator[Finding]:
     """Yield whether a method that the engine does not have is refused, and whether the next case works."""
-    scene = built_in_probes()[1].scene
-    case = bench.case(scene, scene.sample_interval_s)
+    dt_s = built_in_probes()[1].scene.sample_interval_s
+    case = bench.case(bench.accepted(built_in_probes()[1].scene, dt_s), dt_s)
+    before = bench.record(bench.engine, case)
     unknown = bench.record(bench.engine, replace(case, method="no-such-method"))
     accepted = float(unknown.trajectory is not None)
     message = "a method that the engine does not have is run" if accepted else ""
     yield Finding("unknown_method", accepted, 0.0, accepted, 0.0, message)
+    if before.trajectory is None:
+        yield _unanswered("after_refusal", before)
+        return
     after = bench.record(bench.engine, case)
     missing = float(after.trajectory is None)
     message = f"after a refused case the next one is {after.outcome}: {after.message}" if missing else ""

@@ -13,6 +13,7 @@ from bodycheck.reports.run_files.run_tables import MethodKey, RunTables
 from bodycheck.reports.summary.cells import Cell, Overview, overviews, summary_cells
 from bodycheck.reports.summary.worst_results import MethodResults, faulty, headline, worst_methods
 
+_REFUSED = ("invalid", "unsupported")
 _UNDECIDED = ("pre-asymptotic", "too-few-points", "chaotic")
 
 
@@ -102,6 +103,7 @@ def run_document(run: RunTables) -> Document:
             *_remarks(run),
             *(Sentence(sentence) for sentence in summary.sentences),
             _method_table(overviews(summary.cells)),
+            *refusal_table(refusals(run)),
             _worst_table(summary.worst),
             Sentence(_machine(run.manifest), only=("markdown",)),
         ),
@@ -117,6 +119,7 @@ def run_data(run: RunTables) -> dict[str, Any]:
         "unavailable": {
             name: e["unavailable"] for name, e in run.manifest["engines"].items() if "unavailable" in e
         },
+        "refusals": refusals(run),
         "sentences": summary.sentences,
         "methods": {one.method: one.cells for one in overviews(summary.cells)},
         "worst": summary.worst,
@@ -141,6 +144,51 @@ def _remarks(run: RunTables) -> Iterator[Sentence]:
     for name, scenario in run.manifest["scenarios"].items():
         for note in scenario["body"].get("notes", ()):
             yield Sentence(f"{name}: {note}", "open")
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Cases of one engine that ended as unsupported or invalid for the same reason."""
+
+    outcome: str
+    engine: str
+    reason: str
+    methods: tuple[str, ...]
+    scenarios: tuple[str, ...]
+
+
+def refusals(run: RunTables) -> list[Refusal]:
+    """Return why cases are unsupported or invalid, invalid ones first."""
+    found: dict[tuple[str, str, str], list[Mapping[str, Any]]] = {}
+    for columns in (case.columns for case in run.cases):
+        if columns["outcome"] in _REFUSED:
+            key = (columns["outcome"], columns["engine"], columns["message"])
+            found.setdefault(key, []).append(columns)
+    distinct = [
+        Refusal(
+            *key,
+            methods=tuple(dict.fromkeys(row["method"] for row in rows)),
+            scenarios=tuple(dict.fromkeys(row["scenario"] for row in rows)),
+        )
+        for key, rows in found.items()
+    ]
+    return sorted(distinct, key=lambda one: _REFUSED.index(one.outcome))
+
+
+def refusal_table(found: list[Refusal]) -> Iterator[Table]:
+    """Yield a table of the reasons; nothing if there are none."""
+    columns = (Column("outcome", "fixed"), Column("engine:method", "name"), Column("in"), Column("reason"))
+    rows = tuple(
+        (
+            Span(one.outcome, STATES[one.outcome].tint),
+            ", ".join(f"{one.engine}:{method}" for method in one.methods),
+            names(one.scenarios),
+            one.reason,
+        )
+        for one in found
+    )
+    if rows:
+        yield Table(columns, rows, title="Not measured", folded=True)
 
 
 def _method_table(methods: list[Overview]) -> Table:
