@@ -278,7 +278,7 @@ def test_a_user_function_needs_permission_in_every_command(command: Command) -> 
     ):
         status, _, err = command(*words)
         assert status == 2
-        assert "add --allow-code if you trust it" in err
+        assert "add --allow-code if you trust called.toml:12" in err
         status, _, err = command(*words, "--allow-code")
         assert status == 2
         assert re.match(r"run: has no scenario called \(available: |reference==1\.0: ", err)
