@@ -186,7 +186,7 @@ def test_an_order_at_coarser_steps_than_a_larger_error_is_none(finest: float, ve
     assert convergence_of(some, CRITERIA).verdict == verdict
 
 
-@pytest.mark.parametrize(("growing", "verdict"), [(0.0, "pre-asymptotic"), (3e-9, "converges")])
+@pytest.mark.parametrize(("growing", "verdict"), [(0.0, "error-grows"), (3e-9, "converges")])
 def test_round_off_that_grows_with_the_steps_contradicts_no_order(growing: float, verdict: str) -> None:
     """Errors of order 4 fall to 1.5e-9, then round-off doubles with each halving of the step."""
     errors = [*(1e-4 / 16**k for k in range(5)), 3e-9, 6e-9, 12e-9, 24e-9]
@@ -242,7 +242,7 @@ def test_two_steps_are_too_few() -> None:
 def test_errors_that_grow_with_finer_steps_never_converge() -> None:
     """A method that gets worse with finer steps, well above round-off, is never called convergent."""
     points = [Point(dt, 1e-3 * (1e-2 / dt) ** 0.5) for dt in (*STEPS, 5e-4, 2e-4)]
-    assert convergence_of(points, CRITERIA).verdict == "pre-asymptotic"
+    assert convergence_of(points, CRITERIA).verdict == "error-grows"
 
 
 def climb(law: tuple[float, float]) -> tuple[list[float], str]:
@@ -410,7 +410,7 @@ def test_an_order_settles_from_four_points_from_a_half_on(some: list[Point], ver
             LIMIT,
             ("does-not-converge", 4, LIMIT),
         ),
-        (points((0.01, 0.25), (0.02, 0.2), (0.04, 0.1), (0.08, 5e-10)), LIMIT, ("pre-asymptotic", 4, LIMIT)),
+        (points((0.01, 0.25), (0.02, 0.2), (0.04, 0.1), (0.08, 5e-10)), LIMIT, ("error-grows", 4, LIMIT)),
     ],
 )
 def test_a_verdict_without_an_order_has_its_reason(

@@ -106,7 +106,7 @@ UNSURE = {
         1e-3,
         "do not determine the order",
     ),
-    "scattered errors": (of_errors(3e-2, 1e-3, 8e-4, 2e-5, 1e-5), 1e-3, "scatter around the order"),
+    "scattered errors": (of_errors(3e-2, 1e-3, 8e-4, 2e-5, 1e-5), 1e-3, "do not determine the order"),
     "coarse steps off the order": (
         replace(curve(), cases=[*curve().cases, case(0.1, 1e-5)]),
         0.08,

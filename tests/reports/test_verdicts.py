@@ -418,7 +418,7 @@ def test_a_search_goes_from_the_coarsest_sound_step_to_a_turn(
 SEVERITIES = {
     **dict.fromkeys(["converges", "at-floor", "at-precision-floor", "exact"], 0),
     **dict.fromkeys(["pre-asymptotic", "lower-order", "too-few-points", "chaotic", "unsupported"], 1),
-    **dict.fromkeys(["does-not-converge", "off"], 2),
+    **dict.fromkeys(["does-not-converge", "error-grows", "off"], 2),
     **dict.fromkeys(["unstable", "failed", "timeout", "invalid"], 3),
 }
 

@@ -6,14 +6,15 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import count, pairwise, takewhile
+from itertools import combinations, count, dropwhile, pairwise, takewhile
 
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.measurement.limits import Limit, limit_of
 from bodycheck.reports.measurement.measures import Judgement
-from bodycheck.reports.measurement.order import MIN_POINTS, Order, settled_order
+from bodycheck.reports.measurement.order import MIN_POINTS, Order, predicted_error, settled_order
+from bodycheck.reports.measurement.outliers import FACTOR, Outlier, exclusion_of
 
 LARGEST_ERROR = 0.3  # rad, or of the scale: a larger error carries no information about the order
 ABOVE_FLOOR = 10.0
@@ -24,6 +25,8 @@ _MIN_LIMIT_POINTS = 3  # usable points, where the limit alone shows convergence
 _MIN_FALL = 0.4  # power of the tolerance with which errors must fall; of a first-order method it is 1/2
 _PLATEAU = 0.1  # power of the tolerance below which errors stay the same
 _PLATEAU_RATIO = 100.0  # of the tolerances over which they must fall: the finest ones
+_RISING_POINTS = 3  # errors that increase up to the finest step
+_RISING_PAIRS = 0.75  # share of the pairs of these in which the finer step has the larger error
 _GROWS = 2.0  # ratio of an error to that of a coarser step, above which finer steps do not reduce it
 _TURNED = 100.0  # round-offs, below which an error that finer steps increase is round-off
 
@@ -52,12 +55,14 @@ class Criteria:
     """How a quantity is judged.
 
     floor: of the scale; a smaller error carries no information. growing: round-off as it grows with the
-    number of steps of the finest case. extrapolated: False where errors do not follow a power of the step.
-    judged: by its limit, or as a property.
+    number of steps of the finest case. arithmetic: the error predicted from the method's arithmetic there.
+    extrapolated: False where errors do not follow a power of the step. judged: by its limit, or as a
+    property.
     """
 
     floor: float
     growing: float = 0.0
+    arithmetic: float = 0.0
     extrapolated: bool = True
     judged: Judgement = "limit"
 
@@ -67,7 +72,9 @@ class Convergence:
     """The order with its 95 % interval, the number of points used, the floor, the limit and the verdict.
 
     limit_distance, limit_uncertainty: distance from the truth of the limit under step refinement, and its
-    uncertainty, as root mean squares over the samples.
+    uncertainty, as root mean squares over the samples. usable_dt_s: the step above which errors exceed those
+    of the order; None where they do not. excluded_dt_s, excluded_error, excluded_ratio: a step at which the
+    error is larger than the others predict, its error, and the ratio of the two.
     """
 
     verdict: str
@@ -78,6 +85,10 @@ class Convergence:
     order_high: float | None = None
     limit_distance: float | None = None
     limit_uncertainty: float | None = None
+    usable_dt_s: float | None = None
+    excluded_dt_s: float | None = None
+    excluded_error: float | None = None
+    excluded_ratio: float | None = None
 
     @property
     def is_decided(self) -> bool:
@@ -126,13 +137,15 @@ def round_off_floor(points: Sequence[Point], min_floor: float) -> float:
     """Return `min_floor`, or the error at which finer steps stopped helping, if it is as small as round-off.
 
     Where a finer step, or tolerance, reduces the error by less than order 1/2 would, and both errors are
-    small enough to be round-off, which may grow with the number of steps, both are on the floor.
+    small enough to be round-off, which may grow with the number of steps, both are on the floor. Round-off
+    does not fall below a hundredth of that at even finer steps.
     """
     floor = min_floor
     errors = [(p.dt_s, p.error) for p in sorted(points, key=lambda p: -p.dt_s) if p.error is not None]
-    for (coarse_dt, coarser), (fine_dt, finer) in pairwise(errors):
+    for place, ((coarse_dt, coarser), (fine_dt, finer)) in enumerate(pairwise(errors)):
         stalls = coarser < min(finer * math.sqrt(coarse_dt / fine_dt), LARGEST_ROUND_OFF)
-        if stalls and finer < _TURNED * LARGEST_ROUND_OFF:
+        stays = min(error for _, error in errors[place + 1 :]) >= finer / _TURNED
+        if stalls and stays and finer < _TURNED * LARGEST_ROUND_OFF:
             floor = max(floor, finer, coarser)
     return floor
 
@@ -165,19 +178,74 @@ def _convergence_of(points: tuple[Point, ...], criteria: Criteria) -> Convergenc
     )
     limit = _limit(ended, criteria)
     found = Convergence("pre-asymptotic", len(fit), shown_floor)
+    if criteria.judged == "limit" and (excluded := _excluded(ended, floor, criteria)) is not None:
+        point, outlier = excluded
+        ratio = outlier.error / outlier.predicted
+        found = replace(found, excluded_dt_s=point.dt_s, excluded_error=point.error, excluded_ratio=ratio)
+        return replace(found, verdict="does-not-converge")
     if limit is not None:
         found = replace(found, limit_distance=limit.distance, limit_uncertainty=limit.uncertainty)
         if limit.is_off and errors[-1] > LARGEST_ROUND_OFF and criteria.judged == "limit":
             return replace(found, verdict="does-not-converge")
     if order is not None and not _is_contradicted(order, fit, limit, criteria):
         interval = {"order": order.order, "order_low": order.low, "order_high": order.high}
-        return replace(found, verdict="converges", points=order.points, **interval)
+        usable_dt_s = _usable_step(order, points, fit, floor)
+        return replace(found, verdict="converges", points=order.points, usable_dt_s=usable_dt_s, **interval)
+    if _grows(ended, floor, criteria) and not reaches_round_off(ended):
+        return replace(found, verdict="error-grows")
     if limit is not None and limit.is_truth and len(fit) >= _MIN_LIMIT_POINTS:
         return replace(found, verdict="converges")
     if reaches_round_off(ended):
         return replace(found, verdict="at-precision-floor")
     all_usable = len(ended) == len(points) and max(errors) < LARGEST_ERROR
     return replace(found, verdict="too-few-points") if all_usable and len(fit) < MIN_POINTS else found
+
+
+def _excluded(ended: Sequence[Point], floor: float, criteria: Criteria) -> tuple[Point, Outlier] | None:
+    """Return the point that is farthest above the error that the others predict; None where none is.
+
+    The round-off of a finest step could explain its error; finer steps that fit exclude that.
+    """
+    above = [p for p in ended if p.is_above(floor)]
+    series = list(dropwhile(lambda p: (p.error or 0.0) >= LARGEST_ERROR, above))
+    found = exclusion_of(
+        tuple(p.dt_s for p in series), tuple(p.error for p in series if p.error is not None), floor
+    )
+    round_off = max(LARGEST_ROUND_OFF, ABOVE_FLOOR * max(criteria.growing, criteria.arithmetic))
+    outliers = () if found is None else found.outliers
+    certain = (one for one in outliers if one.is_above and (not one.is_finest or one.error > round_off))
+    worst = max(certain, key=lambda one: one.error / one.predicted, default=None)
+    return None if worst is None else (series[worst.place], worst)
+
+
+def _grows(ended: Sequence[Point], floor: float, criteria: Criteria) -> bool:
+    """Whether errors rise from the smallest one to that of the finest step, to more than any round-off.
+
+    Errors that accumulate are irregular: most pairs of them must rise, and the finest must be far above.
+    """
+    errors = [p.error for p in ended if p.error is not None and p.error < LARGEST_ERROR]
+    rising = errors[int(np.argmin(errors)) if errors else 0 :]
+    rising = [error for error in rising if error > ABOVE_FLOOR * floor]
+    if criteria.judged != "limit" or len(rising) < _RISING_POINTS:
+        return False
+    pairs = [finer > coarser for coarser, finer in combinations(rising, 2)]
+    largest = ABOVE_FLOOR * max(floor, criteria.growing, criteria.arithmetic, LARGEST_ROUND_OFF)
+    return sum(pairs) >= _RISING_PAIRS * len(pairs) and rising[-1] > max(_GROWS * rising[0], largest)
+
+
+def _usable_step(order: Order, points: Sequence[Point], fit: Sequence[Point], floor: float) -> float | None:
+    """Return the coarsest step of the order, if a coarser case has a larger error than it predicts."""
+    used = fit[order.first : order.first + order.points]
+    errors = [p.error for p in used if p.error is not None]
+    for point in points:
+        if point.dt_s <= used[0].dt_s:
+            continue
+        if point.error is None or point.error >= LARGEST_ERROR:
+            return used[0].dt_s
+        expected = predicted_error([p.dt_s for p in used], errors, floor, point.dt_s)
+        if point.error > FACTOR * expected.high:
+            return used[0].dt_s
+    return None
 
 
 def _is_contradicted(order: Order, fit: Sequence[Point], limit: Limit | None, criteria: Criteria) -> bool:

@@ -3,8 +3,10 @@
 log e = c + p log h + f(h) + noise. f is the contribution of the higher orders, a smooth function that
 vanishes with the step: sum_m a_m z^m with z = h / h_max and a_m ~ N(0, tau^2 / 2^(m - 1)). The noise is
 N(0, sigma^2). tau and sigma are unknown: the interval is that of the posterior of p, averaged over both. It
-widens where the data cannot distinguish the order from the next one, and narrows where they can. Source:
-Rasmussen and Williams (2006), Gaussian Processes for Machine Learning, sections 2.7 and 5.2.
+widens where the data cannot distinguish the order from the next one, and narrows where they can. Errors that
+even the largest sigma and tau leave improbable do not follow the law, so that they have no order, however
+narrow the interval. Sources: Rasmussen and Williams (2006), Gaussian Processes for Machine Learning, sections
+2.7 and 5.2; Gelman et al. (2013), Bayesian Data Analysis, section 6.3, on posterior predictive p-values.
 """
 
 from __future__ import annotations
@@ -27,18 +29,23 @@ _TAILS = np.array([0.025, 0.975])
 _REACH, _HALVINGS = 20.0, 16  # of the quantile search, resolved to 40 standard deviations / 2^16
 _WIDEST_ORDERS = (0.05, 0.1, 0.25)  # half-widths of the interval that settle an order, best first
 _MIN_ORDER = 0.5
+_MIN_FIT = 1e-6  # posterior predictive p-value, below which errors do not follow the law
 _LARGEST_LOG = 700.0  # exp of it is finite
 
 
 @dataclass(frozen=True)
 class Order:
-    """The order, the ends of its 95 % interval, the number of points used, and the place of the first."""
+    """The order, the ends of its 95 % interval, the number of points used, and the place of the first.
+
+    fit: probability of residuals as large as these, if the errors follow the law.
+    """
 
     order: float
     low: float
     high: float
     points: int
     first: int = 0
+    fit: float = 1.0
 
     @property
     def half_width(self) -> float:
@@ -50,9 +57,9 @@ class Order:
 def settled_order(steps: tuple[float, ...], errors: tuple[float, ...], floor: float) -> Order | None:
     """Return the order settled by the longest run of consecutive steps; None where no run settles it.
 
-    steps (n,) in s, descending, and errors (n,) > 0, all usable. The coarsest steps may not be asymptotic and
-    round-off may affect the finest. A tighter interval takes precedence over a longer run, and of runs of
-    equal length the finer one is used.
+    The errors of the run must follow the law. steps (n,) in s, descending, and errors (n,) > 0, all usable.
+    The coarsest steps may not be asymptotic and round-off may affect the finest. A tighter interval takes
+    precedence over a longer run, and of runs of equal length the finer one is used.
     """
     count = len(steps)
     runs = [
@@ -66,7 +73,8 @@ def settled_order(steps: tuple[float, ...], errors: tuple[float, ...], floor: fl
             if number not in found:
                 found[number] = replace(observed_order(steps[run], errors[run], floor), first=run.start)
             one = found[number]
-            if one.half_width <= widest and one.order >= max(_MIN_ORDER, one.half_width):
+            certain = one.half_width <= widest and one.order >= max(_MIN_ORDER, one.half_width)
+            if certain and one.fit >= _MIN_FIT:
                 return one
     return None
 
@@ -76,6 +84,8 @@ def observed_order(steps: Sequence[float], errors: Sequence[float], floor: float
 
     steps (n,) in s, descending; errors (n,) > 0; floor: of the errors, whose noise grows towards it.
     """
+    from scipy.special import chdtrc  # imported here: takes half a second
+
     e = np.asarray(errors)
     spreads = _spreads(e, floor)
     fit = _fit_of(tuple(steps), tuple(spreads))
@@ -83,7 +93,8 @@ def observed_order(steps: Sequence[float], errors: Sequence[float], floor: float
     rest = fit.residual @ y
     noise, bend = _NOISES[..., None] ** 2, _BENDS[:, None] ** 2
     variance = noise + bend * fit.variances
-    likelihood = -0.5 * np.sum(np.log(variance) + rest * rest / variance, axis=-1)
+    misfit = np.sum(rest * rest / variance, axis=-1)
+    likelihood = -0.5 * (np.sum(np.log(variance), axis=-1) + misfit)
     weights = np.exp(likelihood - likelihood.max())
     weights /= weights.sum()
     means = fit.slope @ y - np.sum(bend * fit.covariances * rest / variance, axis=-1)
@@ -94,7 +105,8 @@ def observed_order(steps: Sequence[float], errors: Sequence[float], floor: float
     )
     deviations = np.sqrt(np.maximum(spread, 0.0)) + 1e-15
     mean, low, high = _summary(weights, means, deviations)
-    return Order(mean, low, high, len(e))
+    probability = float(np.sum(weights * chdtrc(len(rest), misfit)))
+    return Order(mean, low, high, len(e), fit=probability)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from functools import lru_cache
 import numpy as np
 
 from bodycheck.adapters.contract import Precision
-from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.arrays import Array, largest_norm
 from bodycheck.reports.measurement.measure_bounds import relative
 from bodycheck.reports.measurement.measures import MEASURES
 from bodycheck.reports.measurement.problem import Problem
@@ -41,9 +41,10 @@ _OUTLIER = 3.0  # standard deviations, beyond which one case counts no further
 class RoundOff:
     """Predicts the error of one quantity of one problem from round-off, over its scale.
 
-    largest, typical: S and R. components: share of the norm, and curvature |x''| / max|x| in 1/s^2, root mean
-    square over time, of each component of the motion that is added to; of omega, or of position and velocity.
-    rotates: whether sums of an attitude add N under the root. bias: B, in unit round-offs.
+    largest, typical: S and R; of a translation, R is its largest size over the scale. components: share of
+    the norm, and curvature |x''| / max|x| in 1/s^2, root mean square over time, of each component of the
+    motion that is added to; of omega, or of position and velocity. rotates: whether sums of an attitude add N
+    under the root. bias: B, in unit round-offs.
     """
 
     unit: float
@@ -71,12 +72,14 @@ class RoundOff:
         translates = {"m": (motion.velocity_m_s, motion.position_m), "m_s": (motion.velocity_m_s,)}
         summed = translates.get(kind, (motion.omega_body,))
         rotates = kind not in translates
+        if not rotates:  # far from the origin, the components are larger than the scale
+            typical = max(1.0, relative(largest_norm(summed[-1]), problem.columns, quantity))
         components = tuple(_components(motion.t_s, values) for values in summed)
         return cls(
             unit,
             duration_s,
             largest,
-            typical if rotates else 1.0,
+            typical,
             components,
             rotates=rotates,
             bias=bias if rotates else 0.0,

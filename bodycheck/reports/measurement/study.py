@@ -217,14 +217,17 @@ def _criteria(cases: Sequence[CaseResult], problem: Problem, method: Method, qua
     ended = [case for case in cases if case.ok]
     steps = max((case.columns.get("steps") or 0 for case in ended), default=0)
     floors = [limit(problem, quantity), *(case.floors.get(quantity, 0.0) for case in ended)]
-    if method.precision != "float64" and method.control != "dt":
-        round_off = _arithmetic(problem, quantity, method)
-        floors.append(round_off.at(problem.scenario.duration_s / max(steps, 1)))
+    arithmetic = 0.0
+    if ended and (method.precision != "float64" or method.control == "dt"):
+        arithmetic = _arithmetic(problem, quantity, method).at(problem.scenario.duration_s / max(steps, 1))
+    if method.control != "dt":
+        floors.append(arithmetic)
     # a quantity too small to be measured in the finest case did not stop shrinking at the coarser ones
     unmeasured = bool(ended) and quantity not in ended[-1].columns
     return Criteria(
         floor=max(floors),
         growing=_round_off(problem, quantity) * math.sqrt(steps),
+        arithmetic=arithmetic,
         extrapolated=not any(SWITCH_NOTE in case.columns["message"] for case in ended),
         judged="property" if problem.is_chaotic or unmeasured else MEASURES[quantity].judged or "property",
     )

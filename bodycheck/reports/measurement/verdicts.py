@@ -43,7 +43,16 @@ STATES = {
     "too-few-points": State("?", "too few points", "fewer than four steps have a usable error", "open"),
     "chaotic": State("≋", "chaotic", "nearby motions diverge too fast for a meaningful error", "open"),
     "does-not-converge": State(
-        "✗", "does not converge", "finer steps converge to something other than the truth", "bad"
+        "✗",
+        "does not converge",
+        "finer steps converge to something other than the truth, or a step is wrong that the others exclude",
+        "bad",
+    ),
+    "error-grows": State(
+        "✗",
+        "error grows",
+        "finer steps increase the error, more than the method's arithmetic explains",
+        "bad",
     ),
     "off": State("✗", "no steps, off", "a method without steps, outside the truth's bound", "bad"),
     "unstable": State(
@@ -72,7 +81,7 @@ def severity(word: str) -> int:
 
 
 _ORDER_SLACK = 0.5  # orders are integers: an interval that ends this far below one excludes it
-_WRONG = ("does-not-converge", "off", "lower-order")
+_WRONG = ("does-not-converge", "error-grows", "off", "lower-order")
 
 
 def amount_of(quantity: str, size: float, digits: int = 4) -> str:
@@ -83,16 +92,20 @@ def amount_of(quantity: str, size: float, digits: int = 4) -> str:
 
 @dataclass(frozen=True)
 class QuantityVerdict:
-    """A row of methods.csv: the verdict, and the error at the finest step or tolerance that ended well.
+    """A row of methods.csv: the verdict, and the error of the case that shows it.
 
-    state: the verdict, or lower-order where the order is certainly below the expected one. at: the step or
-    tolerance as text, "" for a method without either.
+    state: the verdict, or lower-order where the order is certainly below the expected one. size: the error at
+    the excluded step, or else at the finest step or tolerance that ended well. fineness, at: that step or
+    tolerance, and as text; None and "" for a method without either. ratio: of the error at an excluded step
+    to that which the other steps predict.
     """
 
     quantity: str
     state: str
     size: float | None = None
+    fineness: float | None = None
     at: str = ""
+    ratio: float | None = None
     floor: float = 0.0
     order: float | None = None
     expected_order: float | None = None
@@ -106,8 +119,9 @@ class QuantityVerdict:
         return cls(
             present["quantity"],
             "lower-order" if lower and present["verdict"] == "converges" else present["verdict"],
-            present.get("finest_error"),
-            _finest(present),
+            present.get("excluded_error", present.get("finest_error")),
+            *_shown_setting(present),
+            present.get("excluded_ratio"),
             present.get("floor", 0.0),
             present.get("order"),
             expected,
@@ -150,14 +164,20 @@ class QuantityVerdict:
             return f"{self.quantity} is off: {self.amount}"
         if self.is_open:
             return f"{self.quantity} cannot be judged: still {self.amount}"
+        if self.state == "error-grows":
+            return f"{self.quantity} grows with finer steps: {self.amount}"
+        if self.ratio is not None:
+            return (
+                f"{self.quantity} {self.amount} is {number(self.ratio, 2)} times what the other steps predict"
+            )
         return f"{self.quantity} does not converge to the truth: {self.amount}"
 
 
-def _finest(present: Mapping[str, Any]) -> str:
-    for control, name in (("dt", "finest_dt_s"), ("tolerance", "finest_tolerance")):
+def _shown_setting(present: Mapping[str, Any]) -> tuple[float | None, str]:
+    for control, name in (("dt", "excluded_dt_s"), ("dt", "finest_dt_s"), ("tolerance", "finest_tolerance")):
         if name in present:
-            return setting(control, present[name])
-    return ""
+            return present[name], setting(control, present[name])
+    return None, ""
 
 
 def most_severe(verdicts: Iterable[QuantityVerdict]) -> list[QuantityVerdict]:

@@ -17,6 +17,7 @@ from bodycheck.reports.measurement.measures import MEASURES, QUANTITIES
 from bodycheck.reports.run_files.run_tables import MethodKey
 from bodycheck.reports.summary.error_curve import (
     MAX_STEPS,
+    NO_BETTER,
     Basis,
     ErrorCurve,
     Estimate,
@@ -260,8 +261,8 @@ def _why_none(curve: ErrorCurve, error: float | None) -> str:
         return f"{ended} at every measured setting"
     if curve.control != "dt":
         return "no measured setting meets it" if error is not None else "has no step"
-    if curve.verdict == "does-not-converge":
-        return "does-not-converge: finer steps do not reduce the error"
+    if curve.verdict in NO_BETTER:
+        return f"{curve.verdict}: finer steps do not reduce the error reliably"
     if error is not None and error <= curve.floor:
         return f"below the floor of round-off and of the truth, {curve.floor:.2g}"
     if not curve.is_predictable:

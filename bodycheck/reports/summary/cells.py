@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from bodycheck._util.formatting import number, setting
+from bodycheck._util.formatting import number, setting, step
 from bodycheck.reports.measurement.case import SWITCH_NOTE, CaseResult
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.verdicts import (
@@ -26,6 +27,9 @@ from bodycheck.reports.run_files.run_tables import (
     shown_case,
     study_key,
 )
+from bodycheck.scenarios.model import DEFAULT_STEPS_PER_SAMPLE
+
+_SAME = 1e-9  # relative difference of two steps that count as equal
 
 
 @dataclass(frozen=True)
@@ -33,10 +37,11 @@ class Cell:
     """One method on one scenario, with its most severe state.
 
     verdict: the most severe of the quantities; None where no case ended well. order: of the orientation.
-    error: of the orientation at the common step, or at the finest tolerance; `at` names it. faults: number of
-    cases per fault. cases: total number of cases. wrong: the quantities that count against the method, most
-    severe first. properties: of the engine's state, not faults. detail: what the verdict is based on. cause:
-    the diagnosis of a wrong motion.
+    error: of the orientation at the common step, or at the finest tolerance; `at` names it. largest: the
+    largest over the listed steps or tolerances; `largest_at` names it. faults: number of cases per fault.
+    cases: total number of cases. wrong: the quantities that count against the method, most severe first.
+    properties: of the engine's state, not faults. detail: what the verdict is based on. cause: the diagnosis
+    of a wrong motion.
     """
 
     state: str
@@ -44,6 +49,8 @@ class Cell:
     order: float | None = None
     error: float | None = None
     at: str = ""
+    largest: float | None = None
+    largest_at: str = ""
     faults: Mapping[str, int] = field(default_factory=dict)
     cases: int = 0
     wrong: tuple[QuantityVerdict, ...] = ()
@@ -72,16 +79,20 @@ class Cell:
 
 
 def summary_cell(
-    cases: Sequence[CaseResult], found: Mapping[str, Mapping[str, Any]], at_s: float | None
+    cases: Sequence[CaseResult],
+    found: Mapping[str, Mapping[str, Any]],
+    at_s: float | None,
+    coarsest_s: float = math.inf,
 ) -> Cell:
     """Return the cell of one method on one scenario.
 
-    found: its rows of methods.csv by quantity; at_s: the common step.
+    found: its rows of methods.csv by quantity; at_s: the common step; coarsest_s: the coarsest listed step.
     """
     at_step = shown_case(cases, at_s)
     error = at_step.columns[ORIENTATION] if at_step and at_step.ok else None
     ended = Counter(case.columns["outcome"] for case in cases)
     faults = {fault: ended[fault] for fault in FAULTS if ended[fault]}
+    largest, largest_at = _largest_error(cases, coarsest_s)
     verdicts = {quantity: QuantityVerdict.of(row) for quantity, row in found.items()}
     verdict = method_verdict(verdicts)
     if not ended["ok"] or verdict is None:
@@ -94,12 +105,24 @@ def summary_cell(
         verdicts[ORIENTATION].order if ORIENTATION in verdicts else None,
         error,
         "" if at_step is None else setting(at_step.columns["control"], at_step.setting.fineness),
+        largest,
+        largest_at,
         faults,
         len(cases),
         tuple(most_severe(verdicts.values())),
         tuple(one for one in verdicts.values() if one.is_property),
         _detail(cases, found.get(ORIENTATION)),
     )
+
+
+def _largest_error(cases: Sequence[CaseResult], coarsest_s: float) -> tuple[float | None, str]:
+    """Return the largest error of the orientation, of steps up to the coarsest listed one, and its step."""
+    listed = [case for case in cases if case.ok and (case.dt_s or 0.0) <= coarsest_s * (1.0 + _SAME)]
+    measured = [(case.columns[ORIENTATION], case) for case in listed if ORIENTATION in case.columns]
+    if not measured:
+        return None, ""
+    error, case = max(measured, key=lambda pair: pair[0])
+    return error, setting(case.columns["control"], case.setting.fineness)
 
 
 def _detail(cases: Sequence[CaseResult], row: Mapping[str, Any] | None) -> str:
@@ -110,6 +133,9 @@ def _detail(cases: Sequence[CaseResult], row: Mapping[str, Any] | None) -> str:
     if row["verdict"] == "converges" and row["order"] == row["order"] and row["order"] is not None:
         low, high = number(row["order_low"], 3), number(row["order_high"], 3)
         parts.insert(0, f"order between {low} and {high}, from {row['points']} steps")
+        usable = row.get("usable_dt_s")
+        if usable is not None and usable == usable:
+            parts.insert(1, f"errors at steps above its usable step, {step(usable)} s, are larger")
     if any(SWITCH_NOTE in str(case.columns["message"]) for case in cases):
         parts.append("a load switches inside a step, which lowers the order")
     return "; ".join(parts)
@@ -128,14 +154,24 @@ def summary_cells(run: RunTables) -> dict[str, dict[MethodKey, Cell]]:
     cells = {}
     for scenario, methods in by_scenario.items():
         at_s = common_step(case for cases in methods.values() for case in cases)
+        coarsest_s = _coarsest_listed(run.manifest, scenario)
         cells[scenario] = {
             key: replace(
-                summary_cell(cases, found.get((scenario, *key), {}), at_s),
+                summary_cell(cases, found.get((scenario, *key), {}), at_s, coarsest_s),
                 cause=causes.get((scenario, *key), ""),
             )
             for key, cases in methods.items()
         }
     return cells
+
+
+def _coarsest_listed(manifest: Mapping[str, Any], scenario: str) -> float:
+    """Return the coarsest requested step in s: a run adds coarser ones where errors are too small."""
+    stored = manifest["scenarios"].get(scenario, {})
+    if steps := manifest.get("dt_s") or stored.get("steps_s"):
+        return max(steps)
+    samples = stored.get("samples", 0)
+    return stored["duration_s"] / (samples - 1) / min(DEFAULT_STEPS_PER_SAMPLE) if samples > 1 else math.inf
 
 
 @dataclass(frozen=True)
@@ -180,9 +216,11 @@ class Overview:
 
     @property
     def largest_error(self) -> tuple[str, str]:
-        """The largest orientation error at the scenarios' common steps in rad; its step and scenario."""
+        """The largest orientation error over all listed steps and scenarios in rad; its step and scenario."""
         errors = [
-            (cell.error, cell.at, scenario) for scenario, cell in self.cells.items() if cell.error is not None
+            (cell.largest, cell.largest_at, scenario)
+            for scenario, cell in self.cells.items()
+            if cell.largest is not None
         ]
         if not errors:
             return "", ""

@@ -17,8 +17,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-import numpy as np
-
 from bodycheck._util.formatting import step
 from bodycheck.reports.measurement.case import SWITCH_NOTE, CaseResult
 from bodycheck.reports.measurement.convergence import ABOVE_FLOOR, LARGEST_ERROR, LARGEST_ROUND_OFF
@@ -81,9 +79,11 @@ Basis: TypeAlias = Literal["measured", "predicted", "unsure"]
 MAX_STEPS = 10**9
 """The most steps of a setting that is recommended."""
 
+NO_BETTER = ("does-not-converge", "error-grows")
+"""The verdicts with which no error is predicted."""
+
 _MIN_POINTS = 3  # from which a guess is possible
 _WIDEST = 1.5  # ratio of the upper end of the interval to the error, above which a prediction is unsure
-_MAX_SCATTER = 1.3  # the noise of the model of orders is at most 10 %
 _FINER = 8  # steps tried below the coarsest one that meets an error, where that is unsure
 _LARGEST_LOG = 700.0  # exp of it is finite
 _LARGEST_ORDER = 1000.0
@@ -192,7 +192,7 @@ class ErrorCurve:
     def finer_step(self, error: float) -> float | None:
         """Return the step to measure next where none is known to meet an error; None where none helps."""
         outcomes = {case.columns["outcome"] for case in self.cases}
-        cannot_help = self.verdict == "does-not-converge" or not outcomes & {"ok", "unstable"}
+        cannot_help = self.verdict in NO_BETTER or not outcomes & {"ok", "unstable"}
         if self.control != "dt" or cannot_help or error <= self.floor:
             return None
         finest = min(case.dt_s or math.inf for case in self.cases)
@@ -257,13 +257,6 @@ class ErrorCurve:
         order = self._settled
         return self._usable if order is None else self._usable[order.first : order.first + order.points]
 
-    @cached_property
-    def _scatter(self) -> float:
-        """The largest factor between a fitted error and the power law through all of them."""
-        logarithms = np.log(self._fitted)
-        line = np.polynomial.Polynomial.fit(logarithms[:, 0], logarithms[:, 1], 1)
-        return math.exp(float(np.max(np.abs(logarithms[:, 1] - line(logarithms[:, 0])))))
-
     @property
     def _largest_stable_s(self) -> float:
         if self.stable_s is not None:
@@ -273,7 +266,7 @@ class ErrorCurve:
         return max((dt_s for dt_s in stable if dt_s < min(unstable, default=math.inf)), default=0.0)
 
     def _predicted(self, dt_s: float) -> Estimate | None:
-        if self.control != "dt" or self.verdict == "does-not-converge":
+        if self.control != "dt" or self.verdict in NO_BETTER:
             return None
         if not self.is_predictable:
             return self._guessed(dt_s)
@@ -300,8 +293,6 @@ class ErrorCurve:
             return f"above the largest stable step, {self._largest_stable_s:.3g} s"
         if self._is_first_with_switch(dt_s):
             return "a load switches inside this step, but inside no measured one"
-        if self._scatter > _MAX_SCATTER:
-            return f"the errors scatter around the order by a factor of {self._scatter:.2g}"
         coarsest = self._fitted[0][0]
         if dt_s > coarsest and any((case.dt_s or 0.0) > coarsest for case in self.cases):
             return f"above {coarsest:g} s, up to which errors follow the order"

@@ -19,6 +19,7 @@ _WORST_FIRST = (
     "invalid",
     "failed",
     "does-not-converge",
+    "error-grows",
     "off",
     "inconsistent",
     "lower-order",
@@ -122,11 +123,10 @@ def _judged(run: RunTables, cells: _Cells) -> Iterator[Result]:
     sequences = sequences_of(run.cases)
     for scenario, methods in cells.items():
         for key, cell in methods.items():
-            finest = next((case for case in sequences[scenario, key] if case.ok), None)
-            if finest is None:
-                continue
-            command = finest.columns["reproduce"]
-            for one in (*cell.wrong, *cell.properties):
+            ended = [case for case in sequences[scenario, key] if case.ok]
+            for one in (*cell.wrong, *cell.properties) if ended else ():
+                shown = next((case for case in ended if case.setting.fineness == one.fineness), ended[0])
+                command = shown.columns["reproduce"]
                 kind = "property" if one.is_property else one.state
                 method = ":".join(key)
                 cause = "" if one.is_property else cell.cause

@@ -1,0 +1,167 @@
+"""Faults that act at one listed step only, or that accumulate with each step, in runs by default."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bodycheck
+from bodycheck.adapters.contract import Adapter, Method, ReadBack, Reading, Stepping
+from bodycheck.adapters.reference import Reference
+from bodycheck.adapters.registry import registered
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.wrench import Wrench
+from bodycheck.reports.measurement.measures import ORIENTATION
+from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.summary.cells import Cell, overviews, summary_cells
+from tests.helpers.planted_faults import FaultySimulation, Model
+
+RK4 = replace(Reference().methods["rk4"], continuous_loads="zero-order hold", changed_defaults=())
+
+
+class AtSomeSteps:
+    """An engine that damps the spin, each method at other steps."""
+
+    name = "at-some-steps"
+    version = "1"
+    damped: Mapping[str, tuple[float, float]] = {
+        "sound": (0.0, 0.0),
+        "one": (4e-3, 7e-3),
+        "coarsest": (0.015, 1.0),
+    }
+    methods: Mapping[str, Method] = {name: replace(RK4, name=name) for name in damped}
+
+    def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract
+        """Refuse what the base does not support."""
+        return "no continuous loads" if scene.continuous_loads else None
+
+    def build(self, scene: Scene, method: str, dt_s: float) -> FaultySimulation:
+        """Return a simulation that is damped at some steps."""
+        model = Model.of(scene)
+        low, high = self.damped[method]
+        if low < dt_s < high:
+            model.angular_damping = 0.03
+        return FaultySimulation(model, 4, dt_s)
+
+
+SPIN = """
+name = "spin-up"
+duration_s = 4.0
+samples = 41
+[body]
+mass_kg = 1.0
+inertia_kg_m2 = [1.0, 1.5, 2.0]
+[[forcing]]
+kind = "sine-torque"
+axes = "body"
+amplitude_n_m = [0.0, 0.0, 0.7]
+rate_rad_s = 2.9
+phase_rad = 0.3
+"""
+
+
+class Planar:
+    """An engine for rotation about z under a sine torque, of order 4, whose clock adds up its steps."""
+
+    name = "planar"
+    version = "1"
+    clocks: Mapping[str, type[np.floating]] = {"float64-clock": np.float64, "float32-clock": np.float32}
+    methods: Mapping[str, Method] = {name: replace(RK4, name=name) for name in clocks}
+
+    def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract
+        """Refuse every scene but one rotation about z, as the probes set others."""
+        spin = scene.initial.omega_body
+        if len(scene.loads) != 1 or spin.any() or scene.gravity.any() or scene.initial.velocity.any():
+            return "only the rotation about z under a sine torque"
+        return None
+
+    def build(self, scene: Scene, method: str, dt_s: float) -> PlanarSimulation:
+        """Return a simulation with the clock of the method."""
+        return PlanarSimulation(scene, dt_s, self.clocks[method])
+
+
+class PlanarSimulation:
+    """omega+ = omega + h / 6 (a0 + 4 a1 + a2), angle+ = angle + h omega + h^2 / 6 (a0 + 2 a1)."""
+
+    stepping: Stepping = "native"
+
+    def __init__(self, scene: Scene, dt_s: float, clock: type[np.floating]) -> None:
+        self._scene, self._dt_s, self._clock = scene, dt_s, clock
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to the start."""
+        self._angle = self._omega = 0.0
+        self._t = self._clock(0.0)
+
+    def apply(self, wrench: Wrench) -> None:
+        """Ignore constant loads: there are none."""
+
+    def advance(self, steps: int) -> None:
+        """Make the steps at the times of the clock."""
+        h = self._dt_s
+        clock = np.cumsum(np.concatenate([[self._t], np.full(steps, self._clock(h))]), dtype=self._clock)
+        t, self._t = clock[:-1].astype(np.float64), clock[-1]
+        a0, a1, a2 = (0.35 * np.sin(2.9 * (t + lag) + 0.3) for lag in (0.0, 0.5 * h, h))
+        omega = self._omega + np.cumsum(np.concatenate([[0.0], h / 6.0 * (a0 + 4.0 * a1 + a2)]))
+        self._angle += float(np.sum(h * omega[:-1] + h * h / 6.0 * (a0 + 2.0 * a1)))
+        self._omega = float(omega[-1])
+
+    def read(self) -> Reading:
+        """Return the state."""
+        start = self._scene.initial
+        turned = np.array([np.cos(0.5 * self._angle), 0.0, 0.0, np.sin(0.5 * self._angle)])
+        spin = np.array([0.0, 0.0, self._omega])
+        return Reading(start.position, start.velocity, quaternion=turned, omega_body=spin)
+
+    def read_back(self) -> ReadBack:
+        """Return the numbers of the scene."""
+        body = self._scene.body
+        return ReadBack(body.mass, body.inertia, self._dt_s, self._scene.gravity, self.read())
+
+    def close(self) -> None:
+        """Nothing to free."""
+
+
+def run_of(adapter: Adapter, scenario: str) -> tuple[Run, Callable[[str], Cell]]:
+    """Return the run of all methods of an adapter on a scenario, and a function that gives their cells."""
+    with registered(adapter):
+        run = bodycheck.run([scenario], engines=[adapter.name], speed=False)
+    (cells,) = summary_cells(run).values()
+    return run, lambda method: cells[adapter.name, method]
+
+
+@pytest.mark.slow
+def test_fault_at_one_listed_step_is_a_finding_of_that_case() -> None:
+    """Verdict, error, step and command are those of the wrong case; above the usable step is no finding."""
+    run, cell = run_of(AtSomeSteps(), "powered-flight")
+    (wrong,) = (one for one in cell("one").wrong if one.quantity == ORIENTATION)
+    (case,) = (c for c in run.cases if c.columns["method"] == "one" and c.dt_s == 5e-3)
+    assert (wrong.state, wrong.fineness) == ("does-not-converge", 5e-3)
+    assert wrong.size == case.columns[ORIENTATION]
+    assert wrong.ratio is not None
+    assert wrong.ratio > 1e5
+    assert (cell("one").largest, cell("one").largest_at) == (wrong.size, "dt 0.005 s")
+    for method in ("sound", "coarsest"):
+        assert (cell(method).state, cell(method).wrong) == ("converges", ())
+        assert cell(method).order == pytest.approx(4.0, abs=0.1)
+    rows = run.methods[run.methods["quantity"] == ORIENTATION].set_index("method")
+    assert rows.loc["coarsest", "usable_dt_s"] == 0.01
+    assert cell("coarsest").largest_at == "dt 0.02 s"
+    (overview,) = (one for one in overviews(summary_cells(run)) if one.method == "at-some-steps:one")
+    assert overview.largest_error[1] == "dt 0.005 s"
+
+
+@pytest.mark.slow
+def test_errors_that_a_clock_in_float32_accumulates_are_a_finding(tmp_path: Path) -> None:
+    """The error grows at every finer step, although no probe or law contains the load."""
+    path = tmp_path / "spin.toml"
+    path.write_text(SPIN)
+    _, cell = run_of(Planar(), str(path))
+    assert cell("float64-clock").is_sound
+    grown = [one for one in cell("float32-clock").wrong if one.quantity == ORIENTATION]
+    assert [one.state for one in grown] == ["error-grows"]
