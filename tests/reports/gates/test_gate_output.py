@@ -286,7 +286,7 @@ def test_a_verdict_is_of_all_quantities_unless_one_is_named(name: str, quantity:
         quantity,
         True,
     )
-    assert set(found.choices) == {*VERDICTS, "does-not-converge", "unstable", "exact", "off"}
+    assert set(found.choices) == {*VERDICTS, "does-not-converge", "error-grows", "unstable", "exact", "off"}
 
 
 @pytest.mark.parametrize(
