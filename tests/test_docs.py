@@ -86,6 +86,7 @@ FILES = {
     "gates.toml": ("docs/gates.md", "toml", 0),
     "plate.toml": ("docs/start.md", "toml", 0),
     "arm.urdf": ("docs/audit.md", "xml", 0),
+    "arm.usda": ("docs/audit.md", "text", 0),
     "steady.csv": ("docs/questions.md", "text", 0),
     "log.csv": ("docs/recordings.md", "text", 0),
     "log-map.toml": ("docs/recordings.md", "toml", 0),

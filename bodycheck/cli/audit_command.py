@@ -27,6 +27,7 @@ auditing = typer.Typer()
 _TIMEOUT_S = 60.0
 _OF_SPELLINGS = ("spellings", "engine", "timeout_s", "json", "quiet")
 _OF_LINT = ("model", "lint", "fail_on", "html", "sarif", "json", "quiet")
+_OF_AGAINST = ("model", "against", "fail_on", "html", "sarif", "json", "quiet")
 _FAIL_ON = ("never", "note", "warning", "error", "difference")
 
 
@@ -38,13 +39,14 @@ _FAIL_ON = ("never", "note", "warning", "error", "difference")
         "bodycheck audit robot.urdf --engine mujoco,pybullet==3.2.7 --html audit.html",
         "bodycheck audit --spellings --engine mujoco,mujoco==3.12.0",
         "bodycheck audit robot.xml --lint --fail-on error --sarif audit.sarif",
+        "bodycheck audit robot.usda --against robot.urdf",
     ),
 )
 def audit(
     context: typer.Context,
     model: Annotated[
         Path | None,
-        typer.Argument(help="A URDF, MJCF or SDFormat file; not with --spellings.", show_default=False),
+        typer.Argument(help="A URDF, MJCF, SDFormat or USD file; not with --spellings.", show_default=False),
     ] = None,
     engine: Annotated[
         str | None,
@@ -53,6 +55,14 @@ def audit(
     lint: Annotated[
         bool, typer.Option("--lint", help="Check only the file itself, without engines.")
     ] = False,
+    against: Annotated[
+        Path | None,
+        typer.Option(
+            help="Compare with the bodies that this file states, in place of importers: with the URDF that a "
+            "USD stage was made of, for example.",
+            show_default=False,
+        ),
+    ] = None,
     no_spins: Annotated[
         bool, typer.Option("--no-spins", help="Compare only the numbers; do not spin the links.")
     ] = False,
@@ -108,6 +118,7 @@ def audit(
     from bodycheck.reports.document import answer, json_text
     from bodycheck.reports.render.progress import status_line
     from bodycheck.reports.run_files.writer import check_output
+    from bodycheck.runs.audit_against import audit_against
     from bodycheck.runs.audit_merge import write_shard
     from bodycheck.runs.audit_run import AuditOptions
     from bodycheck.runs.audit_run import audit as audited
@@ -123,6 +134,8 @@ def audit(
         raise InputError(f"--fail-on {unknown[0]!r}: unknown (available: {', '.join(_FAIL_ON)})")
     if lint:
         refuse_others(context, "--lint: uses no engines", _OF_LINT)
+    if against is not None:
+        refuse_others(context, "--against: uses no engines", _OF_AGAINST)
     if no_spins and shard is not None:
         raise InputError("--no-spins: leaves nothing to divide; --shard does not apply")
     if (shard is None) != (out is None):
@@ -134,7 +147,10 @@ def audit(
     engines = [] if lint else None if engine is None else engine.split(",")
     part = None if shard is None else Shard.parse(shard)
     with status_line(f"auditing {model}", quiet=quiet):
-        found = audited(model, AuditOptions(engines, not no_spins, timeout_s, part))
+        if against is not None:
+            found = audit_against(model, against)
+        else:
+            found = audited(model, AuditOptions(engines, not no_spins, timeout_s, part))
     if part is not None and out is not None:
         write_shard(found, part, out)
     write_files(

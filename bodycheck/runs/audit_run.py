@@ -70,7 +70,7 @@ def spins_in(shard: Shard, link: str) -> bool:
 
 
 @dataclass
-class _Imported:
+class Imported:
     """One importer's links by name, or how its import ended."""
 
     column: Column
@@ -96,7 +96,7 @@ def imported_audit(
 ) -> Audit:
     """Return the audit of a model that was read, by the engines of a pool."""
     imported = [one for engine in engines for one in _imports(pool, engine, model, options)]
-    links = [_link_audit(model, link, imported) for link in model.links]
+    links = [link_audit(model, link, imported) for link in model.links]
     if options.spins and imported:
         from bodycheck.runs.audit_spins import with_spins
 
@@ -142,12 +142,12 @@ def base_engine(engine: str) -> str:
     return engine if pin is None else pin.engine
 
 
-def _imports(pool: EnginePool, engine: str, model: ModelFile, options: AuditOptions) -> Iterable[_Imported]:
+def _imports(pool: EnginePool, engine: str, model: ModelFile, options: AuditOptions) -> Iterable[Imported]:
     reads = importer(base_engine(engine))
     assert reads is not None
     variants = reads.FLAGS.get(model.format)
     if variants is None:
-        yield _Imported(Column(engine, "", "default", "", "unsupported", f"does not read {model.format}"))
+        yield Imported(Column(engine, "", "default", "", "unsupported", f"does not read {model.format}"))
         return
     timeout_s = max(options.timeout_s, _IMPORT_S * len(model.links))
     for flags, settings in variants.items():
@@ -156,11 +156,11 @@ def _imports(pool: EnginePool, engine: str, model: ModelFile, options: AuditOpti
         version = _version(pool, engine)
         column = Column(engine, version, flags, settings, outcome, message)
         if outcome != "ok":
-            yield _Imported(column)
+            yield Imported(column)
             continue
         named = _named(model, found)
         discarded = _discarded(pool, engine, model, flags, named, timeout_s)
-        yield _Imported(column, named, discarded)
+        yield Imported(column, named, discarded)
 
 
 def _version(pool: EnginePool, engine: str) -> str:
@@ -255,16 +255,18 @@ def _body(link: ImportedLink) -> Body:
     return Body(link.mass, np.array(link.centre_m), np.array(link.inertia_kg_m2))
 
 
-def _link_audit(model: ModelFile, link: ModelLink, imported: Sequence[_Imported]) -> LinkAudit:
+def link_audit(model: ModelFile, link: ModelLink, imported: Sequence[Imported]) -> LinkAudit:
+    """Return the body of a link as stated, and as each importer holds it."""
     stated = None if link.stated is None else Body.of(link.stated.in_link)
     comparisons = {
-        one.column.name: _compared(model, link, one) for one in imported if one.column.outcome == "ok"
+        one.column.name: compared(model, link, one) for one in imported if one.column.outcome == "ok"
     }
     derived = "" if link.stated is None else link.stated.derived
     return LinkAudit(link.name, link.line, stated, derived, link.unread, comparisons)
 
 
-def _compared(model: ModelFile, link: ModelLink, imported: _Imported) -> Comparison:
+def compared(model: ModelFile, link: ModelLink, imported: Imported) -> Comparison:
+    """Return what one importer holds of a link, with the causes of differences."""
     link_read = imported.links.get(link.name)
     absent = frozenset(one.name for one in model.links if one.name not in imported.links)
     if link_read is None:
@@ -315,5 +317,5 @@ def _merged_into(model: ModelFile, link: ModelLink, absent: frozenset[str]) -> s
     return at.name
 
 
-def _extra(model: ModelFile, imported: _Imported) -> tuple[str, ...]:
+def _extra(model: ModelFile, imported: Imported) -> tuple[str, ...]:
     return tuple(name for name in imported.links if name not in model.by_name)

@@ -131,8 +131,8 @@ class Column:
 
     @property
     def name(self) -> str:
-        """ENGINE:FLAGS."""
-        return f"{self.engine}:{self.flags}"
+        """ENGINE:FLAGS, or the name of a file."""
+        return f"{self.engine}:{self.flags}" if self.flags else self.engine
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,10 @@ class LinkAudit:
 
 @dataclass(frozen=True, eq=False)
 class Audit:
-    """The audit of one file. outside: files outside of its folder that it names and that were read."""
+    """The audit of one file. outside: files outside of its folder that it names and that were read.
+
+    compared: the file whose bodies, in place of those of importers, are compared with those of `file`.
+    """
 
     file: str
     format: str
@@ -201,6 +204,7 @@ class Audit:
     outside: Sequence[str] = ()
     notes: Sequence[str] = ()
     extra: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    compared: str = ""
 
     def differing(self) -> list[tuple[LinkAudit, str, str]]:
         """Return (link, importer, why) of every body that differs, is absent, or moves differently."""

@@ -21,8 +21,11 @@ def audit_document(audit: Audit, machines: Sequence[str] = ()) -> Document:
 
     machines: how the machines of merged shards differ.
     """
+    title = f"{Path(audit.file).name}: import audit"
+    if audit.compared:
+        title = f"{Path(audit.compared).name}: compared with {Path(audit.file).name}"
     return Document(
-        f"{Path(audit.file).name}: import audit",
+        title,
         (
             *_head(audit),
             *map(Sentence, machines),

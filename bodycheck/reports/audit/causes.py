@@ -41,10 +41,12 @@ _NEARLY_A_BOX = 0.05  # shapes of meshes have small margins
 KNOWN_ISSUES = {
     ("mujoco", "rotation of the inertial frame ignored"): "google-deepmind/mujoco#3559",
     ("mujoco", "rotation of the merged links ignored"): "google-deepmind/mujoco#2982",
+    ("usd", "rotated by the inverse of the principal axes"): "newton-physics/urdf-usd-converter#118",
+    ("usd", "principal axes lost"): "isaac-sim/urdf-importer-extension#2",
     ("pybullet", f"{DISCARDED}: recomputed from the collision shape"): "bulletphysics/bullet3#1671",
     ("pybullet", f"{DISCARDED}: a placeholder"): "bulletphysics/bullet3#1671",
 }
-"""Engine, beginning of a cause -> where its developers discuss it."""
+"""Engine or format, beginning of a cause -> where its developers discuss it."""
 
 
 def with_issue(engine: str, cause: str) -> str:
@@ -162,10 +164,11 @@ def _tensor_cause(
     if np.array_equal(imported.inertia_kg_m2, np.eye(3)):
         return "replaced by the identity"
     size = max(float(np.max(np.abs(expected.inertia_kg_m2))), float(np.max(np.abs(imported.inertia_kg_m2))))
-    for shape_name, tensor in _faults_of(members):
+    for fault, tensor in _faults_of(members):
         other = float(np.max(np.abs(tensor - expected.inertia_kg_m2)))
         if other > SINGLE * size and float(np.max(np.abs(tensor - imported.inertia_kg_m2))) <= SINGLE * size:
-            return shape_name
+            turned = _turned(expected, imported)
+            return f"{fault}, {turned} degrees off" if turned else fault
     if discarded:
         return f"{DISCARDED}: {discarded}"
     if imported.mass_kg > 0.0 and imported.mass_kg != expected.mass_kg > 0.0:
@@ -264,8 +267,8 @@ def _by_moments(link: ModelLink, expected: Body, imported: Body) -> str:
     given, found_moments = expected.principal[0], imported.principal[0]
     if not found_moments.any():
         return "tensor discarded: all moments are zero"
-    if given[2] > 0.0 and np.max(np.abs(found_moments - given)) <= SINGLE * given[2]:
-        return f"principal axes rotated by {number(math.degrees(_angle(expected, imported)), 4)} degrees"
+    if turned := _turned(expected, imported):
+        return f"principal axes rotated by {turned} degrees"
     if given[2] > 0.0:
         ratio = imported.inertia_kg_m2 / given[2]
         factor = float(np.sum(ratio * expected.inertia_kg_m2) / np.sum(expected.inertia_kg_m2**2 / given[2]))
@@ -285,6 +288,14 @@ def _by_moments(link: ModelLink, expected: Body, imported: Body) -> str:
     ):
         return f"moments clamped to {number(float(found_moments[raised[0]]), 4)} kg m^2"
     return "tensor changed; no known fault makes these numbers of the file"
+
+
+def _turned(expected: Body, imported: Body) -> str:
+    """Return the angle between the principal axes in degrees, where the moments are the same; else ""."""
+    given, held = expected.principal[0], imported.principal[0]
+    if not given[2] > 0.0 or np.max(np.abs(held - given)) > SINGLE * given[2]:
+        return ""
+    return number(math.degrees(_angle(expected, imported)), 4)
 
 
 def _angle(expected: Body, imported: Body) -> float:

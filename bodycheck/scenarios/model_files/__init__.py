@@ -1,4 +1,4 @@
-"""Read the bodies that URDF, MJCF and SDFormat files state, in 40-digit arithmetic and without any engine."""
+"""Read the bodies that URDF, MJCF, SDFormat and USD files state, in 40-digit arithmetic without engines."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def read_model(path: Path) -> ModelFile:
-    """Return what a URDF, MJCF or SDFormat file states; its root element selects the format.
+    """Return what a model file states; its suffix selects USD, and its root element the other formats.
 
     Raises InputError with one line: the file, the line in it, what is wrong and what would be right.
     """
@@ -21,8 +21,11 @@ def read_model(path: Path) -> ModelFile:
     from bodycheck.scenarios.model_files.mjcf import read_mjcf
     from bodycheck.scenarios.model_files.sdf import read_sdf
     from bodycheck.scenarios.model_files.urdf import read_urdf
+    from bodycheck.scenarios.model_files.usd import USD_SUFFIXES, read_usd
     from bodycheck.scenarios.model_files.xml_file import Node, parse_xml
 
+    if path.suffix.lower() in USD_SUFFIXES:
+        return read_usd(path)
     root = parse_xml(path)
     _refuse_macros(root, path)
     match Node(root, path).tag:

@@ -12,7 +12,7 @@ from typing import Literal, TypeAlias
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, composite
 
-Format: TypeAlias = Literal["urdf", "mjcf", "sdf"]
+Format: TypeAlias = Literal["urdf", "mjcf", "sdf", "usd"]
 
 
 @dataclass(frozen=True, eq=False)
