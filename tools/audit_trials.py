@@ -4,6 +4,9 @@ python tools/audit_trials.py real [FOLDER ...]      every URDF, MJCF and SDF fil
 python tools/audit_trials.py valid --files 500      false differences in generated files
 python tools/audit_trials.py composites --trials 200   compared with 50-digit arithmetic
 python tools/audit_trials.py damaged --files 10000  one clear line per file
+python tools/audit_trials.py slips --trials 2000    links with one planted slip beside their shapes
+python tools/audit_trials.py healthy --trials 2000  right links: uniform, of several densities, rounded
+python tools/audit_trials.py size --trials 1000     the time to lint so many links
 """
 
 from __future__ import annotations
@@ -24,7 +27,8 @@ import numpy as np
 from bodycheck._util.errors import InputError
 from bodycheck.adapters.importers import ImportRequest, importer
 from bodycheck.adapters.workers.engine_pool import EnginePool
-from bodycheck.reports.audit.audit import SINGLE, Body, Difference
+from bodycheck.reports.audit.audit import SINGLE, Body, Difference, Finding
+from bodycheck.reports.audit.lint import lint
 from bodycheck.runs.audit_run import AuditOptions, audit, checked_engines, import_once, imported_audit
 from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.model_files.rewriting import text_without_meshes
@@ -32,7 +36,9 @@ from bodycheck.scenarios.model_files.xml_file import read_bytes
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from tests.helpers.model_texts import mutated, random_mjcf, random_urdf, sdf_of
+from tests.helpers.slipped_links import SLIPS, Link, chain, changes_enough, is_right, random_link
 
+PARTS = ("real", "valid", "composites", "damaged", "slips", "healthy", "size")
 IMPORTERS = (("mujoco", "recommended"), ("pybullet", "recommended"), ("dart", "default"))
 _ROOTS = re.compile(b"<(robot|mujoco|sdf)\\b")
 
@@ -183,12 +189,67 @@ def damaged(count: int, seed: int) -> None:
         print(f"  {amount:6d}  {what}")
 
 
+def slips(count: int, seed: int) -> None:
+    """Plant one slip in each link; print how many are found with the right numbers."""
+    rng = np.random.default_rng(seed)
+    counts: dict[str, Counter[str]] = {name: Counter() for name in SLIPS}
+    with tempfile.TemporaryDirectory() as folder:
+        for k in range(count):
+            name = list(SLIPS)[k % len(SLIPS)]
+            make, shapes = SLIPS[name]
+            link = random_link(rng, Path(folder), str(rng.choice(shapes)))
+            written = make(link, rng)
+            named = [one for one in _linted(link, written, rng, Path(folder)) if one.severity != "note"]
+            right = any(is_right(one.inertia_kg_m2, link) for one in named)
+            kind = "counted" if changes_enough(link, written) else "small or a density"
+            counts[name][f"{kind}, {'right' if right else 'other' if named else 'silent'}"] += 1
+    total = sum(counts.values(), Counter[str]())
+    for name, found in counts.items():
+        print(f"  {name}: {', '.join(f'{amount} {what}' for what, amount in sorted(found.items()))}")
+    counted = sum(amount for what, amount in total.items() if what.startswith("counted"))
+    print(f"{count} links: {total['counted, right']} of {counted} that count have the right numbers")
+
+
+def healthy(count: int, seed: int) -> None:
+    """Lint right links of one or several densities with 4 to 17 digits; print what is found."""
+    rng = np.random.default_rng(seed)
+    found: Counter[str] = Counter()
+    with tempfile.TemporaryDirectory() as folder:
+        for k in range(count):
+            kinds = ("box", "cylinder", "sphere", "capsule", "mesh", "several", "several", "several")
+            link = random_link(rng, Path(folder), str(rng.choice(kinds)), even=k % 2 == 0)
+            link.digits = int(rng.choice([4, 6, 8, 17]))
+            found.update(
+                f"{one.severity} {one.rule}" for one in _linted(link, link.written, rng, Path(folder))
+            )
+    accused = sum(amount for what, amount in found.items() if not what.startswith("note"))
+    print(f"{count} healthy links: {accused} accused; {dict(found)}")
+
+
+def _linted(link: Link, written: np.ndarray, rng: np.random.Generator, folder: Path) -> list[Finding]:
+    path = folder / "robot.urdf"
+    path.write_text(f'<robot name="r">{link.text("part", written, bool(rng.integers(2)))}</robot>')
+    return list(lint(read_model(path)))
+
+
+def size(count: int) -> None:
+    """Time the lint of chains of links with a healthy tensor, a slip, an odd tensor, and without any."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "robot.urdf"
+        for kind, factors in (("healthy", (1, 1, 1)), ("odd", (3.3, 2.2, 2.9)), ("empty", None)):
+            path.write_text(chain(count, factors))
+            began, cpu = time.monotonic(), time.process_time()
+            findings = len(list(lint(read_model(path))))
+            elapsed, used = time.monotonic() - began, time.process_time() - cpu
+            print(f"{count} {kind} links: {elapsed:.2f} s, CPU {used:.2f} s, {findings} findings")
+
+
 def main() -> None:
     """Run the requested part."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("part", choices=("real", "valid", "composites", "damaged"))
+    parser.add_argument("part", choices=PARTS)
     parser.add_argument("folders", nargs="*", type=Path)
     parser.add_argument("--files", type=int, default=500)
     parser.add_argument("--trials", type=int, default=200)
@@ -204,6 +265,12 @@ def main() -> None:
             composites(given.trials, given.seed)
         case "damaged":
             damaged(given.files, given.seed)
+        case "slips":
+            slips(given.trials, given.seed)
+        case "healthy":
+            healthy(given.trials, given.seed)
+        case "size":
+            size(given.trials)
 
 
 def _installed() -> list[Path]:

@@ -41,7 +41,7 @@ UNITS: dict[Unit, Fraction] = {
 
 _LARGE_M, _HEAVY_KG = 10.0, 1e5
 _SMALL_M, _LIGHT_KG = 2e-3, 1e-5
-_DENSITIES = (0.05, 25000.0)
+DENSITIES = (0.05, 25000.0)
 """Plausible densities in kg/m^3: hydrogen has 0.08, osmium 22600."""
 
 _INTERPRETED_TRIANGLES = 500
@@ -55,7 +55,7 @@ def plausibility_warnings(solid: MassProperties, density: float, unit: Unit | No
     one if the specified unit is shorter than a metre.
     """
     found = []
-    if not _DENSITIES[0] <= density <= _DENSITIES[1]:
+    if not DENSITIES[0] <= density <= DENSITIES[1]:
         found.append(
             f"warning: implausible density {density:g} kg/m^3; 1 g/cm^3 is 1000 kg/m^3, 1 t/mm^3 is 1e12"
         )

@@ -21,6 +21,8 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import principal_axes
 from bodycheck.scenarios.model_files.exact import ExactInertia, doubles
 
+Severity: TypeAlias = Literal["error", "warning", "note"]
+Confidence: TypeAlias = Literal["certain", "likely", "possible"]
 State: TypeAlias = Literal["agrees", "rounded", "differs", "merged", "absent", "not computed"]
 """merged: part of another link. not computed: the reader has no truth for this link."""
 
@@ -163,16 +165,22 @@ class Spin:
 
 @dataclass(frozen=True)
 class Finding:
-    """A finding of the linter: rule, place, what is wrong, what is expected, and how sure that is."""
+    """A finding of the linter: rule, place, what is wrong, what is expected, and how sure that is.
+
+    inertia_kg_m2: xx, xy, xz, yy, yz, zz that are expected, in the axes in which the file states them;
+    centre_m: the expected centre of mass in link axes, if another one is expected. None: no such numbers.
+    """
 
     rule: str
-    severity: Literal["error", "warning", "note"]
-    confidence: Literal["certain", "likely", "possible"]
+    severity: Severity
+    confidence: Confidence
     file: str
     line: int
     link: str
     message: str
     expected: str = ""
+    inertia_kg_m2: tuple[float, ...] | None = None
+    centre_m: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,28 +7,23 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator
-from typing import Literal, TypeAlias
+from dataclasses import replace
 
 import numpy as np
 
 from bodycheck._util.formatting import number, vector
 from bodycheck.reference_impl.dynamics import parallel_axis_tensor
-from bodycheck.reports.audit.audit import Body, Finding
+from bodycheck.reports.audit.audit import Body, Confidence, Finding, Severity
+from bodycheck.reports.audit.shape_lint import against_shapes, fits_shapes, is_placeholder, slip_of
 from bodycheck.scenarios.model_files.exact import doubles
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, triangle_excess
-from bodycheck.scenarios.model_files.shape_sizes import corners, half_extents, uniform
-
-Severity: TypeAlias = Literal["error", "warning", "note"]
-Confidence: TypeAlias = Literal["certain", "likely", "possible"]
+from bodycheck.scenarios.model_files.shape_sizes import half_extents, uniform
 
 _DECIMALS = 1e-6  # a violation below this follows from decimals that were rounded in the file
-_TOO_LARGE, _TOO_SMALL = (
-    30.0,
-    3e-3,
-)  # of max moment / (m r^2), r the reach of the shapes; a solid has 0.1 to 1
+_NEAR = 1e-9  # of the limits, relative to the largest moment: 40 digits decide
 _RANGE = (1e-45, 1e45)  # of numbers whose products, up to the square of m r^2, are doubles
-_UNITS = {1e3: "g, or mm in one factor", 1e6: "mm^2", 1e9: "g mm^2"}
 _SIDES = re.compile(r"(?<![a-z])(left|right|l|r)(?![a-z])", re.IGNORECASE)
 _OTHER_SIDE = {"left": "right", "right": "left", "l": "r", "r": "l"}
 
@@ -39,8 +34,10 @@ def lint(model: ModelFile) -> Iterator[Finding]:
         extreme = list(_range(link, model))
         yield from extreme
         if not extreme:
-            for rule in RULES:
-                yield from rule(link, model)
+            found = [finding for rule in RULES for finding in rule(link, model)]
+            beyond = any(finding.rule == "beyond-shape" for finding in found)
+            yield from (one for one in found if not (beyond and one.rule == "placeholder-inertia"))
+    yield from _twins(model)
 
 
 def _range(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
@@ -104,101 +101,48 @@ def _mass(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
         )
 
 
-def _possible(link: ModelLink, model: ModelFile) -> Iterator[Finding]:  # noqa: ARG001 - rules are alike
+def _possible(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
     if link.stated is None or not link.stated.inertia.mass > 0:
         return
+    rough = np.asarray(np.linalg.eigvalsh(doubles(link.stated.inertia.tensor)), dtype=np.float64)
+    if rough[0] > _NEAR * rough[2] and triangle_excess(rough) < -_NEAR:
+        return
     moments = link.stated.inertia.moments
+    found = None
     if not moments.any():
-        yield _finding(
-            "not-positive",
-            "error",
-            "certain",
-            link,
-            "all moments are 0 with a mass",
-            "three positive moments",
-        )
+        message = "impossible tensor, all moments are 0 with a mass"
+        found = _finding("not-positive", "error", "certain", link, message, "three positive moments")
     elif not moments[0] > 0.0:
-        yield _finding(
-            "not-positive",
-            "error",
-            "certain",
-            link,
-            f"the smallest principal moment is {number(float(moments[0]), 6)} kg m^2",
-            "a positive definite tensor",
-        )
-    elif (excess := triangle_excess(moments)) > 1e-12:
-        small = excess <= _DECIMALS
-        yield _finding(
-            "triangle-inequality",
-            "note" if small else "error",
-            "certain",
-            link,
-            f"no body has these moments: {vector(moments)} kg m^2"
-            + ("; by so little that rounded decimals explain it" if small else ""),
-            f"a largest moment of at most {number(float(moments[0] + moments[1]), 9)} kg m^2",
-        )
+        message = f"impossible tensor, I1 <= 0: I1 is {number(float(moments[0]), 6)} kg m^2"
+        found = _finding("not-positive", "error", "certain", link, message, "a positive definite tensor")
+    elif (excess := triangle_excess(moments)) > _DECIMALS:
+        message = f"impossible tensor, I1 + I2 < I3: {vector(moments)} kg m^2"
+        most = f"a largest moment of at most {number(float(moments[0] + moments[1]), 9)} kg m^2"
+        found = _finding("triangle-inequality", "error", "certain", link, message, most)
+    elif excess > 1e-12:
+        message = f"I1 + I2 < I3 by {number(excess, 2)} of I3, as rounded decimals do"
+        yield _finding("triangle-inequality", "note", "certain", link, message, "more decimals")
+    if found is None:
+        return
+    slip = slip_of(link, model)
+    if slip is not None:
+        message = f"{found.message}; {slip.message}"
+        found = replace(slip, rule=found.rule, severity="error", message=message)
+    yield found
 
 
-def _units(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
+def _about(link: ModelLink, model: ModelFile) -> Iterator[Finding]:  # noqa: ARG001 - rules are alike
+    """Note a tensor that is mostly m d^2 of the distance to the link's origin, if the link has no shape."""
     body = _written(link)
-    if body is None or not body.possible or _is_placeholder(link):
+    if body is None or not body.possible or link.shapes or link.visuals:
         return
-    points = corners(link, model)
-    confidence: Confidence = "likely" if len(points) else "possible"
-    if not len(points):
-        points = _joint_positions(link, model)
-    radius = float(np.max(np.linalg.norm(points - body.centre_m, axis=1), initial=0.0))
-    if not radius > 0.0:
-        return
-    ratio = float(body.principal[0][2]) / (body.mass_kg * radius**2)
-    if ratio > _TOO_LARGE or (ratio < _TOO_SMALL and confidence == "likely"):
-        power = round(math.log10(ratio / 0.3) / 3.0) * 3
-        factor = 10.0 ** abs(power)
-        unit = f" ({_UNITS[factor]})" if factor in _UNITS else ""
-        size = "large" if ratio > 1.0 else "small"
-        yield _finding(
-            "unit-slip",
-            "warning",
-            confidence,
-            link,
-            f"the tensor is about {factor:.0e} times too {size} for {number(body.mass_kg)} kg within "
-            f"{number(radius, 3)} m of the centre of mass{unit}".replace("e+0", "e"),
-            f"a largest moment near {number(0.3 * body.mass_kg * radius**2, 2)} kg m^2",
-        )
-
-
-def _joint_positions(link: ModelLink, model: ModelFile) -> np.ndarray:
-    positions = [doubles(child.pose.position) for child in model.links if child.parent == link.name]
-    return np.array([np.zeros(3), *positions]) if positions else np.empty((0, 3))
-
-
-def _about(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
-    """Report a tensor that fits the link's shape only about the link's origin."""
-    body = _written(link)
-    if body is None or not body.possible:
-        return
-    c = body.centre_m
-    steiner = body.mass_kg * parallel_axis_tensor(c)
+    steiner = body.mass_kg * parallel_axis_tensor(body.centre_m)
     about_centre = body.inertia_kg_m2 - steiner
-    moved = Body(body.mass_kg, c, about_centre)
+    moved = Body(body.mass_kg, body.centre_m, about_centre)
     if not moved.possible or np.max(steiner) < 0.5 * float(body.principal[0][2]):
         return
-    solid = uniform(link, model)
-    here = f"{vector(about_centre[np.triu_indices(3)])} kg m^2 (xx, xy, xz, yy, yz, zz) in link axes"
-    if solid is not None:
-        scale = float(np.max(solid.inertia))
-        centre_error = float(np.max(np.abs(about_centre - solid.inertia))) / scale
-        origin_error = float(np.max(np.abs(body.inertia_kg_m2 - solid.inertia))) / scale
-        if centre_error < 0.3 and origin_error > 2.0 * centre_error + 0.3:
-            yield _finding(
-                "about-another-point",
-                "warning",
-                "likely",
-                link,
-                "the tensor fits the collision shape about the link's origin, not about the centre of mass",
-                here,
-            )
-    elif float(np.trace(about_centre)) < 0.1 * float(np.trace(body.inertia_kg_m2)):
+    if float(np.trace(about_centre)) < 0.1 * float(np.trace(body.inertia_kg_m2)):
+        here = f"{vector(about_centre[np.triu_indices(3)])} kg m^2 (xx, xy, xz, yy, yz, zz) in link axes"
         yield _finding(
             "about-another-point",
             "note",
@@ -209,20 +153,9 @@ def _about(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
         )
 
 
-def _is_placeholder(link: ModelLink) -> bool:
-    """Return whether the tensor as written is a power of ten times the identity."""
-    if link.stated is None:
-        return False
-    tensor = doubles(link.stated.inertia.tensor)
-    first = float(tensor[0, 0])
-    power = f"{first:.0e}"
-    same = bool(np.array_equal(tensor, first * np.eye(3)))
-    return same and first > 0.0 and power.startswith("1e") and float(power) == first
-
-
 def _placeholder(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
     body = _written(link)
-    if body is None or not body.mass_kg > 0.0:
+    if body is None or not body.mass_kg > 0.0 or not is_placeholder(link) or fits_shapes(link, model):
         return
     solid = uniform(link, model)
     expected = "the tensor of the part"
@@ -230,25 +163,27 @@ def _placeholder(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
         expected = (
             f"about {vector(np.linalg.eigvalsh(solid.inertia))} kg m^2 for its shape at uniform density"
         )
-    if _is_placeholder(link):
-        first = number(float(body.inertia_kg_m2[0, 0]))
-        message = f"three equal moments of {first} kg m^2 look like a placeholder"
-        yield _finding("placeholder-inertia", "warning", "likely", link, message, expected)
-        return
-    if not body.inertia_kg_m2.any():  # not-positive reports it
-        return
-    twins = [
-        other.name
-        for other in model.links
-        if other is not link
-        and (one := _written(other)) is not None
-        and one.mass_kg == body.mass_kg
-        and np.array_equal(one.inertia_kg_m2, body.inertia_kg_m2)
-        and _shape_key(other) != _shape_key(link)
-    ]
-    if len(twins) >= 2:
-        message = f"the same numbers as in {len(twins)} links of other shapes"
-        yield _finding("placeholder-inertia", "note", "possible", link, message, expected)
+    first = number(float(body.inertia_kg_m2[0, 0]))
+    message = f"three equal moments of {first} kg m^2 look like a placeholder"
+    yield _finding("placeholder-inertia", "warning", "likely", link, message, expected)
+
+
+def _twins(model: ModelFile) -> Iterator[Finding]:
+    """Note links that have the numbers of at least two links of other shapes."""
+    same: dict[tuple[float, bytes], list[ModelLink]] = {}
+    for link in model.links:
+        body = _written(link)
+        if body is not None and body.mass_kg > 0.0 and body.inertia_kg_m2.any() and not is_placeholder(link):
+            same.setdefault((body.mass_kg, body.inertia_kg_m2.tobytes()), []).append(link)
+    for links in same.values():
+        shapes = Counter(map(_shape_key, links))
+        for link in links:
+            others = len(links) - shapes[_shape_key(link)]
+            if others >= 2:
+                message = f"the same numbers as in {others} links of other shapes"
+                yield _finding(
+                    "placeholder-inertia", "note", "possible", link, message, "the tensor of the part"
+                )
 
 
 def _shape_key(link: ModelLink) -> tuple[tuple[str, tuple[float, ...], str], ...]:
@@ -258,8 +193,7 @@ def _shape_key(link: ModelLink) -> tuple[tuple[str, tuple[float, ...], str], ...
 def _missing(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
     if link.stated is not None or link.unread or not _moves(link, model):
         return
-    carried = [one.name for one, _ in model.fixed_below(link.name) if one.stated is not None]
-    if carried:
+    if link.name in model.carrying:
         return
     root = link.parent is None
     yield _finding(
@@ -317,10 +251,18 @@ def _with_case(side: str) -> str:
     return other.upper() if side.isupper() else other.capitalize() if side[0].isupper() else other
 
 
+def _unreadable(link: ModelLink, model: ModelFile) -> Iterator[Finding]:  # noqa: ARG001 - rules are alike
+    if link.malformed:
+        what, _, expected = link.unread.partition(" (expected ")
+        message = what.removeprefix(f"{link.file}:")
+        yield _finding("unreadable", "error", "certain", link, message, expected.removesuffix(")"))
+
+
 RULES: tuple[Callable[[ModelLink, ModelFile], Iterator[Finding]], ...] = (
+    _unreadable,
     _mass,
     _possible,
-    _units,
+    against_shapes,
     _about,
     _placeholder,
     _missing,

@@ -40,7 +40,10 @@ def doubles(values: Exact) -> Array:
 
 def identity() -> Exact:
     """Return 1 (3, 3)."""
-    return exact(np.eye(3))
+    return _IDENTITY.copy()
+
+
+_IDENTITY = exact(np.eye(3))
 
 
 def norm(v: Exact) -> Any:
@@ -53,12 +56,23 @@ def rotation_about(axis: Exact, angle: Any) -> Exact:
     x, y, z = axis / norm(axis)
     zero = mp.mpf(0)
     cross = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]], dtype=object)
-    return identity() + mp.sin(angle) * cross + (1 - mp.cos(angle)) * (cross @ cross)
+    # numbers of mpmath come last in products: before an array they are slow
+    return identity() + cross * mp.sin(angle) + (cross @ cross) * (1 - mp.cos(angle))
 
 
 def rotation_of_rpy(rpy: Sequence[float]) -> Exact:
     """R_z(yaw) R_y(pitch) R_x(roll): fixed axes, as in URDF; radians."""
-    return rotation_of_euler([mp.mpf(angle) for angle in rpy], "XYZ")
+    if not any(rpy):
+        return identity()
+    (cr, sr), (cp, sp), (cy, sy) = (mp.cos_sin(mp.mpf(angle)) for angle in rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ],
+        dtype=object,
+    )
 
 
 def rotation_of_euler(angles: Sequence[Any], sequence: str) -> Exact:
@@ -138,11 +152,11 @@ class ExactInertia:
     def placed(self, frame: Frame) -> ExactInertia:
         """c' = R c + p, I' = R I R^T: the same body in the parent of `frame`."""
         turned = frame.rotation @ self.tensor @ frame.rotation.T
-        return ExactInertia(self.mass, (frame @ Frame(identity(), self.centre)).position, turned)
+        return ExactInertia(self.mass, frame.rotation @ self.centre + frame.position, turned)
 
     def steiner(self, arm: Exact) -> Exact:
         """m (|d|^2 1 - d d^T) for an arm d (3,)."""
-        return self.mass * ((arm @ arm) * identity() - np.outer(arm, arm))
+        return (identity() * (arm @ arm) - np.outer(arm, arm)) * self.mass
 
     @property
     def moments(self) -> Array:
@@ -162,7 +176,7 @@ def composite(parts: Iterable[ExactInertia]) -> ExactInertia:
     bodies = list(parts)
     mass = sum((body.mass for body in bodies), mp.mpf(0))
     zero = exact(np.zeros(3))
-    centre = reduce(lambda s, body: s + body.mass * body.centre, bodies, zero) / mass if mass else zero
+    centre = reduce(lambda s, body: s + body.centre * body.mass, bodies, zero) / mass if mass else zero
     tensor = exact(np.zeros((3, 3)))
     for body in bodies:
         tensor = tensor + body.tensor + body.steiner(body.centre - centre)

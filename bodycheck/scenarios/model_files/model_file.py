@@ -128,6 +128,19 @@ class ModelFile:
                 found.setdefault(link.parent, []).append(link)
         return found
 
+    @cached_property
+    def carrying(self) -> frozenset[str]:
+        """The links to which fixed joints connect, below them, a link with inertia."""
+        found: set[str] = set()
+        for link in self.links:
+            at = link if link.stated is not None else None
+            while at is not None and at.parent is not None and at.joint is not None and at.joint.fixed:
+                if at.parent in found:
+                    break
+                found.add(at.parent)
+                at = self.by_name[at.parent]
+        return frozenset(found)
+
     def outside(self) -> tuple[Path, ...]:
         """The files that it names outside of its own folder."""
         folder = self.path.resolve().parent

@@ -23,8 +23,10 @@ def half_extents(shape: Shape, model: ModelFile) -> tuple[Array, Array] | None:
     size = np.array(shape.size)
     half = model.format == "mjcf"
     match shape.kind:
-        case "box" | "ellipsoid" if len(size) == 3:
+        case "box" if len(size) == 3:
             return np.zeros(3), size if half else size / 2.0
+        case "ellipsoid" if len(size) == 3:
+            return np.zeros(3), size
         case "sphere" if len(size) >= 1:
             return np.zeros(3), np.full(3, size[0])
         case "cylinder" | "capsule" if len(size) >= 2:
@@ -48,18 +50,6 @@ def _mesh_box(path: Path) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
     except (InputError, OSError, ValueError):
         return None  # its size is then unknown; importers report what they make of it
     return tuple(vertices.min(axis=0).tolist()), tuple(vertices.max(axis=0).tolist())
-
-
-def corners(link: ModelLink, model: ModelFile) -> Array:
-    """Return the corners (8 n, 3) in link axes of the boxes around a link's shapes."""
-    found = []
-    signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
-    for shape in link.collisions:
-        box = half_extents(shape, model)
-        if box is not None:
-            R, p = doubles(shape.frame.rotation), doubles(shape.frame.position)
-            found.append((box[0] + signs * box[1]) @ R.T + p)
-    return np.concatenate(found) if found else np.empty((0, 3))
 
 
 def uniform(link: ModelLink, model: ModelFile) -> MassProperties | None:
