@@ -4,7 +4,7 @@ python tools/audit_trials.py real [FOLDER ...]      every URDF, MJCF and SDF fil
 python tools/audit_trials.py valid --files 500      false differences in generated files
 python tools/audit_trials.py composites --trials 200   compared with 50-digit arithmetic
 python tools/audit_trials.py damaged --files 10000  one clear line per file
-python tools/audit_trials.py slips --trials 2000    links with one planted slip beside their shapes
+python tools/audit_trials.py slips --trials 2000    links with one planted slip and their shapes
 python tools/audit_trials.py healthy --trials 2000  right links: uniform, of several densities, rounded
 python tools/audit_trials.py size --trials 1000     the time to lint so many links
 """

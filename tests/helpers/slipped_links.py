@@ -1,4 +1,4 @@
-"""URDF links beside primitives and meshes whose tensors are right, or have one planted slip."""
+"""URDF links with primitives and meshes whose tensors are right, or have one planted slip."""
 
 from __future__ import annotations
 

@@ -191,7 +191,7 @@ def test_other_tensors_are_a_note_with_the_ratio(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("slip", SLIPS)
 def test_planted_slip_gives_the_right_numbers(slip: str, tmp_path: Path) -> None:
-    """Five links beside primitives, compounds and meshes, with 6 to 17 digits."""
+    """Five links with primitives, compounds and meshes, with 6 to 17 digits."""
     rng = np.random.default_rng(list(SLIPS).index(slip))
     make, shapes = SLIPS[slip]
     for _ in range(5):
