@@ -217,7 +217,7 @@ def _judged(
     }
     worst = worst_drift(compared.invariant_drifts)
     own = _drifts_from_start(measurable, departures, compared.until, scales)
-    return columns | reduced(measurable, scales) | own | (worst.columns if worst else {})
+    return columns | reduced(measurable, departures, scales) | own | (worst.columns if worst else {})
 
 
 def _started(scenario: Scenario, arrays: dict[str, Array], start: Start, cache: Cache | None) -> Scenario:

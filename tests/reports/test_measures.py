@@ -166,7 +166,7 @@ ERRORS: list[tuple[dict[str, Array], dict[str, float]]] = [
 @pytest.mark.parametrize(("arrays", "reported"), ERRORS)
 def test_each_error_is_in_its_own_measures(arrays: dict[str, Array], reported: dict[str, float]) -> None:
     """For a brick that rotates about its third axis, the others of these and the final error are 0."""
-    found = reduced(series_of_motion(still(**{**SPINNING, **arrays}), still(**SPINNING)), ONES)
+    found = reduced(series_of_motion(still(**{**SPINNING, **arrays}), still(**SPINNING)), {}, ONES)
     names = {name for _, values in ERRORS for name in values}
     assert {name: found[name] for name in names} == pytest.approx(
         {**dict.fromkeys(names, 0.0), **reported}, abs=1e-15
@@ -192,7 +192,7 @@ def test_each_measure_is_divided_by_its_own_scale() -> None:
     """Seven different scales; with a scale of 0 there is only the measure `_abs`."""
     scales = Scales(2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 0.0)
     series = {name: np.array([0.0, 1.0, 0.5]) for name in SCALES}
-    found = reduced({**series, "orientation_error_rad": np.array([3.0, 1.0, 0.25])}, scales)
+    found = reduced({**series, "orientation_error_rad": np.array([3.0, 1.0, 0.25])}, {}, scales)
     assert found.items() >= {f"{name}_abs": 1.0 for name in SCALES}.items()
     assert "linear_momentum_drift" not in found
     expected = {
@@ -635,6 +635,17 @@ def wrong_axes(name: str) -> Trajectory:
     return replace(healthy, omega_body_rad_s=healthy.omega_world)
 
 
+def test_the_sign_of_an_energy_drift_is_that_of_its_largest_departure() -> None:
+    """A body that spins 1e-6 too fast gains what one that spins too slowly loses."""
+    healthy = stepped(SCENES["free"])
+    for factor in (1.0 + 1e-6, 1.0 - 1e-6):
+        columns = measured("free", replace(healthy, omega_body_rad_s=healthy.omega_body * factor))
+        for name in ("energy_drift", "rotational_energy_drift"):
+            signed = columns[f"{name}_signed"]
+            assert abs(signed) == columns[name] > 0.0
+            assert (signed > 0.0) == (factor > 1.0)
+
+
 def stretched(name: str) -> Trajectory:
     """Report an attitude that is too long by one part in 10^6."""
     healthy = stepped(SCENES[name])
@@ -653,8 +664,8 @@ def measured(name: str, trajectory: Trajectory) -> dict[str, float]:
         *(made, true, motion_of(name), trajectory, Motion.of(made, trajectory)),
         *(invariants_of(made), len(true.t_s)),
     )
-    series = series_of(compared, departures_of(compared))
-    columns = reduced(series, scene_scales(made, true))
+    departures = departures_of(compared)
+    columns = reduced(series_of(compared, departures), departures, scene_scales(made, true))
     worst = worst_drift(compared.invariant_drifts)
     drift = {} if worst is None else worst.columns
     return columns | {key: value for key, value in drift.items() if key != "invariant"}

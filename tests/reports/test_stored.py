@@ -124,6 +124,10 @@ DAMAGES: dict[str, tuple[Callable[[Path], None], str]] = {
         "orientation_error_rad is nan",
     ),
     "an infinite error": (_measured("energy_drift_abs", "inf"), "energy_drift_abs is inf"),
+    "a sign of another size": (
+        _measured("energy_drift_signed", "-0.5"),
+        "energy_drift_signed is -0.5, but energy_drift is",
+    ),
     "no error of a case that ended well": (
         _measured("orientation_error_rad", ""),
         "a case with outcome ok has no orientation_error_rad",

@@ -16,14 +16,15 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
+from bodycheck._util.formatting import number
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS, TRUTH_BOUNDS, bound_of
-from bodycheck.reports.measurement.measures import MEASURES
+from bodycheck.reports.measurement.measures import MEASURES, SIGNED, gain_word
 from bodycheck.reports.measurement.verdicts import UNDECIDED, severity
 from bodycheck.reports.run_files.run_tables import study_key
 
 Kind: TypeAlias = Literal[
-    "case", "outcome", "verdict", "law", "order", "stability", "accuracy", "speed", "fingerprint"
+    "case", "outcome", "verdict", "law", "order", "stability", "accuracy", "sign", "speed", "fingerprint"
 ]
 Status: TypeAlias = Literal["worse", "missing", "improved", "moved", "new"]
 
@@ -250,6 +251,28 @@ def accuracy_changes(
                 yield changed(measure, old, new, "worse" if exceeds else "moved", decades)
             else:
                 yield changed(measure, old, new, "improved" if exceeds else "moved", -decades)
+
+
+def sign_changes(
+    before: Mapping[str, Any], after: Mapping[str, Any], floors: tuple[Floors, Floors]
+) -> Iterator[Change]:
+    """Yield the measures of one case that gained before and lose now, or the reverse, beyond their noise.
+
+    Arguments as for `accuracy_changes`.
+    """
+    setting = after.get("dt_s"), after.get("tolerance")
+    fineness = next((number for number in setting if number is not None), None)
+    for name, measure in MEASURES.items():
+        column = f"{name}{SIGNED}"
+        if not measure.signed or column not in before or column not in after:
+            continue
+        rows = before, after
+        floor = _TWO_VALUES * max(noise(name, *side) for side in zip(rows, floors, strict=True))
+        old, new = before[column], after[column]
+        if old * new < 0.0 and min(abs(old), abs(new)) > floor:
+            before_text, after_text = (f"{gain_word(one)} {number(abs(one), 3)}" for one in (old, new))
+            where = (*study_key(after), f"sign of {name}")
+            yield Change("sign", *where, before_text, after_text, "moved", after["control"], fineness)
 
 
 def _reference(measure: str, low: float, *rows: Mapping[str, Any]) -> float:

@@ -18,6 +18,7 @@ from bodycheck.reports.comparison.change import (
     by_rank,
     changed_judgements,
     ratio,
+    sign_changes,
     speed_changes,
     stability_change,
 )
@@ -240,6 +241,7 @@ def _accuracies(
             method = study_key(new)
             floors = old_floors.get(method, {}), new_floors.get(method, {})
             yield from accuracy_changes(old, new, floors, thresholds)
+            yield from sign_changes(old, new, floors)
 
 
 def _ratios(both: Iterable[tuple[_Row, _Row]], *, same: bool) -> list[Ratio]:

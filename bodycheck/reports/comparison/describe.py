@@ -46,6 +46,7 @@ _KINDS: tuple[Kind, ...] = (
     "order",
     "stability",
     "accuracy",
+    "sign",
     "speed",
     "fingerprint",
     "case",

@@ -197,7 +197,7 @@ def _place(change: Change) -> tuple[str, _Key, tuple[str, ...]]:
     match change.kind:
         case "accuracy":
             measure = change.quantity.removesuffix("_abs")
-            return "results", (*study, change.control, change.fineness), (measure, f"{measure}_abs")
+            return "results", (*study, change.control, change.fineness), MEASURES[measure].columns
         case "outcome" | "case":
             return "results", (*study, change.control, change.fineness), ("outcome",)
         case "verdict" | "order":
@@ -216,7 +216,7 @@ def _by_quantity(rows: Iterable[_Row]) -> dict[_Key, _Row]:
 
 
 def _measures(row: Cells) -> set[str]:
-    return {name for measure in MEASURES for name in (measure, f"{measure}_abs") if name in row}
+    return {name for measure in MEASURES.values() for name in measure.columns if name in row}
 
 
 def _at_level(row: _Row, level: _Row) -> _Row:

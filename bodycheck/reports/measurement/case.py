@@ -180,7 +180,7 @@ def measured_by(
     )
     departures = departures_of(compared)
     series = {name: values[:n] for name, values in series_of(compared, departures).items()}
-    columns: dict[str, Any] = dict(reduced(series, problem.scales))
+    columns: dict[str, Any] = dict(reduced(series, departures, problem.scales))
     if problem.is_chaotic:
         columns["horizon_s"] = _horizon(problem.times, series[ORIENTATION])
     if worst := worst_drift(compared.invariant_drifts):

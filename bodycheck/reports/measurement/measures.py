@@ -28,6 +28,9 @@ from bodycheck.reports.measurement.work import work_done, working_loads
 IDENTITY = ("scenario", "family", "engine", "engine_version", "method")
 """The columns that identify a row's method, in each table but probes.csv."""
 
+SIGNED = "_signed"
+"""Suffix of the column of a measure with its sign."""
+
 _NORM_FLOOR = 1e-12  # round-off of |q| and R^T R after millions of products, each renormalised
 _RESOLVED = 3.0  # an imbalance below this many errors of the work counts as not measured
 _DIRECTED = 0.1  # of its largest value: a smaller vector has no reliable direction
@@ -117,7 +120,8 @@ class Measure:
     error bounds applies. floor: error of the measure itself in one case, in the unit of the departure. needs:
     which of position, velocity, attitude and omega a trajectory must provide. judged: "limit": by its limit
     under step refinement; "property": as a property of the engine's state, not necessarily a fault; None: not
-    judged. last_of: the measure of which this one is the last value.
+    judged. last_of: the measure of which this one is the last value. signed: whether the column `_signed` has
+    the departure of the largest size with its sign, over the scale.
     """
 
     name: str
@@ -131,6 +135,7 @@ class Measure:
     floor: Callable[[Compared], float] = lambda _: 0.0
     judged: Judgement | None = "limit"
     last_of: str | None = None
+    signed: bool = False
 
     def over_time(self, compared: Compared, departure: Array | None) -> Array | None:
         """Return the measure over time (n,), in SI units; None where the case does not define it."""
@@ -141,7 +146,8 @@ class Measure:
     @property
     def columns(self) -> tuple[str, ...]:
         """The columns of results.csv."""
-        return (self.name, f"{self.name}_abs") if self.unit else (self.name,)
+        absolute, signed = [f"{self.name}_abs"] * bool(self.unit), [f"{self.name}{SIGNED}"] * self.signed
+        return (self.name, *absolute, *signed)
 
 
 def _needing(*quantities: str) -> Callable[[Scene], frozenset[str]]:
@@ -212,6 +218,7 @@ _ALL = (
         scale="energy_scale_j",
         unit="J",
         bound="energy",
+        signed=True,
     ),
     Measure(
         "rotational_energy_drift",
@@ -221,6 +228,7 @@ _ALL = (
         scale="rotational_energy_scale_j",
         unit="J",
         bound="energy",
+        signed=True,
     ),
     Measure(
         "energy_balance",
@@ -368,8 +376,11 @@ def series_of(compared: Compared, departures: Mapping[str, Array]) -> dict[str, 
     return {name: values for name, values in found if values is not None}
 
 
-def reduced(series: Mapping[str, Array], scales: Scales) -> dict[str, float]:
-    """Return the maxima over time: divided by the scale where that is not 0, and as `_abs` in SI units."""
+def reduced(series: Mapping[str, Array], departures: Mapping[str, Array], scales: Scales) -> dict[str, float]:
+    """Return the maxima over time: divided by the scale where that is not 0, and as `_abs` in SI units.
+
+    departures: from the truth (n, k), of which the largest one also gets its sign in `_signed`.
+    """
     columns: dict[str, float] = {}
     for name, values in series.items():
         largest = _largest(values)
@@ -380,10 +391,17 @@ def reduced(series: Mapping[str, Array], scales: Scales) -> dict[str, float]:
         scale = getattr(scales, SCALES[name])
         if scale > 0.0:
             columns[name] = largest / scale
+            if MEASURES[name].signed and name in departures:
+                columns[f"{name}{SIGNED}"] = float(departures[name][np.argmax(values), 0]) / scale
     for measure in _ALL:
         if measure.last_of is not None and measure.last_of in series:
             columns[measure.name] = float(series[measure.last_of][-1])
     return columns
+
+
+def gain_word(signed: float) -> str:
+    """Return whether a signed drift gains or loses."""
+    return "gains" if signed > 0.0 else "loses"
 
 
 def _largest(values: Array) -> float:

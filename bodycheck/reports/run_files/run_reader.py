@@ -29,7 +29,7 @@ from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion, measured_by, scenario_spec
-from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, Motion
+from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, SIGNED, Motion
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.probes.laws import LAW_VERDICTS
@@ -193,12 +193,19 @@ def _check_settings(path: Path, rows: Iterable[dict[str, Any]]) -> None:
 
 
 def _check_measures(path: Path, rows: Iterable[dict[str, Any]]) -> None:
-    """Raise InputError where a measure, which is a maximum of sizes, is negative or not finite."""
+    """Raise InputError where a measure, which is a maximum of sizes, is negative or not finite.
+
+    With its sign, it has the same size.
+    """
     names = [name for measure in MEASURES.values() for name in measure.columns]
     for row in rows:
-        for name in names:
-            if name in row and not 0.0 <= row[name] < math.inf:
+        for name in (name for name in names if name in row):
+            unsigned = row.get(name.removesuffix(SIGNED)) if name.endswith(SIGNED) else row[name]
+            if unsigned is None or not 0.0 <= unsigned < math.inf:
                 raise InputError(f"{path}: {name} is {row[name]!r}, not a finite number from 0 on")
+            if abs(row[name]) != unsigned:
+                measure = name.removesuffix(SIGNED)
+                raise InputError(f"{path}: {name} is {row[name]!r}, but {measure} is {unsigned!r}")
         if row["outcome"] == "ok" and ORIENTATION not in row:
             raise InputError(f"{path}: a case with outcome ok has no {ORIENTATION}")
 

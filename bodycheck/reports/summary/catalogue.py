@@ -10,7 +10,7 @@ from bodycheck.adapters.registry import default_engines, optional_engines, state
 from bodycheck.adapters.versions.environments import is_made, needed_environment, requirements_of
 from bodycheck.adapters.workers.engine_pool import announced
 from bodycheck.reports.document import Column, Document, Table
-from bodycheck.reports.measurement.measures import MEASURES, Measure
+from bodycheck.reports.measurement.measures import MEASURES, SIGNED, Measure
 from bodycheck.scenarios.library import scenario_summaries, suites
 
 
@@ -49,6 +49,8 @@ def _stated(measure: Measure) -> Iterator[str]:
     yield measure.formula
     if measure.unit:
         yield f"as {measure.name}_abs in {measure.unit}"
+    if measure.signed:
+        yield f"with the sign of the largest departure as {measure.name}{SIGNED}"
     if measure.judged is None:
         yield "not judged"
 

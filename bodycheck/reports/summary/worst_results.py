@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from bodycheck._util.formatting import count, number, step
+from bodycheck.reports.measurement.measures import SIGNED, gain_word
 from bodycheck.reports.measurement.verdicts import FAULTS
 from bodycheck.reports.run_files.run_tables import MethodKey, RunTables, key_of
 from bodycheck.reports.summary.cells import Cell
@@ -130,9 +131,9 @@ def _judged(run: RunTables, cells: _Cells) -> Iterator[Result]:
                 kind = "property" if one.is_property else one.state
                 method = ":".join(key)
                 cause = "" if one.is_property else cell.cause
-                yield Result(
-                    kind, method, one.quantity, one.text, command, (scenario,), one.size or 0.0, cause
-                )
+                signed = finest.columns.get(f"{one.quantity}{SIGNED}")
+                text = one.text if signed is None else f"{one.text}, {gain_word(signed)} energy"
+                yield Result(kind, method, one.quantity, text, command, (scenario,), one.size or 0.0, cause)
 
 
 def _probed(run: RunTables) -> Iterator[Result]:

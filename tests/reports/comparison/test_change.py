@@ -18,6 +18,7 @@ from bodycheck.reports.comparison.change import (
     noise,
     order_change,
     ratio,
+    sign_changes,
     speed_changes,
     stability_change,
 )
@@ -186,6 +187,33 @@ def test_drift_of_round_off_grows_with_steps_and_value() -> None:
     for steps, status in ((1e15, "moved"), (5e14, "worse")):
         (found,) = accuracies({ERROR: 3.0, "steps": steps}, {ERROR: 4.0, "steps": steps})
         assert found.status == status
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "floor", "found"),
+    [
+        (-1e-6, 1e-6, 1e-9, ("loses 1e-6", "gains 1e-6")),
+        (2e-6, -1e-6, 1e-9, ("gains 2e-6", "loses 1e-6")),
+        (-1e-6, -2e-6, 1e-9, None),
+        (-1e-9, 1e-6, 1e-9, None),
+        (-1e-6, 1e-6, 1e-6, None),
+    ],
+)
+def test_a_drift_that_changes_its_sign_above_the_floor_is_a_change(
+    old: float, new: float, floor: float, found: tuple[str, str] | None
+) -> None:
+    """A gain equals a loss in the absolute measure; below the floor, the sign is noise."""
+    before, after = ({**WHO, "energy_drift": abs(v), "energy_drift_signed": v} for v in (old, new))
+    changes = list(sign_changes(before, after, ({"energy_drift": floor}, {"energy_drift": floor})))
+    if found is None:
+        assert changes == []
+    else:
+        (only,) = changes
+        assert (only.kind, only.quantity, only.status) == ("sign", "sign of energy_drift", "moved")
+        assert (only.before, only.after) == found
+    runs = [run({**row, "outcome": "ok"}) for row in (before, after)]
+    in_runs = [one for one in compare(*runs).changes if one.kind == "sign"]
+    assert len(in_runs) == (old * new < 0.0)  # without a row of methods.csv, the floor is round-off
 
 
 def test_changes_without_a_size_come_first() -> None:
