@@ -131,7 +131,7 @@ def _judged(run: RunTables, cells: _Cells) -> Iterator[Result]:
                 kind = "property" if one.is_property else one.state
                 method = ":".join(key)
                 cause = "" if one.is_property else cell.cause
-                signed = finest.columns.get(f"{one.quantity}{SIGNED}")
+                signed = shown.columns.get(f"{one.quantity}{SIGNED}")
                 text = one.text if signed is None else f"{one.text}, {gain_word(signed)} energy"
                 yield Result(kind, method, one.quantity, text, command, (scenario,), one.size or 0.0, cause)
 
