@@ -334,7 +334,7 @@ def body(
     solid: Annotated[
         str,
         typer.Argument(
-            help="A closed mesh (.stl, .obj, .ply, .off), a shape (box, torus, ...), or "
+            help="A closed mesh (.stl, .obj, .ply, .off, .glb, ...), a shape (box, torus, ...), or "
             "package.module:function, called as f(points) -> values with points (n, 3) in m and values (n,); "
             "f <= 0 is inside."
         ),

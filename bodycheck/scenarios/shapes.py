@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from bodycheck._util.compiled_cache import cache_directory
+from bodycheck._util.distributions import installed
 from bodycheck._util.errors import InputError
 from bodycheck._util.file_digests import digest_of
 from bodycheck._util.files import opened, sealed
@@ -25,6 +26,7 @@ from bodycheck.reference_impl.mass_properties.solid import TO_COUNT_TWICE, MassP
 from bodycheck.reference_impl.mass_properties.solid import primitive as unit_density_primitive
 from bodycheck.scenarios.mesh_files import open_mesh, read_polygons
 from bodycheck.scenarios.mesh_files.decimation import decimated, obj_text
+from bodycheck.scenarios.mesh_files.scenes import LIBRARIES
 
 if TYPE_CHECKING:
     from bodycheck.reference_impl.mass_properties.mesh_check import Mesh
@@ -178,10 +180,14 @@ def mesh_solid(
     refuse]. The notes of the solid list the corrections of the mesh. Raises InputError with one line if the
     file or the mesh is unusable.
     """
-    path, overlap = folder.joinpath(name), overlap or "refuse"
+    path, overlap, suffix = folder.joinpath(name), overlap or "refuse", Path(name).suffix.lower()
+    if unit is not None and suffix in LIBRARIES:
+        raise InputError(f"{path}: a {suffix} file states its unit; leave out --unit and mesh_unit")
     with open_mesh(path) as file:
         digest = file_digest(file, "sha256").hexdigest()
-        known_as = f"{digest}-{overlap}{Path(name).suffix}"
+        readers = filter(None, map(installed, LIBRARIES.get(suffix, ())))
+        libraries = "".join(f"-{reader.name}-{reader.version}" for reader in readers)
+        known_as = f"{digest}-{overlap}{libraries}{suffix}"
         known = known_mesh(known_as, lambda: _facts(path, file, digest, overlap))
     low, high = (value / known.solid.mass for value in known.occupied)
     solid = known.solid.scaled(UNITS[unit or "m"])

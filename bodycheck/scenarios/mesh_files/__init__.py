@@ -16,11 +16,18 @@ from bodycheck.scenarios.mesh_files.obj import parse_obj
 from bodycheck.scenarios.mesh_files.off import parse_off
 from bodycheck.scenarios.mesh_files.ply import parse_ply
 from bodycheck.scenarios.mesh_files.polygons import Polygons
+from bodycheck.scenarios.mesh_files.scenes import SCENE_PARSERS
 from bodycheck.scenarios.mesh_files.stl import parse_stl
 
 Parser: TypeAlias = Callable[[BufferedIOBase], Polygons]
 
-_PARSERS: dict[str, Parser] = {".stl": parse_stl, ".obj": parse_obj, ".ply": parse_ply, ".off": parse_off}
+_PARSERS: dict[str, Parser] = {
+    ".stl": parse_stl,
+    ".obj": parse_obj,
+    ".ply": parse_ply,
+    ".off": parse_off,
+    **SCENE_PARSERS,
+}
 MESH_SUFFIXES = tuple(_PARSERS)
 _COMPRESSED = (".gz", ".bz2", ".xz", ".zip", ".zst", ".7z")
 _MAX_BYTES = 1 << 30
@@ -45,7 +52,7 @@ def open_mesh(path: Traversable) -> BufferedIOBase:
 
 
 def read_polygons(path: Traversable, file: BufferedIOBase) -> Polygons:
-    """Return the polygons of a file; its suffix selects the format.
+    """Return the polygons of a file; its suffix selects the format. A format that states its unit is in m.
 
     Raises InputError with one line: the file, the position in it, what is wrong.
     """

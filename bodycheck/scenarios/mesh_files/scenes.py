@@ -1,0 +1,94 @@
+"""GLB, 3MF and DAE through trimesh: the triangles of all instances in a scene, in m.
+
+Sources: Khronos (2021), glTF 2.0; 3MF Consortium (2018), 3MF core specification 1.2.3; Khronos (2008),
+COLLADA 1.5.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from fractions import Fraction
+from functools import partial
+from io import BufferedIOBase
+from typing import Any
+
+import numpy as np
+
+from bodycheck._util.untrusted import printable
+from bodycheck.scenarios.mesh_files.polygons import Polygons
+
+LIBRARIES = {
+    ".glb": ("trimesh",),
+    ".3mf": ("trimesh", "networkx"),
+    ".dae": ("trimesh", "pycollada"),
+}
+"""Suffix -> the distributions that reading takes; their versions are part of what is cached."""
+
+_MODULES = {"pycollada": "collada"}
+_UNITS = {
+    "meter": Fraction(1),
+    "micron": Fraction(1, 10**6),
+    "millimeter": Fraction(1, 1000),
+    "centimeter": Fraction(1, 100),
+    "inch": Fraction(254, 10000),
+    "foot": Fraction(3048, 10000),
+}
+_SINGLE = "coordinates were read in single precision, so that mass and inertia are right to about 1e-6"
+
+
+def parse_scene(suffix: str, file: BufferedIOBase) -> Polygons:
+    """Return the triangles of a scene in m, in the axes of the file. Raises ValueError with what is wrong."""
+    if missing := [name for name in LIBRARIES[suffix] if not _found(name)]:
+        raise ValueError(f"requires {' and '.join(missing)}: pip install 'bodycheck[meshes]'")
+    import trimesh
+
+    options: dict[str, Any] = {}
+    if suffix == ".dae":
+        options = {"ignore_broken": False}  # parts would be left out silently
+        content = file.read()
+        if any("<!ENTITY".encode(encoding) in content for encoding in ("utf-8", "utf-16-le", "utf-16-be")):
+            raise ValueError("declares entities, which are not expanded; write their text instead")
+        file.seek(0)
+    try:
+        scene = trimesh.load_scene(file, file_type=suffix[1:], process=False, **options)
+        parts = [
+            (scene.geometry[geometry], matrix)
+            for matrix, geometry in map(scene.graph.get, sorted(scene.graph.nodes_geometry))
+            if isinstance(scene.geometry[geometry], trimesh.Trimesh)
+        ]
+    except (MemoryError, KeyboardInterrupt):
+        raise
+    except Exception as error:  # noqa: BLE001 - a damaged file raises whatever its reader comes across
+        reason = printable(str(error).strip(), 200) or type(error).__name__
+        raise ValueError(f"cannot be read by trimesh: {reason}") from None
+    if not parts:
+        return Polygons.of_triangles(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
+    vertices, triangles, count = [], [], 0
+    for mesh, matrix in parts:
+        corners = np.asarray(mesh.faces, dtype=np.int64)
+        if np.linalg.det(matrix[:3, :3]) < 0.0:
+            corners = corners[:, ::-1]
+        vertices.append(mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3])
+        triangles.append(corners + count)
+        count += len(mesh.vertices)
+    metre = 1.0 if suffix == ".glb" else float(_metre(str(parts[0][0].metadata.get("units", ""))))
+    notes = (_SINGLE,) if suffix == ".dae" else ()
+    return Polygons.of_triangles(np.concatenate(vertices) * metre, np.concatenate(triangles), *notes)
+
+
+def _found(name: str) -> bool:
+    return importlib.util.find_spec(_MODULES.get(name, name)) is not None
+
+
+def _metre(unit: str) -> Fraction:
+    """Return the length in m of a unit as trimesh names it: 'millimeter', 'inches', '0.01 * meters'."""
+    factor, _, name = unit.rpartition(" * ")
+    name = re.sub("^feet$", "foot", name.removesuffix("es") if name == "inches" else name.removesuffix("s"))
+    if name not in _UNITS:
+        raise ValueError(f"has the unit {unit!r} (known: {', '.join(_UNITS)})")
+    return _UNITS[name] * Fraction(factor or "1")
+
+
+SCENE_PARSERS = {suffix: partial(parse_scene, suffix) for suffix in LIBRARIES}
+"""Suffix -> parser. These formats state their unit."""
