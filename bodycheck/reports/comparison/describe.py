@@ -13,7 +13,14 @@ from bodycheck.adapters.registry import distribution_of
 from bodycheck.reports.comparison.change import FAILING, Change, Kind, Status
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.comparison.environment_diff import BUILD_OF
-from bodycheck.reports.comparison.headlines import by_method, headlines, moved_text, size_text, value_text
+from bodycheck.reports.comparison.headlines import (
+    Line,
+    distinct,
+    factor,
+    headlines,
+    lines_of,
+    moved_text,
+)
 from bodycheck.reports.comparison.overlays import overlays_of
 from bodycheck.reports.document import MEDIA, Column, Command, Document, Sentence, Span, Table, page
 from bodycheck.reports.measurement.case import scenario_spec
@@ -112,7 +119,7 @@ def groups(changes: Iterable[Change]) -> list[Group]:
 
 def change_text(change: Change) -> str:
     """Return one change as text, without its scenario and method."""
-    at = _at(change)
+    at = "" if change.fineness is None else f" at {setting(change.control, change.fineness)}"
     if change.kind == "speed":
         assert change.decades is not None
         word = "slow" if change.decades > 0.0 else "fast"
@@ -120,30 +127,9 @@ def change_text(change: Change) -> str:
     if change.kind == "case":
         kind, outcome = ("new", change.after) if change.before is None else ("missing", change.before)
         return f"{kind} case{at} ({outcome})"
-    before, after = _distinct(change.before, change.after)
-    return f"{change.quantity} {before} -> {after}{_size(change)}{at}"
-
-
-def _size(change: Change) -> str:
-    """Return the size of a change: " (factor 10 up)", " (1.2 % down)"; "" without a size."""
-    size = size_text(change, 3)
-    if change.decades is None or not size:
-        return ""
-    return f" ({size} {'up' if change.decades > 0.0 else 'down'})"
-
-
-def _at(change: Change) -> str:
-    """Return the step or tolerance of a change; "" if it is not of one case."""
-    return "" if change.fineness is None else f" at {setting(change.control, change.fineness)}"
-
-
-def _distinct(before: float | str | None, after: float | str | None) -> tuple[str, str]:
-    """Return both values with as many digits as distinguish them, at least four."""
-    for digits in range(4, 18):
-        texts = tuple(value_text(value, digits) for value in (before, after))
-        if texts[0] != texts[1]:
-            break
-    return texts[0], texts[1]
+    before, after = distinct(change, 4)
+    size = factor(change, 3)
+    return f"{change.quantity} {before} -> {after}{f' ({size})' * bool(size)}{at}"
 
 
 def identity(tables: Tables) -> str:
@@ -153,12 +139,21 @@ def identity(tables: Tables) -> str:
 
 
 def sentences(comparison: Comparison) -> list[str]:
-    """Return what changed, one sentence per engine, then the environment and how much was compared.
+    """Return what changed, one sentence per method, then the environment and how much was compared.
 
     A different build under the same version comes first, because no version number shows it.
     """
-    found = headlines(comparison) or [_nothing(comparison)]
-    if collapsed := _collapsed(comparison):
+    lines = lines_of(comparison)
+    changed = headlines(lines) if comparison.changes else [nothing(comparison)]
+    others = scope(comparison, lines)
+    first = BUILD_OF in others[0]
+    return [*others[:first], *changed, *others[first:]]
+
+
+def scope(comparison: Comparison, lines: Iterable[Line]) -> list[str]:
+    """Return how much else changed, the environment, and how much was compared."""
+    found = []
+    if collapsed := _collapsed(comparison, lines):
         found.append(collapsed)
     if not comparison.environment:
         found.append("The same machine, versions and settings.")
@@ -183,10 +178,10 @@ def sentences(comparison: Comparison) -> list[str]:
     return [*found, f"{compared}; {count(came, 'new case')}, {count(went, 'missing case')}{refined}."]
 
 
-def _collapsed(comparison: Comparison) -> str:
+def _collapsed(comparison: Comparison, lines: Iterable[Line]) -> str:
     """Return how many changes improved, moved or are new, which only pages list."""
     parts = []
-    if improved := comparison.of_status("improved"):
+    if improved := [one for line in lines if line.direction == "improved" for one in line.changes]:
         parts.append(f"{len(improved)} improved")
     if moved := comparison.of_status("moved"):
         parts.append(f"{len(moved)} moved{moved_text(moved, comparison.thresholds)}")
@@ -195,7 +190,8 @@ def _collapsed(comparison: Comparison) -> str:
     return f"Single changes: {', '.join(parts)}." if parts else ""
 
 
-def _nothing(comparison: Comparison) -> str:
+def nothing(comparison: Comparison) -> str:
+    """Return the sentence of a comparison without changes."""
     if not comparison.paired:
         return "Nothing could be compared."
     return "Nothing changed beyond round-off and the noise of the machines."
@@ -283,7 +279,8 @@ def release_searches(comparison: Comparison) -> Iterator[str]:
     The command searches for the change with the largest factor among the worse ones, else among the improved,
     else among the moved ones.
     """
-    for engine in dict.fromkeys(one.engine for one in by_method(comparison.changes)):
+    engines = [one.engine for one in lines_of(comparison)]
+    for engine in dict.fromkeys([*engines, *(one.engine for one in comparison.changes)]):
         versions = [_version(run, engine) for run in (comparison.before, comparison.after)]
         since, until = versions
         if since is None or until is None or since == until or _distribution(engine) is None:

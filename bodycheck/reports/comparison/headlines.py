@@ -1,234 +1,303 @@
-"""Summarise a comparison in one sentence per engine: the net change per method, the largest factor first."""
+"""One line per changed method: what became worse or better, by which factor, and why; the gravest first.
+
+Consoles, Markdown, pages, feeds and annotations show these lines as they are.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
-from bodycheck._util.formatting import count, number, setting
-from bodycheck.adapters.engine_names import pin_of
-from bodycheck.reports.comparison.change import FAILING, Change, Status
+from bodycheck._util.formatting import count, names, number, setting
+from bodycheck.reports.comparison.change import FAILING, Change, Kind
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.measurement.measures import ORIENTATION
+from bodycheck.reports.measurement.verdicts import STATES
+from bodycheck.reports.run_files.run_reader import Tables
+from bodycheck.reports.run_files.run_tables import StudyKey, study_key
 
-_MAX_METHODS = 6
+Direction: TypeAlias = Literal["worse", "improved", "moved"]
+
+_MAX_LINES = 6
 _FARTHER_DECADES = 1.0  # a measure that changed by this much more than the orientation is named as well
 _DIGITS_BELOW = 1e-3  # a smaller relative change is reported as a digit, a larger one in percent
+_BROKEN: tuple[Kind, ...] = ("case", "outcome", "verdict")
 
 
 @dataclass(frozen=True)
-class MethodChanges:
-    """All changes of one method, the largest first."""
+class Line:
+    """The changes of one direction of a method, or of methods of an engine with one cause.
+
+    cause: the diagnosis. release: "before -> after" of the engine's version.
+    """
 
     engine: str
-    method: str
+    methods: tuple[str, ...]
+    direction: Direction
     changes: tuple[Change, ...]
-
-    def of(self, status: Status) -> list[Change]:
-        """Return the changes with one status."""
-        return [change for change in self.changes if change.status == status]
+    cause: str = ""
+    release: str = ""
 
     @property
-    def failing(self) -> list[Change]:
-        """The changes that fail a comparison."""
-        return [change for change in self.changes if change.status in FAILING]
+    def weight(self) -> tuple[bool, float]:
+        """The sort key, the gravest last: changes without a size outweigh any factor."""
+        sizes = [abs(one.decades) for one in self.changes if one.decades is not None]
+        return any(one.kind in _BROKEN for one in self.changes), max(sizes, default=0.0)
 
     @property
-    def net(self) -> Status:
-        """The dominant status: worse or improved by the larger factor, if there is either, else the others.
-
-        A changed outcome, and a failing change without a factor, such as another verdict, outweigh any
-        factor. A worse change wins a tie.
-        """
-        worse, improved = _weight(self.failing), _weight(self.of("improved"))
-        if self.of("improved") and improved > worse:
-            return "improved"
-        present = {change.status for change in self.changes}
-        return next(
-            status for status in ("worse", "missing", "improved", "moved", "new") if status in present
+    def subject(self) -> str:
+        """Engine and methods."""
+        return (
+            f"{self.engine}:{self.methods[0]}"
+            if len(self.methods) == 1
+            else (f"{self.engine}: {names(self.methods)}")
         )
 
     @property
-    def identity_change(self) -> str:
-        """The changes of the one-step map and of laws, like ", one-step map M1 -> M2"; "" without one."""
-        found = [change for change in self.changes if change.kind in ("fingerprint", "law")]
-        return "".join(f", {change.quantity} {change.before} -> {change.after}" for change in found)
-
-    @property
-    def rank(self) -> tuple[bool, float]:
-        """The sort key of methods: failing ones first, then by factor."""
-        return not self.failing, -max(_weight(self.of("worse")), _weight(self.of("improved")))
-
-
-def _weight(changes: Iterable[Change]) -> float:
-    """Return the largest size in decades; -1 without a change."""
-    return max((_decades(change) for change in changes), default=-1.0)
+    def text(self) -> str:
+        """Return "mujoco:rk4: order 4 -> 2 in orientation, error at 1 ms x 7e5 in brick (cause)"."""
+        found = [part for make in _EFFECTS for part in make(self.changes, self.direction)]
+        main = _largest_error(self.changes) or self.changes[0]
+        first = [main.scenario] if main.scenario else []
+        scenarios = dict.fromkeys([*first, *(one.scenario for one in self.changes if one.scenario)])
+        where = f" in {names_of(list(scenarios))}" if scenarios else ""
+        engine, _, version = self.release.rpartition(" -> ")
+        since = f"since version {version}, {engine} before" if version else ""
+        why = "; ".join(filter(None, (self.cause, since)))
+        improved = " improved" if self.direction == "improved" else ""
+        return f"{self.subject}{improved}: {', '.join(found)}{where}" + (f" ({why})" if why else "")
 
 
-def _decades(change: Change) -> float:
-    """Return the size: infinite for an outcome or a failure without a size, 0 for others without one."""
-    counts = change.kind == "outcome" or change.status in FAILING
-    return change.size if counts else abs(change.decades or 0.0)
+def names_of(scenarios: Sequence[str]) -> str:
+    """Return "brick", or "brick and 2 more scenarios"."""
+    first, *others = scenarios
+    return first + (f" and {count(len(others), 'more scenario')}" if others else "")
 
 
-def by_method(changes: Iterable[Change]) -> list[MethodChanges]:
-    """Return the changes grouped by method; failing methods first, then by factor."""
-    found: dict[tuple[str, str], list[Change]] = {}
-    for change in changes:
-        found.setdefault((change.engine, change.method), []).append(change)
-    return sorted((MethodChanges(*key, tuple(of_it)) for key, of_it in found.items()), key=lambda m: m.rank)
+def lines_of(comparison: Comparison) -> list[Line]:
+    """Return the lines of a comparison: what is worse or missing, what improved, what is another map.
 
-
-def headlines(comparison: Comparison) -> list[str]:
-    """Return one sentence for each engine with changes; the engine with the worst failure first."""
-    found: dict[str, list[MethodChanges]] = {}
-    for one in by_method(comparison.changes):
-        found.setdefault(one.engine, []).append(one)
-    several = len({change.scenario for change in comparison.changes} - {None}) > 1
-    return [
-        f"{_versions(comparison, engine)}: "
-        f"{'; '.join(_clauses(methods, comparison.thresholds, several=several))}."
-        for engine, methods in found.items()
-    ]
-
-
-def _versions(comparison: Comparison, engine: str) -> str:
-    """Return "mujoco 3.17.0 -> 4.0.0", or "mujoco 4.0.0" if the version is the same."""
-    runs = comparison.before, comparison.after
-    both = [run.manifest["engines"].get(engine, {}).get("version") for run in runs]
-    versions = [str(version) for version in dict.fromkeys(both) if version]
-    name = engine if (pin := pin_of(engine)) is None else pin.engine
-    return f"{name} {' -> '.join(versions)}" if versions else engine
-
-
-def _clauses(methods: Sequence[MethodChanges], thresholds: Thresholds, *, several: bool) -> list[str]:
-    """Return one clause per method; methods that only moved share a clause, and so do new ones."""
-    described = [one for one in methods if one.net in ("worse", "missing", "improved")]
-    clauses = [_clause(one, several=several) for one in described[:_MAX_METHODS]]
-    rest = [one.net for one in described[_MAX_METHODS:]]
-    clauses += [f"{count(rest.count(net), 'more method')} {net}" for net in dict.fromkeys(rest)]
-    renamed = [one for one in methods if one.net in ("moved", "new") and one.identity_change]
-    clauses += [f"{one.method} moved{one.identity_change}" for one in renamed]
-    if moved := [one for one in methods if one.net == "moved" and one not in renamed]:
-        size = moved_text((change for one in moved for change in one.of("moved")), thresholds)
-        clauses.append(f"{count(len(moved), 'method')} moved{size}")
-    if new := [one for one in methods if one.net == "new" and one not in renamed]:
-        clauses.append(f"{', '.join(one.method for one in new)} new")
-    return clauses
-
-
-def _clause(one: MethodChanges, *, several: bool) -> str:
-    """Return the clause of one method; changes against its net direction follow after "but"."""
-    parts: dict[Status, str] = {
-        "worse": _direction("worse", one.of("worse"), several=several),
-        "missing": _missing(one.of("missing")),
-        "improved": _direction("improved", one.of("improved"), several=several),
-    }
-    first = parts.pop(one.net)
-    failing = one.net in FAILING
-    rest = [
-        f", {'and' if failing and status in FAILING else 'but'} {part}"
-        for status, part in parts.items()
-        if part
-    ]
-    return f"{one.method} {first}{one.identity_change}{''.join(rest)}"
-
-
-def _missing(changes: Sequence[Change]) -> str:
-    """Return what is no longer measured."""
-    cases = sum(change.kind == "case" for change in changes)
-    measures = dict.fromkeys(change.quantity for change in changes if change.kind != "case")
-    parts = [count(cases, "case")] if cases else []
-    return f"missing ({', '.join([*parts, *measures])})" if changes else ""
-
-
-def _direction(status: Status, changes: Sequence[Change], *, several: bool) -> str:
-    """Return "improved, order 2 -> 4, error at 1 ms 4.3e-7 -> 2.3e-13 rad (factor 1.9e6)"."""
-    if not changes:
-        return ""
-    errors = [change for change in changes if change.kind == "accuracy"]
-    of_orientation = [change for change in errors if change.quantity == ORIENTATION]
-    parts = []
-    largest = max(of_orientation or errors, key=lambda change: change.size, default=None)
-    orders = [change for change in changes if change.kind == "order"]
-    if order := _of_scenario(orders, largest):
-        quantity = order.quantity.removeprefix("order of ")
-        of_it = "" if quantity == ORIENTATION else f" of {quantity}"
-        parts.append(f"order{of_it} {_pair(order)}")
-    if largest is not None:
-        worst = max(errors, key=lambda change: change.size)
-        named = [largest, worst] if worst.size > largest.size + _FARTHER_DECADES else [largest]
-        parts += [error_text(change) + _where(change, several=several) for change in named]
-    others = [change for change in changes if change.kind not in ("accuracy", "order")]
-    largest_of_kind = {change.kind: change for change in reversed(others)}
-    parts += [_other(change, several=several) for change in reversed(largest_of_kind.values())]
-    return f"{status}, {', '.join(parts)}"
-
-
-def _of_scenario(orders: Sequence[Change], error: Change | None) -> Change | None:
-    """Return the change of order that matches an error by quantity and, if possible, by scenario."""
-    if error is not None:
-        quantity_name = f"order of {error.quantity}"
-        of_it = [one for one in orders if one.quantity == quantity_name]
-        return next((one for one in of_it if one.scenario == error.scenario), next(iter(of_it), None))
-    return next(iter(orders), None)
-
-
-def error_text(change: Change) -> str:
-    """Return "error at 1 ms 4.3e-7 -> 2.3e-13 rad (factor 1.9e6)", or "(2.1 %)", for a change of accuracy."""
-    name, unit = ("error", " rad") if change.quantity == ORIENTATION else (change.quantity, "")
-    at = "" if change.fineness is None else f" at {_step(change)}"
-    size = size_text(change, 2)
-    return f"{name}{at} {_pair(change)}{unit}" + f" ({size})" * bool(size)
-
-
-def size_text(change: Change, digits: int) -> str:
-    """Return "factor 1.9e6", or "2.1 %" if a change is below 100 %; "" without a size.
-
-    digits: of the factor.
+    Improvements of a method that no longer converges or ends well do not count.
     """
+    causes = new_causes(comparison.before, comparison.after)
+    changed = releases(comparison.before, comparison.after)
+    by_method: dict[tuple[str, str], list[Change]] = {}
+    for change in comparison.changes:
+        by_method.setdefault((change.engine, change.method), []).append(change)
+    found = []
+    for (engine, method), changes in by_method.items():
+        failing = [one for one in changes if one.status in FAILING]
+        better = [one for one in changes if one.status == "improved"]
+        identity = [one for one in changes if one.kind in ("fingerprint", "law")]
+        broken = any(one.kind in _BROKEN for one in failing)
+        directions: list[tuple[Direction, list[Change]]] = [
+            ("worse", failing),
+            ("improved", [] if broken else better),
+        ]
+        for direction, own in directions:
+            if own:
+                cause = _cause(own, causes) if direction == "worse" else ""
+                own, identity = [*own, *identity], []
+                found.append(Line(engine, (method,), direction, tuple(own), cause, changed.get(engine, "")))
+        if identity:
+            found.append(Line(engine, (method,), "moved", tuple(identity), release=changed.get(engine, "")))
+    return by_weight(found)
+
+
+def by_weight(lines: Iterable[Line]) -> list[Line]:
+    """Return lines with the same cause as one, what is worse first, then by weight."""
+    merged: dict[tuple[str, ...], list[Line]] = {}
+    for one in lines:
+        own = () if one.cause else one.methods
+        merged.setdefault((one.direction, one.engine, one.cause, *own), []).append(one)
+    found = [
+        Line(
+            some[0].engine,
+            tuple(dict.fromkeys(method for one in some for method in one.methods)),
+            some[0].direction,
+            tuple(sorted((change for one in some for change in one.changes), key=lambda c: -c.size)),
+            some[0].cause,
+            some[0].release,
+        )
+        for some in merged.values()
+    ]
+    heaviest = sorted(found, key=lambda one: one.weight, reverse=True)
+    return sorted(heaviest, key=lambda one: ("worse", "improved", "moved").index(one.direction))
+
+
+def headlines(lines: Sequence[Line]) -> list[str]:
+    """Return the texts of the gravest lines of each direction, and how many more there are."""
+    found = []
+    for direction in ("worse", "improved", "moved"):
+        own = [one for one in lines if one.direction == direction]
+        found += [f"{one.text}." for one in own[:_MAX_LINES]]
+        if rest := own[_MAX_LINES:]:
+            found.append(f"{count(len(rest), 'more method')} {direction}.")
+    return found
+
+
+def new_causes(before: Tables, after: Tables) -> dict[StudyKey, str]:
+    """Return the diagnosis of each method on each scenario that has another one than before."""
+
+    def diagnosed(tables: Tables) -> dict[StudyKey, str]:
+        rows = tables.diagnoses.to_dict("records")
+        return {study_key(row): row["diagnosis"] for row in rows if row["faults"] == row["faults"]}
+
+    old = diagnosed(before)
+    return {
+        key: text.replace(" (explains", ", explains").removesuffix(")")
+        for key, text in diagnosed(after).items()
+        if old.get(key) != text
+    }
+
+
+def _cause(changes: Iterable[Change], causes: Mapping[StudyKey, str]) -> str:
+    found = (causes.get((one.scenario or "", one.engine, one.method)) for one in changes)
+    return next(filter(None, found), "")
+
+
+def releases(before: Tables, after: Tables) -> dict[str, str]:
+    """Return "before -> after" of each engine whose version changed."""
+    old, new = (
+        {name: entry.get("version") for name, entry in tables.manifest["engines"].items()}
+        for tables in (before, after)
+    )
+    return {
+        name: f"{old[name]} -> {version}"
+        for name, version in new.items()
+        if version and old.get(name) and old[name] != version
+    }
+
+
+# --------------------------------------------------------------------------------- the effects, one per kind
+
+_Effects: TypeAlias = Callable[[Sequence[Change], Direction], list[str]]
+
+
+def _of_kind(changes: Iterable[Change], *kinds: Kind) -> list[Change]:
+    return [one for one in changes if one.kind in kinds]
+
+
+def _cases(changes: Sequence[Change], _: Direction) -> list[str]:
+    missing = _of_kind(changes, "case")
+    return [f"no longer measured ({count(len(missing), 'case')})"] if missing else []
+
+
+def _outcomes(changes: Sequence[Change], _: Direction) -> list[str]:
+    found = _of_kind(changes, "outcome")
+    words = dict.fromkeys((one.before, one.after) for one in found)
+    counts = {pair: sum((one.before, one.after) == pair for one in found) for pair in words}
+    return [f"{after} in {count(n, 'case')} ({before} before)" for (before, after), n in counts.items()]
+
+
+def _verdicts(changes: Sequence[Change], direction: Direction) -> list[str]:
+    found = _of_kind(changes, "verdict")
+    if not found:
+        return []
+    one = next((c for c in found if c.quantity.endswith(ORIENTATION)), found[0])
+    of_it = "" if one.quantity.endswith(ORIENTATION) else f" in {label(one.quantity)}"
+    if one.after == "does-not-converge":
+        return [f"no longer converges{of_it}"]
+    before, after = (STATES[str(word)].word for word in (one.before, one.after))
+    return [f"{'now ' * (direction == 'improved')}{after}{of_it} ({before} before)"]
+
+
+def _orders(changes: Sequence[Change], _: Direction) -> list[str]:
+    """Return the change of order that matches the largest error by quantity and, if possible, by scenario."""
+    found, error = _of_kind(changes, "order"), _largest_error(changes)
+    if not found:
+        return []
+    if error is not None:
+        found.sort(
+            key=lambda one: (label(one.quantity) != label(error.quantity), one.scenario != error.scenario)
+        )
+    before, after = distinct(found[0], 2)
+    return [f"order {before} -> {after} in {label(found[0].quantity)}"]
+
+
+def _errors(changes: Sequence[Change], _: Direction) -> list[str]:
+    sized = [one for one in _of_kind(changes, "accuracy") if one.decades is not None]
+    gone = dict.fromkeys(one.quantity for one in _of_kind(changes, "accuracy") if one.after is None)
+    largest = _largest_error(changes)
+    worst = max(sized, key=lambda one: one.size, default=None)
+    named = [one for one in (largest,) if one is not None]
+    if largest and worst and worst.size > largest.size + _FARTHER_DECADES:
+        named.append(worst)
+    texts = [
+        f"{'error' if one.quantity == ORIENTATION else label(one.quantity)}{at(one)} {factor(one)}"
+        for one in named
+    ]
+    return texts + ([f"{names(list(map(label, gone)))} no longer measured"] if gone else [])
+
+
+def _others(changes: Sequence[Change], _: Direction) -> list[str]:
+    found = []
+    for one in _of_kind(changes, "stability")[:1]:
+        before, after = distinct(one, 2)
+        found.append(f"{label(one.quantity)} {before} -> {after}")
+    for one in _of_kind(changes, "speed")[:1]:
+        slow = "slower" if (one.decades or 0.0) > 0.0 else "faster"
+        found.append(f"{number(10.0**one.size, 3)} times {slow}")
+    found += [
+        f"{one.quantity} {one.before} -> {one.after}" for one in _of_kind(changes, "fingerprint", "law")
+    ]
+    return found
+
+
+_EFFECTS: tuple[_Effects, ...] = (_cases, _outcomes, _verdicts, _orders, _errors, _others)
+
+
+def _largest_error(changes: Iterable[Change]) -> Change | None:
+    """Return the largest change of the orientation error, or else of any measure."""
+    errors = [one for one in _of_kind(changes, "accuracy") if one.decades is not None]
+    of_orientation = [one for one in errors if one.quantity == ORIENTATION]
+    return max(of_orientation or errors, key=lambda one: one.size, default=None)
+
+
+def _short(quantity: str) -> str:
+    return "error" if quantity == ORIENTATION else label(quantity)
+
+
+def label(quantity: str) -> str:
+    """Return a quantity in words: "orientation", "energy drift", "largest stable step"."""
+    pure = quantity.rpartition(" of ")[2].removesuffix("_abs")
+    if pure == "dt_stable_s":
+        return "largest stable step in s"
+    return pure.removesuffix("_rad").removesuffix("_error").replace("_", " ")
+
+
+def at(change: Change) -> str:
+    """Return " at 1 ms", " at tolerance 1e-6", or "" if the change is not of one case."""
+    if change.fineness is None:
+        return ""
+    if change.control == "dt":
+        return f" at {number(1e3 * change.fineness, 4)} ms"
+    return f" at {setting(change.control, change.fineness)}"
+
+
+def factor(change: Change, digits: int = 2) -> str:
+    """Return "x 1.9e6", or "+2.1 %" if a change is below 100 %; "" without a size."""
     if change.decades is None or change.relative is None:
         return ""
     if change.relative >= 1.0:
-        return f"factor {number(10.0**change.size, digits)}"
-    return f"{number(100.0 * change.relative, 2)} %"
+        times = 10.0**change.decades
+        return f"x {times:.0f}" if 10.0 <= times < 1e3 else f"x {number(times, digits)}"
+    return f"{'+' if change.decades > 0.0 else '-'}{number(100.0 * change.relative, 2)} %"
 
 
-def _other(change: Change, *, several: bool) -> str:
-    """Return a change of an outcome, a verdict, a stable step or a speed as text."""
-    if change.kind == "speed":
-        assert change.decades is not None
-        direction = "slower" if change.decades > 0.0 else "faster"
-        return f"{number(10.0**change.size, 3)} times {direction}{_where(change, several=several)}"
-    at = "" if change.fineness is None else f" at {_step(change)}"
-    return f"{change.quantity}{at} {_pair(change)}{_where(change, several=several)}"
-
-
-def _where(change: Change, *, several: bool) -> str:
-    return f" in {change.scenario}" if several and change.scenario is not None else ""
-
-
-def _step(change: Change) -> str:
-    """Return "1 ms", or "tolerance 1e-6"."""
-    assert change.fineness is not None
-    if change.control == "dt":
-        return f"{number(1e3 * change.fineness, 4)} ms"
-    return setting(change.control, change.fineness)
-
-
-def _pair(change: Change) -> str:
-    """Return both values with as many digits as distinguish them, at least two."""
-    for digits in range(2, 18):
-        texts = [value_text(value, digits) for value in (change.before, change.after)]
+def distinct(change: Change, least: int) -> tuple[str, str]:
+    """Return both values with as many digits as distinguish them, at least `least`."""
+    for digits in range(least, 18):
+        texts = _value(change.before, digits), _value(change.after, digits)
         if texts[0] != texts[1]:
             break
-    return f"{texts[0]} -> {texts[1]}"
+    return texts
 
 
-def value_text(value: float | str | None, digits: int) -> str:
-    """Return a value with so many digits; "not measured" for None."""
+def _value(value: float | str | None, digits: int) -> str:
     if value is None:
         return "not measured"
     return value if isinstance(value, str) else number(value, digits)

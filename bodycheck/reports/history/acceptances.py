@@ -24,7 +24,12 @@ from bodycheck.reports.document import json_text
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import machine_class, readable_runs
 from bodycheck.reports.history.levels import Levels, Setting, read_levels
-from bodycheck.reports.history.open_regressions import Regression, State, read_state
+from bodycheck.reports.history.open_regressions import (
+    Regression,
+    State,
+    open_lines,
+    read_state,
+)
 from bodycheck.reports.run_files.run_reader import read_manifest, read_tables
 from bodycheck.scenarios.reader import fault_lines
 
@@ -143,24 +148,32 @@ def accept(
 def _accepted_regressions(
     history: History, run_id: str | None, ids: Sequence[str]
 ) -> list[tuple[Path, list[Regression]]]:
-    newest = open_runs(history)
+    """Return the regressions with these ids, of changes or of lines, each with the run that measured it."""
     folder = None if run_id is None else _run(history, run_id)
-    open_now = {run: {one.id: one for one in state.regressions} for run, state in newest.items()}
-    if unknown := [one for one in ids if not any(one in mine for mine in open_now.values())]:
-        known = sorted({one for mine in open_now.values() for one in mine})
-        raise InputError(f"--change {unknown[0]}: is not open (open: {', '.join(known) or 'none'})")
+    newest = open_runs(history)
+    by_id = {run: _by_id(state) for run, state in newest.items()}
+    for one in ids:
+        if not any(one in known for known in by_id.values()):
+            lines = [line.id for state in newest.values() for line in open_lines(state.regressions)]
+            raise InputError(f"--change {one}: is not open (open: {', '.join(lines) or 'none'})")
     found = []
-    for newest_run, mine in open_now.items():
-        wanted = {one: mine[one] for one in (ids or mine) if one in mine}
-        if folder is None:
-            found.append((newest_run, list(wanted.values())))
-        elif machine_class(read_manifest(folder)) == machine_class(read_manifest(newest_run)):
-            values = {one.id: one for one in read_state(folder).regressions}
-            found.append((folder, [one for name, one in values.items() if name in wanted]))
-    found = [(run, regressions) for run, regressions in found if regressions]
+    for run, known in by_id.items():
+        wanted = {one.id: one for name in (ids or known) for one in known.get(name, ())}
+        if folder is not None:
+            if machine_class(read_manifest(folder)) != machine_class(read_manifest(run)):
+                continue
+            run, then = folder, {one.id: one for one in read_state(folder).regressions}
+            wanted = {name: then[name] for name in wanted if name in then}
+        if wanted:
+            found.append((run, list(wanted.values())))
     if not found:
         raise InputError(f"{history.folder}: no open regression" + (f" of {run_id}" if run_id else ""))
     return found
+
+
+def _by_id(state: State) -> dict[str, Sequence[Regression]]:
+    lines = {line.id: line.regressions for line in open_lines(state.regressions)}
+    return {**{one.id: (one,) for one in state.regressions}, **lines}
 
 
 def _run(history: History, run_id: str) -> Path:

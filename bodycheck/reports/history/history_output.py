@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -10,12 +11,15 @@ import numpy as np
 
 from bodycheck._util.formatting import count, number
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.comparison.describe import HEADINGS, change_tables, searches, sentences
-from bodycheck.reports.comparison.headlines import by_method
-from bodycheck.reports.document import Column, Command, Document, Sentence, Table, page
+from bodycheck.reports.comparison.describe import HEADINGS, change_tables, nothing, scope, searches
+from bodycheck.reports.comparison.headlines import headlines, lines_of
+from bodycheck.reports.document import MEDIA, Column, Command, Document, Medium, Sentence, Table, page
+from bodycheck.reports.history.acceptances import acceptance_text
 from bodycheck.reports.history.archive import started_at
 from bodycheck.reports.history.baseline import SUMMARY_KEYS, machine_class
+from bodycheck.reports.history.headline import headline
 from bodycheck.reports.history.nightly_files import versions_of
+from bodycheck.reports.history.open_regressions import open_lines
 from bodycheck.reports.history.regression import Judgement, Speeds
 from bodycheck.reports.history.step_detection import (
     MIN_AFTER,
@@ -35,6 +39,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _WIDTH, _HEIGHT, _EDGE = 240, 32, 4
+_MAX_OPEN = 8
 _MIN_HALF_RANGE = 0.05  # decades: a change of less than about 10 % looks flat
 
 
@@ -142,54 +147,45 @@ def _line(decades: Array, steps: Sequence[Step], releases: Sequence[tuple[int, s
     )
 
 
-_STATUSES = {
-    "regression": ("bad", "Regression: something became worse or is no longer measured."),
-    "no regression": ("good", "No regression."),
-    "nothing measured": ("bad", "Nothing was measured: no case has outcome ok."),
-    "insufficient history": (
-        "open",
-        "Insufficient history: no baseline run on such a machine has comparable cases.",
-    ),
+_TINTS = {
+    "regression": "bad",
+    "no regression": "good",
+    "nothing measured": "bad",
+    "insufficient history": "open",
 }
-"""Status -> the tint and the text of its sentence."""
-
-_MAX_NAMED = 3
-
-
-def headline(judged: Judgement) -> str:
-    """Return the status in one sentence, with the methods that improved."""
-    changes = () if judged.comparison is None else judged.comparison.changes
-    improved = [f"{one.engine}:{one.method}" for one in by_method(changes) if one.net == "improved"]
-    if judged.status != "no regression" or not improved:
-        return _STATUSES[judged.status][1]
-    improved_methods = ", ".join(improved) if len(improved) <= _MAX_NAMED else count(len(improved), "method")
-    return f"No regression; {improved_methods} improved."
 
 
 def nightly_sentences(judged: Judgement) -> list[str]:
-    """Return sentences: what changed, what was compared, how far speed can be judged, what was left out."""
-    found: list[str] = []
+    """Return sentences: what improved, closed or was accepted, what was compared, what was left out."""
+    found = [
+        f"{one.line.subject}: back at its level; it was worse since {one.duration}."
+        for one in open_lines(judged.closed)
+    ]
+    earlier = () if not judged.baseline.runs else judged.baseline.runs[0].state.acceptances
+    found += [f"Acceptance {acceptance_text(one)}." for one in judged.acceptances if one.id not in earlier]
     if judged.comparison is not None:
-        found = [
-            *sentences(judged.comparison),
-            f"Compared with the accepted levels after the nightly run {judged.comparison.before.run_id}.",
-        ]
-    found += _findings(judged)
+        lines = lines_of(judged.comparison)
+        better = [one for one in lines if one.direction != "worse"]
+        found += headlines(better) if judged.changes else [nothing(judged.comparison)]
+        found += scope(judged.comparison, lines)
+        before = judged.comparison.before.run_id
+        found.append(f"Compared with the accepted levels after the nightly run {before}.")
+    wrong = faulty(Summary.of(judged.newest).worst)
+    if wrong:
+        found.append(f"{methods_headline(wrong)} report.html lists them.")
     found += [_speed_sentence(judged), f"Machine: {machine_class(judged.newest.manifest)}."]
     found += [f"Nightly run excluded: {why}." for why in judged.baseline.left_out]
     return found
 
 
 def nightly_commands(judged: Judgement) -> list[Command]:
-    """Return the commands that find the releases of the changes."""
-    return [] if judged.comparison is None else searches(judged.comparison)
-
-
-def _findings(judged: Judgement) -> list[str]:
-    """Return the faults of the methods in this run, changed or not, worded as in its report."""
-    wrong = faulty(Summary.of(judged.newest).worst)
-    lines = [f"{one.method}: {one.sentence}. Reproduce: {one.worst.reproduce}" for one in wrong]
-    return [methods_headline(wrong), *lines] if wrong else []
+    """Return the command that accepts what is open, and those that find the releases of the changes."""
+    found = [] if judged.comparison is None else searches(judged.comparison)
+    if not judged.open:
+        return found
+    first = open_lines(judged.open)[0].id
+    accept = ["bodycheck", "history", "accept", str(judged.history), "--change", first]
+    return [Command(f"{shlex.join(accept)} --reason TEXT", "To accept it"), *found]
 
 
 def _speed_sentence(judged: Judgement) -> str:
@@ -207,27 +203,44 @@ def _speed_sentence(judged: Judgement) -> str:
 
 
 def nightly_document(judged: Judgement) -> Document:
-    """Return status, environment and changes, the worst changes first."""
-    changes = () if judged.comparison is None else judged.comparison.changes
+    """Return what is worse and since when, what else changed, and all changes."""
+    first = headline(judged)
+    columns = (Column("since"), Column("worse than its level"), Column("id", "fixed"))
+    rows = tuple((one.duration, one.text, one.id) for one in open_lines(judged.open))
+    listed: tuple[Medium, ...] = MEDIA if len(rows) > 1 else ("page",)  # one is the headline
+    run = f"Nightly run {judged.newest.run_id}"
     return Document(
-        f"bodycheck: nightly run {judged.newest.run_id}",
+        first,
         (
-            Sentence(headline(judged), _STATUSES[judged.status][0], strong=True),
+            Sentence(first, _TINTS[judged.status], strong=True, only=("console",)),
+            Table(
+                *(columns, rows, "Open regressions", "bad"),
+                max_rows=_MAX_OPEN,
+                rest="night.html lists all",
+                only=listed,
+            ),
+            Sentence(run, only=("markdown", "page")),
             *(Sentence(sentence) for sentence in nightly_sentences(judged)),
             *nightly_commands(judged),
-            *change_tables(changes, "night.html and changes.csv list all"),
+            *change_tables(judged.changes, "night.html and changes.csv list all"),
         ),
     )
 
 
 def nightly_data(judged: Judgement) -> dict[str, Any]:
-    """Return the judgement as data: status, sentences and every single change."""
+    """Return the judgement as data: status, what is open and why, sentences and every single change."""
     return {
         "run_id": judged.newest.run_id,
         "status": judged.status,
+        "headline": headline(judged),
+        "open": [
+            {"id": one.id, "text": one.text, "since": one.since, "regressions": one.regressions}
+            for one in open_lines(judged.open)
+        ],
         "sentences": nightly_sentences(judged),
-        "find_release": [command.text for command in nightly_commands(judged)],
-        "changes": () if judged.comparison is None else judged.comparison.changes,
+        "find_release": [one.text for one in (searches(judged.comparison) if judged.comparison else ())],
+        "acceptances": judged.acceptances,
+        "changes": judged.changes,
     }
 
 
@@ -261,6 +274,8 @@ def nightly_page(judged: Judgement, folder: str = "") -> str:
     return page(
         nightly_document(judged),
         "night.html",
+        tint=_TINTS[judged.status],
+        acceptances=[acceptance_text(one) for one in reversed(judged.acceptances)],
         statuses=list(HEADINGS),
         runs=len(judged.speeds.series.runs),
         trends=trends_of(judged.speeds, judged.errors, [versions_of(manifest) for manifest in manifests]),

@@ -15,6 +15,7 @@ from bodycheck.reports.comparison.compare import unversioned
 from bodycheck.reports.comparison.describe import HEADINGS
 from bodycheck.reports.history.archive import started_at
 from bodycheck.reports.history.baseline import NOT_JUDGED, SUMMARY_FILE, SUMMARY_KEYS, machine_class
+from bodycheck.reports.history.headline import headline
 from bodycheck.reports.history.levels import write_levels
 from bodycheck.reports.history.open_regressions import write_state
 from bodycheck.reports.history.regression import Judgement
@@ -90,6 +91,7 @@ def _summary(judged: Judgement) -> dict[str, Any]:
         **{status: sum(change.status == status for change in judged.changes) for status in HEADINGS},
         "open": len(judged.open),
         "status": judged.status,
+        "headline": headline(judged),
     }
 
 
@@ -138,8 +140,9 @@ def feed(runs: Iterable[Mapping[str, Any]]) -> bytes:
     ET.SubElement(root, "link", rel="self", href=_FEED_FILE)
     for run in regressions:
         entry = ET.SubElement(root, "entry")
-        changes = f"{run['worse']} worse, {run['missing']} no longer measured"
-        _describe(entry, f"urn:bodycheck:{run['run_id']}", changes, started_at(run["run_id"]))
+        former = f"{run['worse']} worse, {run['missing']} no longer measured"  # of an earlier version
+        title = run.get("headline", former)
+        _describe(entry, f"urn:bodycheck:{run['run_id']}", title, started_at(run["run_id"]))
         ET.SubElement(entry, "link", rel="alternate", href=f"{run['run_id']}/night.html")
         summary = f"{count(run['cases'], 'case')} of {run['engines']} on {run['machine']}"
         ET.SubElement(entry, "summary").text = summary

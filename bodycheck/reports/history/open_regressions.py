@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import hashlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from math import log10
@@ -12,13 +13,16 @@ from typing import Any, TypeAlias
 from pydantic import TypeAdapter, ValidationError
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import count
 from bodycheck._util.untrusted import read_json
 from bodycheck.reports.comparison.change import FAILING, Change, ChangeKey
+from bodycheck.reports.comparison.headlines import Line
 from bodycheck.reports.document import json_text
 from bodycheck.reports.gates.thresholds import Thresholds
+from bodycheck.reports.history.archive import started_at
 from bodycheck.reports.measurement.verdicts import severity
 from bodycheck.reports.run_files.run_reader import Tables
-from bodycheck.reports.run_files.run_tables import case_key, study_key
+from bodycheck.reports.run_files.run_tables import StudyKey, case_key, study_key
 from bodycheck.reports.run_files.tables import plain_rows
 from bodycheck.scenarios.reader import fault_lines
 
@@ -31,13 +35,15 @@ class Regression:
     """A deterioration from the accepted level that is neither gone nor accepted.
 
     change: as last measured. since: the nightly run that reported it first. runs: the number of nightly runs
-    from then on. release: like "3.16.0 -> 3.17.0" if the version of the engine changed with it. newly: it is
-    worse than in the run before. measured: whether the newest run could measure it.
+    from then on. cause: the diagnosis of the motion. release: like "3.16.0 -> 3.17.0" if the version of the
+    engine changed with it. newly: it is worse than in the run before. measured: whether the newest run could
+    measure it.
     """
 
     change: Change
     since: str
     runs: int = 1
+    cause: str = ""
     release: str = ""
     newly: bool = True
     measured: bool = True
@@ -46,6 +52,69 @@ class Regression:
     def id(self) -> str:
         """The id of the changed value, the same in every nightly run."""
         return self.change.key.id
+
+
+@dataclass(frozen=True)
+class OpenLine:
+    """The open regressions of a method, or of methods of one engine with one cause, as one line."""
+
+    line: Line
+    regressions: tuple[Regression, ...]
+
+    @property
+    def newly(self) -> bool:
+        """Whether it is worse than in the run before."""
+        return self.regressions[0].newly
+
+    @property
+    def since(self) -> str:
+        """The nightly run that reported it first."""
+        return min(one.since for one in self.regressions)
+
+    @property
+    def duration(self) -> str:
+        """Return "2026-11-25 (2 nightly runs)"."""
+        runs = max(one.runs for one in self.regressions)
+        return f"{started_at(self.since):%Y-%m-%d} ({count(runs, 'nightly run')})"
+
+    @property
+    def id(self) -> str:
+        """An id by which all of it is accepted: the same while it is open."""
+        name = f"{self.line.engine}:{self.line.methods[0]} {self.since}"
+        return hashlib.sha256(name.encode()).hexdigest()[:8]
+
+    @property
+    def text(self) -> str:
+        """What is worse, and whether this run measured it."""
+        unknown = "" if any(one.measured for one in self.regressions) else " (not measured in this run)"
+        return f"{self.line.text}{unknown}"
+
+
+def open_lines(regressions: Iterable[Regression]) -> list[OpenLine]:
+    """Return the lines of open regressions: what is newly worse first, then the gravest."""
+    of_method: dict[tuple[str, str, bool], list[Regression]] = {}
+    for one in sorted(regressions, key=lambda one: -one.change.size):
+        of_method.setdefault((one.change.engine, one.change.method, one.newly), []).append(one)
+    of_cause: dict[tuple[str, str, bool], list[Regression]] = {}
+    for (engine, method, newly), own in of_method.items():
+        cause = next((one.cause for one in own if one.cause), "")
+        of_cause.setdefault((engine, cause or f":{method}", newly), []).extend(own)
+    found = [
+        OpenLine(
+            Line(
+                engine,
+                tuple(dict.fromkeys(one.change.method for one in own)),
+                "worse",
+                tuple(one.change for one in own),
+                cause="" if cause.startswith(":") else cause,
+                release=next((one.release for one in own if one.release), ""),
+            ),
+            tuple(own),
+        )
+        for (engine, cause, _), own in of_cause.items()
+    ]
+    heaviest = sorted(found, key=lambda one: one.line.weight, reverse=True)
+    return sorted(heaviest, key=lambda one: not one.newly)
 
 
 @dataclass(frozen=True)
@@ -96,12 +165,13 @@ def next_regressions(
     changes: Sequence[Change],
     newest: Tables,
     thresholds: Thresholds,
+    causes: Mapping[StudyKey, str],
     releases: Mapping[str, str],
 ) -> Iterator[Regression]:
     """Yield what is open after a nightly run: failing changes, and earlier ones that it could not measure.
 
-    before: what was open, without what was accepted since. changes: from the accepted levels. releases:
-    "before -> after" of each engine whose version differs from that of the run before.
+    before: what was open, without what was accepted since. changes: from the accepted levels. causes,
+    releases: diagnoses and versions that differ from those of the run before.
     """
     known = {one.change.key: one for one in before}
     failing = {change.key: change for change in changes if change.status in FAILING}
@@ -109,7 +179,8 @@ def next_regressions(
     for key, change in failing.items():
         earlier = known.get(key)
         if earlier is None:
-            yield Regression(change, newest.run_id, release=releases.get(change.engine, ""))
+            cause = causes.get((change.scenario or "", change.engine, change.method), "")
+            yield Regression(change, newest.run_id, cause=cause, release=releases.get(change.engine, ""))
         else:
             newly = _is_worse(change, earlier.change, thresholds)
             yield replace(earlier, change=change, runs=earlier.runs + 1, newly=newly, measured=True)

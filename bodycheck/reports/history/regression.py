@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
@@ -17,6 +18,7 @@ from bodycheck.reports.comparison.compare import (
     renamed,
     unversioned,
 )
+from bodycheck.reports.comparison.headlines import new_causes, releases
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.history.acceptances import Acceptance, read_acceptances, with_acceptances
 from bodycheck.reports.history.archive import History
@@ -41,9 +43,10 @@ class Judgement:
 
     comparison: with the levels; None if there is no baseline run. levels, state: what the next nightly run is
     compared with. closed: the regressions that are gone. acceptances: those that count on such a machine.
-    speeds, errors: of all methods, over the baseline runs and the newest run.
+    speeds, errors: of all methods, over the baseline runs and the newest run. history: its folder.
     """
 
+    history: Path
     newest: Tables
     baseline: Baseline
     comparison: Comparison | None
@@ -90,7 +93,8 @@ def judge_run(history: History, newest: Tables, thresholds: Thresholds = DEFAULT
     last = baseline.runs[0] if baseline.runs else baseline.other
     if last is None:
         speeds = speeds_of(runs, cases)
-        return Judgement(newest, baseline, None, Levels.of(newest), State(), (), acceptances, speeds, errors)
+        levels, state = Levels.of(newest), State()
+        return Judgement(history.folder, newest, baseline, None, levels, state, (), (), speeds, errors)
     tables, levels = last.tables, last.levels
     engines = (*newest.manifest["engines"], *(case.columns["engine"] for case in newest.cases))
     names = _common_names(engines, levels.engines)
@@ -107,12 +111,13 @@ def judge_run(history: History, newest: Tables, thresholds: Thresholds = DEFAULT
         changes = [change for change in changes if change.key in open_before]
         known = Levels.of(aligned).with_levels_of([one.change for one in before.regressions], known)
     changes.sort(key=lambda change: -change.size)
-    releases = _releases(former, aligned)
-    open_now = tuple(next_regressions(before.regressions, changes, aligned, thresholds, releases))
+    why = new_causes(former, aligned), releases(former, aligned)
+    open_now = tuple(next_regressions(before.regressions, changes, aligned, thresholds, *why))
     still = {one.change.key for one in open_now}
     levels, improved = _next_levels(known, aligned, comparison.redefined, changes, open_now, before)
     own = {names.get(name, name): name for name in engines}
     return Judgement(
+        history=history.folder,
         newest=newest,
         baseline=baseline,
         # speeds have their own series
@@ -175,19 +180,6 @@ def _compared(former: Tables, levels: Levels, newest: Tables, thresholds: Thresh
         again = compare(replace(before, cases=tuple(well)), mine, thresholds)
         changes += [one for one in again.changes if one.kind == "accuracy"]
     return replace(comparison, changes=tuple(changes))
-
-
-def _releases(before: Tables, after: Tables) -> dict[str, str]:
-    """Return "before -> after" of each engine whose version changed."""
-    old, new = (
-        {name: entry.get("version") for name, entry in tables.manifest["engines"].items()}
-        for tables in (before, after)
-    )
-    return {
-        name: f"{old[name]} -> {version}"
-        for name, version in new.items()
-        if version and old.get(name) and old[name] != version
-    }
 
 
 def _next_levels(

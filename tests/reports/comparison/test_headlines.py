@@ -1,4 +1,4 @@
-"""The headlines of a comparison: one sentence per engine, net per method, the largest factor first."""
+"""The lines of a comparison: one per method and direction, the gravest first."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from markupsafe import escape
 
 from bodycheck.reports.comparison.change import Change, Status
-from bodycheck.reports.comparison.compare import compare, paired_versions
+from bodycheck.reports.comparison.compare import Comparison, compare, paired_versions
 from bodycheck.reports.comparison.describe import (
     comparison_document,
     comparison_page,
@@ -20,12 +20,13 @@ from bodycheck.reports.comparison.describe import (
     sentences,
 )
 from bodycheck.reports.comparison.environment_diff import is_refinement
-from bodycheck.reports.comparison.headlines import by_method, error_text, headlines, size_text
+from bodycheck.reports.comparison.headlines import factor as factor_text
+from bodycheck.reports.comparison.headlines import headlines as texts_of
+from bodycheck.reports.comparison.headlines import label, lines_of
 from bodycheck.reports.document import escaped_markdown, markdown, print_document
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.run_files.run_reader import Tables
 from tests.helpers.gate_tables import make_tables
-from tests.helpers.swapped_runs import SWAPPED_STATUS
 
 ERROR = "orientation_error_rad"
 ORDER = ("order", "order_low", "order_high")
@@ -39,6 +40,11 @@ def run(*cases: dict[str, Any], version: str = "3.17.0", engine: str = "mujoco",
     about = {"version": version, "methods": {"rk4": {"order": 4 if version == "4.0.0" else 2}}}
     manifest = {"scenarios": SCENARIOS, "engines": {engine: about}, "created": "today", "bodycheck": "1"}
     return make_tables(named, methods, **{**manifest, **parts})
+
+
+def headlines(comparison: Comparison) -> list[str]:
+    """Return the texts of the lines of a comparison."""
+    return texts_of(lines_of(comparison))
 
 
 def of_order(order: float) -> dict[str, float]:
@@ -68,9 +74,12 @@ def test_another_one_step_map_is_named() -> None:
 
     before = mapped(OLD, rk4="RK4", euler="M1", implicit="M2")
     after = mapped(NEW, rk4="RK4 Munthe-Kaas", euler="M1", implicit="implicit midpoint")
-    (headline,) = headlines(compare(before, after))
-    assert "(factor 1.9e6), one-step map RK4 -> RK4 Munthe-Kaas; " in headline
-    assert "; implicit moved, one-step map M2 -> implicit midpoint; 3 methods moved in the " in headline
+    since = "in brick (since version 4.0.0, 3.17.0 before)."
+    assert headlines(compare(before, after)) == [
+        f"mujoco:rk4 improved: order 2 -> 4 in orientation, error at 1 ms x 5.3e-7, "
+        f"one-step map RK4 -> RK4 Munthe-Kaas {since}",
+        "mujoco:implicit: one-step map M2 -> implicit midpoint (since version 4.0.0, 3.17.0 before).",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -104,7 +113,7 @@ def test_a_law_that_a_method_begins_to_break_is_named(
     found = compare(obeyed, obeying)
     assert [(one.quantity, one.status) for one in found.changes] == [("law boost", status)] * bool(status)
     if status is not None:
-        assert headlines(found) == [f"mujoco 3.17.0: rk4 moved, law boost {before} -> {after}."]
+        assert headlines(found) == [f"mujoco:rk4: law boost {before} -> {after}."]
         assert "law boost" in markdown(comparison_document(found))
 
 
@@ -115,38 +124,25 @@ def test_a_change_of_speed_is_a_factor() -> None:
     faster = made(method="euler", after=0.25, status="improved", decades=-math.log10(4.0))
     comparison = replace(compare(OLD, OLD), changes=(slower, faster))
     assert headlines(comparison) == [
-        "mujoco 3.17.0: rk4 worse, 2 times slower; euler improved, 4 times faster."
+        "mujoco:rk4: 2 times slower.",
+        "mujoco:euler improved: 4 times faster.",
     ]
 
 
-@pytest.mark.parametrize(
-    ("before", "after", "shown"),
-    [(1.234e-3, 5.678e-3, "0.0012 -> 0.0057"), (1.2341e-3, 1.2349e-3, "0.001234 -> 0.001235")],
-)
+@pytest.mark.parametrize(("before", "after", "shown"), [(4.0, 2.0, "4 -> 2"), (2.34, 2.341, "2.34 -> 2.341")])
 def test_values_have_as_many_digits_as_distinguish_them(before: float, after: float, shown: str) -> None:
     """Two values are shown with at least two digits, and with more only if those are equal."""
-    change = Change(
-        "case",
-        "brick",
-        "mujoco",
-        "rk4",
-        ERROR,
-        before,
-        after,
-        "worse",
-        fineness=1e-3,
-        control="dt",
-        decades=0.5,
-    )
+    change = Change("order", "brick", "mujoco", "rk4", f"order of {ERROR}", before, after, "worse")
     (line,) = headlines(replace(compare(OLD, OLD), changes=(change,)))
-    assert f" {shown}." in line
+    assert line == f"mujoco:rk4: order {shown} in orientation in brick."
 
 
 def test_a_better_release_is_one_sentence() -> None:
-    """A headline has versions, method, order, error with step and factor; moved methods are counted."""
-    assert headlines(compare(OLD, NEW)) == [
-        "mujoco 3.17.0 -> 4.0.0: rk4 improved, order 2 -> 4, error at 1 ms 4.3e-7 -> 2.3e-13 rad "
-        "(factor 1.9e6); 4 methods moved in the 12th digit."
+    """It has method, order, error with step and factor, scenario and versions; moved ones are counted."""
+    assert sentences(compare(OLD, NEW))[:2] == [
+        "mujoco:rk4 improved: order 2 -> 4 in orientation, error at 1 ms x 5.3e-7 in brick "
+        "(since version 4.0.0, 3.17.0 before).",
+        "Single changes: 2 improved, 4 moved in the 12th digit.",
     ]
     assert not compare(OLD, NEW).failing
 
@@ -155,8 +151,8 @@ def test_the_release_before_is_worse_by_the_same_factor() -> None:
     """In the reverse direction the same change is reported as worse, and the comparison fails."""
     found = compare(NEW, OLD)
     assert headlines(found) == [
-        "mujoco 4.0.0 -> 3.17.0: rk4 worse, order 4 -> 2, error at 1 ms 2.3e-13 -> 4.3e-7 rad "
-        "(factor 1.9e6); 4 methods moved in the 12th digit."
+        "mujoco:rk4: order 4 -> 2 in orientation, error at 1 ms x 1.9e6 in brick "
+        "(since version 3.17.0, 4.0.0 before)."
     ]
     assert {change.method for change in found.failing} == {"rk4"}
 
@@ -170,8 +166,8 @@ def test_two_versions_that_stand_alone_are_compared_under_one_name() -> None:
     assert compare(old, new).environment == ("mujoco: 3.17.0 -> 4.0.0",)
     engines = {name: {"version": name[8:]} for name in ("mujoco==3.17.0", "mujoco==4.0.0")}
     both = replace(old, cases=old.cases + new.cases, manifest={**old.manifest, "engines": engines})
-    moved = release("3.17.0", 4.31e-7, 2.0, engine="mujoco==3.17.0")
-    assert headlines(compare(old, moved))[0].startswith("mujoco 3.17.0: ")
+    moved = release("3.17.0", 4.5e-7, 2.0, engine="mujoco==3.17.0")
+    assert headlines(compare(old, moved))[0].startswith("mujoco==3.17.0:rk4: ")
     assert compare(both, both).changes == ()
     assert {change.engine for change in compare(both, new).changes} == {"mujoco==3.17.0"}
 
@@ -192,19 +188,38 @@ def test_both_names_of_an_engine_are_replaced_in_every_table() -> None:
         assert "mujoco" not in {case.columns["engine"] for case in tables.cases}
 
 
-def test_what_dominates_leads_and_a_real_worsening_is_named() -> None:
-    """Better in orientation by decades and worse in energy by a tenth is one clause that states both."""
+def test_what_is_worse_leads_and_what_improved_follows() -> None:
+    """However small the one and large the other, because only the first fails."""
     before = run({ERROR: 1e-4, "energy_drift": 1e-3, "dt_s": 1e-3})
     after = run({ERROR: 1e-8, "energy_drift": 1.1e-3, "dt_s": 1e-3})
     assert headlines(compare(before, after)) == [
-        "mujoco 3.17.0: rk4 improved, error at 1 ms 0.0001 -> 1e-8 rad (factor 1e4), "
-        "but worse, energy_drift at 1 ms 0.001 -> 0.0011 (10 %)."
+        "mujoco:rk4: energy drift at 1 ms +10 % in brick.",
+        "mujoco:rk4 improved: error at 1 ms x 0.0001 in brick.",
     ]
     assert headlines(compare(after, before)) == [
-        "mujoco 3.17.0: rk4 worse, error at 1 ms 1e-8 -> 0.0001 rad (factor 1e4), "
-        "but improved, energy_drift at 1 ms 0.0011 -> 0.001 (10 %)."
+        "mujoco:rk4: error at 1 ms x 1e4 in brick.",
+        "mujoco:rk4 improved: energy drift at 1 ms -10 % in brick.",
     ]
-    assert compare(before, after).failing
+
+
+@pytest.mark.parametrize(
+    ("after", "words"),
+    [
+        ({"verdict": "does-not-converge"}, "no longer converges"),
+        ({"verdict": "unstable"}, "unstable (converges before)"),
+    ],
+)
+def test_improvements_of_a_method_that_no_longer_converges_do_not_count(
+    after: dict[str, Any], words: str
+) -> None:
+    """A broken method often drifts less, which is no progress."""
+    sound = {**of_order(2.0), "verdict": "converges"}
+    found = compare(
+        run({ERROR: 1e-4, "energy_drift": 1e-3}, methods=[sound]),
+        run({ERROR: 1e-2, "energy_drift": 1e-4}, methods=[{**sound, **after}]),
+    )
+    assert headlines(found) == [f"mujoco:rk4: {words}, error at 10 ms x 100 in brick."]
+    assert not any("improved" in sentence for sentence in sentences(found))
 
 
 @pytest.mark.parametrize(("factor", "named"), [(5.0, False), (1e3, True)])
@@ -212,9 +227,9 @@ def test_a_measure_that_is_far_worse_than_the_orientation_is_named(factor: float
     """A measure that is more than a decade worse is named; the orientation comes first in any case."""
     before = run({ERROR: 1e-4, "energy_drift": 1e-6})
     after = run({ERROR: 2e-4, "energy_drift": 2e-6 * factor})
-    (headline,) = headlines(compare(before, after))
-    assert "rk4 worse, error at 10 ms 0.0001 -> 0.0002 rad (factor 2)" in headline
-    assert ("energy_drift at 10 ms 1e-6 -> 0.002 (factor 2e3)" in headline) == named
+    (line,) = headlines(compare(before, after))
+    assert line.startswith("mujoco:rk4: error at 10 ms x 2")
+    assert ("energy drift at 10 ms x 2e3" in line) == named
 
 
 def test_a_measure_that_is_a_decade_worse_than_the_orientation_is_not_named() -> None:
@@ -222,67 +237,78 @@ def test_a_measure_that_is_a_decade_worse_than_the_orientation_is_not_named() ->
     found = compare(run({ERROR: 1e-4, "energy_drift": 1e-6}), run({ERROR: 2e-4, "energy_drift": 1e-4}))
     sizes = {ERROR: 0.25, "energy_drift": 1.25}
     changes = tuple(replace(change, decades=sizes[change.quantity]) for change in found.changes)
-    (headline,) = headlines(replace(found, changes=changes))
-    assert "energy_drift" not in headline
+    (line,) = headlines(replace(found, changes=changes))
+    assert "energy drift" not in line
 
 
-def test_a_method_stands_in_one_clause_however_many_of_its_digits_moved() -> None:
-    """Changes of last digits in both directions count once, and make no method worse or improved."""
+def test_a_method_has_one_line_however_many_of_its_digits_moved() -> None:
+    """Changes of last digits in both directions are counted, and make no method worse or improved."""
     before = run({ERROR: 1e-2}, {"dt_s": 0.02, ERROR: 1e-2}, {"method": "euler", ERROR: 1e-2})
     after = run({ERROR: 1e-2 + 3e-13}, {"dt_s": 0.02, ERROR: 1e-2 - 3e-13}, {"method": "euler", ERROR: 2e-2})
-    (headline,) = headlines(compare(before, after))
-    assert headline == (
-        "mujoco 3.17.0: euler worse, error at 10 ms 0.01 -> 0.02 rad (factor 2);"
-        " 1 method moved in the 11th digit."
-    )
+    assert sentences(compare(before, after))[:2] == [
+        "mujoco:euler: error at 10 ms x 2 in brick.",
+        "Single changes: 2 moved in the 11th digit.",
+    ]
 
 
-def test_methods_are_sorted_by_what_fails_and_by_factor() -> None:
-    """Worse methods come first, then missing ones, then improved ones; each engine has its own sentence."""
+def test_lines_are_sorted_by_what_fails_and_by_factor() -> None:
+    """Missing methods come first, then worse ones by factor, then improved ones; the rest is counted."""
     factors = {"a": 1.5, "b": 30.0, "c": 1e-3, "d": 0.5, "e": 1.01}
     before = run(*({"method": name, ERROR: 1e-5} for name in factors), {"method": "gone"})
     after = run(
         *({"method": name, ERROR: 1e-5 * factor} for name, factor in factors.items()), {"method": "came"}
     )
     found = compare(before, after)
-    assert [one.method for one in by_method(found.changes)][:5] == ["b", "a", "gone", "c", "d"]
-    (headline,) = headlines(found)
-    places = [
-        headline.index(words) for words in ("b worse", "a worse", "gone missing (1 case)", "c improved")
+    assert [(one.methods, one.direction) for one in lines_of(found)] == [
+        (("gone",), "worse"),
+        (("b",), "worse"),
+        (("a",), "worse"),
+        (("c",), "improved"),
+        (("d",), "improved"),
     ]
-    assert places == sorted(places)
-    assert headline.endswith(
-        "d improved, error at 10 ms 1e-5 -> 5e-6 rad (factor 2); 1 method moved by up to 1 %; came new."
-    )
+    many = [replace(one, methods=(str(k),)) for one in lines_of(found) for k in range(7)]
+    assert [text.count("\n") for text in texts_of(many)] == [0] * 14
+    assert texts_of(many)[6::7] == ["15 more methods worse.", "8 more methods improved."]
 
 
-def test_failures_without_a_size_outweigh_any_factor() -> None:
-    """A method that no longer converges, or lacks a case, is not improved by a smaller error elsewhere."""
-    error = {"dt_s": 0.02, ERROR: 1e-3}
-    before = run({}, error, methods=[{**of_order(2.0), "verdict": "converges"}])
-    after = run({}, {**error, ERROR: 1e-9}, methods=[{**of_order(2.0), "verdict": "does-not-converge"}])
-    (wrong,) = by_method(compare(before, after).changes)
-    assert (wrong.net, bool(wrong.of("improved"))) == ("worse", True)
-    (missing,) = by_method(compare(before, run({**error, ERROR: 1e-9})).changes)
-    assert (missing.net, bool(missing.of("improved"))) == ("missing", True)
+@pytest.mark.parametrize("version", ["3.17.0", "4.0.0"])
+def test_methods_with_one_cause_share_a_line(version: str) -> None:
+    """The diagnosis is the cause unless the method had it before; a new version is named too."""
+    cause = "the gyroscopic term omega x I omega is multiplied by 0.9 (explains all of the error)"
+
+    def diagnosed(error: float, *methods: str, release: str = "3.17.0") -> Tables:
+        made = run(*({"method": name, ERROR: error} for name in ("rk4", "euler")), version=release)
+        rows = [
+            {"scenario": "brick", "engine": "mujoco", "method": name, "diagnosis": cause, "faults": "gyro"}
+            for name in methods
+        ]
+        columns = ["scenario", "engine", "method", "diagnosis", "faults"]
+        return replace(made, diagnoses=made.diagnoses.from_records(rows, columns=columns))
+
+    since = "" if version == "3.17.0" else "; since version 4.0.0, 3.17.0 before"
+    broken = diagnosed(1e-2, "rk4", "euler", release=version)
+    assert headlines(compare(diagnosed(1e-4), broken)) == [
+        "mujoco: rk4 and euler: error at 10 ms x 100 in brick (the gyroscopic term omega x I omega is "
+        f"multiplied by 0.9, explains all of the error{since})."
+    ]
+    known = headlines(compare(diagnosed(1e-4, "rk4", "euler"), broken))
+    assert [line.partition(" (")[0].removesuffix(".") for line in known] == [
+        f"mujoco:{name}: error at 10 ms x 100 in brick" for name in ("rk4", "euler")
+    ]
+    assert not any("gyroscopic" in line for line in known)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "status"),
-    [("ok", "failed", "worse"), ("failed", "ok", "improved")],
-)
-def test_a_case_that_ends_otherwise_outweighs_any_factor(old: str, new: str, status: Status) -> None:
-    """A method with a case that now fails is worse, whatever else improved."""
-    factor = {"worse": 1e-6, "improved": 1e6}[status]
+@pytest.mark.parametrize(("old", "new"), [("ok", "failed"), ("failed", "ok")])
+def test_a_case_that_ends_otherwise_is_named_first(old: str, new: str) -> None:
+    """What a method with a failing case measures better elsewhere does not count."""
+    improved = new == "ok"
     before = run({"outcome": old}, {"dt_s": 0.02, ERROR: 1e-3})
-    after = run({"outcome": new}, {"dt_s": 0.02, ERROR: 1e-3 * factor})
-    (one,) = by_method(compare(before, after).changes)
-    assert one.net == status
-    opposite = SWAPPED_STATUS[status]
-    assert (
-        f"rk4 {status}, outcome at 10 ms {old} -> {new}, but {opposite}, error"
-        in headlines(compare(before, after))[0]
-    )
+    after = run({"outcome": new}, {"dt_s": 0.02, ERROR: 1e-3 * (1e-6 if new == "failed" else 1e-3)})
+    assert headlines(compare(before, after)) == [
+        "mujoco:rk4 improved: ok in 1 case (failed before), error at 20 ms x 0.001 in brick."
+        if improved
+        else "mujoco:rk4: failed in 1 case (ok before) in brick."
+    ]
 
 
 def test_a_step_that_a_run_chose_itself_is_neither_new_nor_missing() -> None:
@@ -466,16 +492,22 @@ def test_terminal_markdown_and_page_say_the_same(capsys: pytest.CaptureFixture[s
         assert f"**{heading}**" in as_markdown
 
 
-@pytest.mark.parametrize(("after", "text"), [(2e-6, "(factor 2)"), (1.021e-6, "(2.1 %)")])
+@pytest.mark.parametrize(("after", "text"), [(2e-6, "x 2"), (1.021e-6, "+2.1 %")])
 def test_a_small_change_is_given_in_percent(after: float, text: str) -> None:
     """A change by a few percent is not a factor of 1."""
     (change,) = compare(run({ERROR: 1e-6}), run({ERROR: after})).changes
-    assert error_text(change).endswith(text)
+    assert factor_text(change) == text
 
 
 def test_a_change_without_a_size_has_no_text_of_it() -> None:
     """A new measure has neither a factor nor a share."""
-    assert size_text(Change("accuracy", "brick", "mujoco", "rk4", ERROR, None, 1.0, "new"), 2) == ""
+    assert factor_text(Change("accuracy", "brick", "mujoco", "rk4", ERROR, None, 1.0, "new")) == ""
+
+
+def test_every_measure_has_a_name_without_its_unit() -> None:
+    """An error is named after its quantity, a drift is a drift."""
+    named = [label(name) for name in (ERROR, "energy_drift", "omega_error_abs", "order of position_error")]
+    assert named == ["orientation", "energy drift", "omega", "position"]
 
 
 @pytest.mark.parametrize("size", [1.0, 1e3])

@@ -200,7 +200,7 @@ def test_the_terminal_names_both_runs_and_then_what_changed(capsys: pytest.Captu
         "",
         "Worse",
         "scenario  engine:method  change",
-        "brick     mujoco:rk4     orientation_error_rad 1e-9 -> 1e-6 (factor 1e3 up) at dt 0.01 s",
+        "brick     mujoco:rk4     orientation_error_rad 1e-9 -> 1e-6 (x 1e3) at dt 0.01 s",
     ]
 
 

@@ -82,7 +82,7 @@ def judged_after(before: list[SimpleNamespace], newest: Tables, monkeypatch: pyt
     monkeypatch.setattr(regression, "baseline_of", lambda _, manifest: baseline if manifest else None)
     monkeypatch.setattr(regression, "_with_acceptances", lambda _, baseline: (baseline, ()))
     monkeypatch.setattr(regression, "recorded_cases", recorded)
-    return judge_run(None, newest)  # type: ignore[arg-type]
+    return judge_run(History(Path("nights")), newest)
 
 
 def kinds_and_steps(found: Judgement) -> list[tuple[str, str, float | None]]:

@@ -1,0 +1,29 @@
+"""The first line of a nightly run."""
+
+from __future__ import annotations
+
+from bodycheck._util.formatting import count
+from bodycheck.reports.comparison.headlines import lines_of
+from bodycheck.reports.history.open_regressions import open_lines
+from bodycheck.reports.history.regression import Judgement
+
+_MAX_NAMED = 3
+
+
+def headline(judged: Judgement) -> str:
+    """Return what is worse and why, since when if it was before, or that nothing is, in one line."""
+    lines = open_lines(judged.open)
+    if judged.status == "nothing measured":
+        return "Nothing was measured: no case has outcome ok."
+    if lines:
+        first, *others = lines
+        still = "" if first.newly else f"Still worse since {first.duration}: "
+        return still + first.text + (f"; {count(len(others), 'more regression')}" if others else "")
+    if judged.status == "insufficient history":
+        return "Insufficient history: no baseline run on such a machine has comparable cases."
+    better = [] if judged.comparison is None else lines_of(judged.comparison)
+    improved = [one.subject for one in better if one.direction == "improved"]
+    if not improved:
+        return "No regression."
+    named = ", ".join(improved) if len(improved) <= _MAX_NAMED else count(len(improved), "method")
+    return f"No regression; {named} improved."
