@@ -16,6 +16,7 @@ from bodycheck.cli import commands
 from bodycheck.reports.history.acceptances import FILE, accept, open_runs, read_acceptances, withdraw
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import read_summary
+from bodycheck.reports.history.open_regressions import open_lines
 from bodycheck.reports.history.regression import Judgement
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import Run
@@ -105,11 +106,12 @@ def test_withdrawn_acceptance_opens_the_regression_again(
 def test_wrong_acceptances_are_refused(history: History) -> None:
     """Nothing is written; each message says what is available."""
     (change,) = ids(history)
+    (line,) = (one.id for state in open_runs(history).values() for one in open_lines(state.regressions))
     for named, fault in (
         ({"run_id": "2025", "ids": []}, "--run 2025: no such nightly run"),
         ({"run_id": "2026", "ids": []}, "--run 2026: 3 nightly runs begin with it"),
         ({"run_id": history.runs()[0].name, "ids": []}, "no open regression of "),
-        ({"run_id": None, "ids": ["0000"]}, f"--change 0000: is not open (open: {change})"),
+        ({"run_id": None, "ids": ["0000"]}, f"--change 0000: is not open (open: {line})"),
     ):
         with pytest.raises(InputError) as refused:
             accept(history, reason="why", author=None, **named)  # type: ignore[arg-type]
@@ -136,16 +138,17 @@ def test_damaged_acceptances_accept_nothing(history: History, night: Night) -> N
 
 @pytest.mark.slow
 def test_commands_accept_and_withdraw(history: History, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each prints the id of the acceptance, its author and its reason."""
+    """Each prints the id of the acceptance, its author and its reason; the id of a line names all of it."""
     monkeypatch.chdir(history.folder.parent)
     (change,) = ids(history)
+    (line,) = (one.id for state in open_runs(history).values() for one in open_lines(state.regressions))
 
     def bodycheck(*words: str) -> str:
         done = CliRunner().invoke(commands.app, ["history", *words])
         assert done.exit_code == 0, done.output
         return done.stdout
 
-    (made,) = json.loads(bodycheck("accept", "nights", "--change", change, "--reason", "meant", "--json"))
+    (made,) = json.loads(bodycheck("accept", "nights", "--change", line, "--reason", "meant", "--json"))
     printed = bodycheck("withdraw", "nights", made["id"])
     assert printed.startswith(f"{made['id']}: 1 value of reference:m1 in {history.runs()[-1].name}, ")
     assert "meant (withdrawn on " in printed
