@@ -181,7 +181,8 @@ def scope(comparison: Comparison, lines: Iterable[Line]) -> list[str]:
 def _collapsed(comparison: Comparison, lines: Iterable[Line]) -> str:
     """Return how many changes improved, moved or are new, which only pages list."""
     parts = []
-    if improved := [one for line in lines if line.direction == "improved" for one in line.changes]:
+    better = (one for line in lines if line.direction == "improved" for one in line.changes)
+    if improved := [one for one in better if one.status == "improved"]:
         parts.append(f"{len(improved)} improved")
     if moved := comparison.of_status("moved"):
         parts.append(f"{len(moved)} moved{moved_text(moved, comparison.thresholds)}")
