@@ -63,7 +63,7 @@ def test_nightly_run_is_measured_without_a_journal(history: History, monkeypatch
         yield f"{cases} cases"
 
     selection = SimpleNamespace(cases_listed=lambda: 7)
-    requested = cast(RunRequest, SimpleNamespace(selection=selection, options="the options"))
+    requested = cast(RunRequest, SimpleNamespace(selection=lambda: selection, options="the options"))
     monkeypatch.setattr(nightly_run, "run_selection", run_selection)
     (judged, run) = run_nightly(requested, history.folder, watching, Thresholds(0.25))
     ((words, named),) = measured
