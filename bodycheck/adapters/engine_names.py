@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 import shlex
 import shutil
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -107,6 +107,11 @@ def split_method(name: str) -> tuple[str, str, str]:
 def with_method(engine: str, method: str) -> str:
     """Return the name of a method as `--engine` accepts it."""
     return f"{engine}{_METHOD if is_command(engine) else ':'}{method}"
+
+
+def is_named(names: Collection[str], engine: str, method: str) -> bool:
+    """Whether --engine names an engine, or one of its methods; no names are all of them."""
+    return not names or engine in names or with_method(engine, method) in names
 
 
 @dataclass(frozen=True)

@@ -109,13 +109,11 @@ def audit(
     bodycheck reads the file in 40-digit arithmetic; each engine imports it in a separate process. Each link
     is then spun freely, and its motion compared with the exact motion of the body in the file.
     """
-    from importlib.metadata import version
-
     from bodycheck._util.shard import Shard
-    from bodycheck.reports.audit.audit_document import audit_data, audit_document, failures
-    from bodycheck.reports.audit.audit_document import sarif as as_sarif
+    from bodycheck.reports.alerts import sarif as as_sarif
+    from bodycheck.reports.audit.audit_document import alerts_of, audit_data, audit_document, failures
     from bodycheck.reports.audit.audit_page import audit_page
-    from bodycheck.reports.document import answer, json_text
+    from bodycheck.reports.document import answer
     from bodycheck.reports.render.progress import status_line
     from bodycheck.reports.run_files.writer import check_output
     from bodycheck.runs.audit_against import audit_against
@@ -157,7 +155,7 @@ def audit(
         files,
         {
             "html": lambda _: audit_page(found),
-            "sarif": lambda _: json_text(as_sarif(found, version("bodycheck"))),
+            "sarif": lambda _: as_sarif(alerts_of(found)),
         },
     )
     answer(audit_document(found), audit_data(found), as_json=json)

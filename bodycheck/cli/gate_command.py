@@ -10,23 +10,31 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bodycheck._util.errors import InputError, StoppedError
+from bodycheck._util.formatting import suggestion
+from bodycheck._util.untrusted import read_text
 from bodycheck.cli.options import (
     OUTPUT,
     WATCH,
+    WHAT,
     AllowCode,
+    BadgeFile,
     EnginesFile,
     Fresh,
+    Github,
     Jobs,
     Json,
     JunitFile,
     Quiet,
+    SarifFile,
     Scenarios,
     TimeoutS,
     admit_engines,
     check_files,
+    complete_engines,
     described,
     progress_of,
     refuse_others,
+    tell_github,
     write_files,
 )
 from bodycheck.runs.run_options import TIMEOUT_S
@@ -42,7 +50,10 @@ if TYPE_CHECKING:
 gating = typer.Typer()
 
 _FAILED = 1
-_OF_A_STORED_RUN = ("gates", "run", "junit", "update", "margin", "loosen", "json", "quiet")
+_OF_A_STORED_RUN = (
+    *("gates", "run", "engine", "update", "margin", "loosen"),
+    *("github", "junit", "sarif", "badge", "json", "quiet"),
+)
 _MAX_MARGIN = 300.0  # decades; a larger margin would overflow the bound
 
 
@@ -52,12 +63,23 @@ _MAX_MARGIN = 300.0  # decades; a larger margin would overflow the bound
         WATCH,
         "bodycheck gate standard --gates tolerances.toml --junit gates.xml",
         "bodycheck gate --gates tolerances.toml --run first --json",
+        "bodycheck gate smoke --gates gates.toml --engine cmd:build/my-engine --github --sarif gates.sarif",
     ),
 )
 def gate(
     context: typer.Context,
     gates: Annotated[Path, typer.Option(metavar="FILE", help="TOML file with the gates, see docs/gates.md.")],
     scenarios: Scenarios = None,
+    engine: Annotated[
+        str | None,
+        typer.Option(
+            help="Check only these engines, as NAME[==VERSION][:METHOD],... or cmd:COMMAND; other gates are "
+            "skipped.",
+            show_default="the engines that the gates name",
+            rich_help_panel=WHAT,
+            autocompletion=complete_engines,
+        ),
+    ] = None,
     run: Annotated[
         Path | None, typer.Option(help="Check the stored run of this folder.", show_default="a new run")
     ] = None,
@@ -69,7 +91,10 @@ def gate(
             rich_help_panel=OUTPUT,
         ),
     ] = None,
+    github: Github = False,
     junit: JunitFile = None,
+    sarif: SarifFile = None,
+    badge: BadgeFile = None,
     update: Annotated[
         bool, typer.Option("--update", help="Tighten the bounds in the file to what the run meets.")
     ] = False,
@@ -99,16 +124,22 @@ def gate(
     if run is not None:
         refuse_others(context, f"--run {run}: checks a stored run", _OF_A_STORED_RUN)
     from bodycheck.adapters.engine_names import admit
+    from bodycheck.reports import alerts
     from bodycheck.reports.document import answer, print_document
-    from bodycheck.reports.gates.gate import read_gates
-    from bodycheck.reports.gates.gate_output import as_junit, results_data, results_document
+    from bodycheck.reports.gates import gate_output
+    from bodycheck.reports.gates.gate import gate_lines, parse_gates, read_gates
     from bodycheck.reports.gates.verdict import check_gates
     from bodycheck.reports.run_files.run_reader import read_tables
     from bodycheck.reports.run_files.writer import check_output
     from bodycheck.runs.run_options import RunOptions, reuse_of
 
-    bounds = read_gates(gates)
-    files = {"junit": junit}
+    text = read_text(gates)
+    bounds = parse_gates(text, str(gates))
+    requested = [] if engine is None else engine.split(",")
+    if not any(gate.concerns(requested) for gate in bounds):
+        known = suggestion(engine or "", dict.fromkeys(gate.engine for gate in bounds))
+        raise InputError(f"--engine {engine}: no gate in {gates} concerns it{known}")
+    files = {"junit": junit, "sarif": sarif, "badge": badge}
     check_files({**files, "update": gates if update else None})
     if out is not None:
         check_output(out)
@@ -117,21 +148,33 @@ def gate(
         options = RunOptions(jobs=jobs, timeout_s=timeout_s, reuse=reuse_of(fresh, "truths"))
         make_progress = progress_of(quiet=quiet)
         admit_engines(engines, allow_code=allow_code)
-        admit((gate.engine for gate in bounds), allow_code=allow_code, file=gates)
+        if engine is None:
+            admit((gate.engine for gate in bounds), allow_code=allow_code, file=gates)
         measured = _new_run(
-            bounds, scenarios or ["standard"], options, make_progress, out, allow_code=allow_code
+            bounds, scenarios or ["standard"], requested, options, make_progress, out, allow_code=allow_code
         )
     else:
         measured = read_tables(run)
-    results = check_gates(bounds, measured)
-    answer(results_document(results), results_data(results, str(gates), measured.run_id), as_json=json)
-    write_files(files, {"junit": lambda _: as_junit(results, str(gates))})
+    results = check_gates(bounds, measured, requested)
+    document = gate_output.results_document(results)
+    answer(document, gate_output.results_data(results, str(gates), measured.run_id), as_json=json)
+    found = gate_output.alerts_of(results, gates, gate_lines(text, len(bounds)))
+    if github:
+        tell_github(found, document, as_json=json)
+    write_files(
+        files,
+        {
+            "junit": lambda _: gate_output.as_junit(results, str(gates)),
+            "sarif": lambda _: alerts.sarif(found),
+            "badge": lambda _: gate_output.badge_of(results),
+        },
+    )
     if update:
         changes = _update(gates, results, margin, loosen)
         if not json:
             print_document(changes)
-        results = check_gates(read_gates(gates), measured)
-    if any(result.status != "passed" for result in results):
+        results = check_gates(read_gates(gates), measured, requested)
+    if any(result.is_bad for result in results):
         raise typer.Exit(_FAILED)
 
 
@@ -148,6 +191,7 @@ def _check(*, update: bool, margin: float | None, loosen: str | None) -> None:
 def _new_run(
     gates: Sequence[Gate],
     scenarios: Sequence[str],
+    engines: Sequence[str],
     options: RunOptions,
     make_progress: ProgressFactory,
     out: Path | None,
@@ -159,7 +203,7 @@ def _new_run(
     from bodycheck.runs.gate_run import run_for_gates
 
     try:
-        run = run_for_gates(gates, scenarios, options, make_progress, allow_code=allow_code)
+        run = run_for_gates(gates, scenarios, options, make_progress, engines=engines, allow_code=allow_code)
     except KeyboardInterrupt:
         raise StoppedError("stopped before any gate was checked") from None
     if out is not None:
@@ -170,7 +214,6 @@ def _new_run(
 def _update(file: Path, results: Sequence[GateResult], margin: float | None, loosen: str | None) -> Document:
     """Replace bounds in a file by what a run meets, and return which; loosen: the reason to loosen some."""
     from bodycheck._util.files import write_file
-    from bodycheck._util.untrusted import read_text
     from bodycheck.reports.gates.gate_output import changes_document
     from bodycheck.reports.gates.proposal import MARGIN_DECADES, edited, proposals
 

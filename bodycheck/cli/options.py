@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
@@ -15,6 +16,8 @@ from bodycheck._util.errors import InputError
 from bodycheck.reports.gates.thresholds import Thresholds
 
 if TYPE_CHECKING:
+    from bodycheck.reports.alerts import Alert
+    from bodycheck.reports.document import Document
     from bodycheck.runs.run_options import ProgressFactory
 
 
@@ -268,6 +271,7 @@ def _file(option: str, what: str) -> Any:
 
 HtmlFile: TypeAlias = Annotated[Path | None, _file("--html", "a page")]
 MarkdownFile: TypeAlias = Annotated[Path | None, _file("--markdown", "a summary in Markdown")]
+BadgeFile: TypeAlias = Annotated[Path | None, _file("--badge", "a badge for img.shields.io/endpoint")]
 JunitFile: TypeAlias = Annotated[Path | None, _file("--junit", "the results as JUnit XML")]
 SarifFile: TypeAlias = Annotated[Path | None, _file("--sarif", "the findings as SARIF")]
 SvgFile: TypeAlias = Annotated[Path | None, _file("--svg", "the picture as SVG")]
@@ -275,6 +279,14 @@ PdfFile: TypeAlias = Annotated[Path | None, _file("--pdf", "the picture as PDF")
 PngFile: TypeAlias = Annotated[Path | None, _file("--png", "the picture as PNG")]
 GifFile: TypeAlias = Annotated[Path | None, _file("--gif", "the animation as GIF")]
 Mp4File: TypeAlias = Annotated[Path | None, _file("--mp4", "the animation as MP4")]
+Github: TypeAlias = Annotated[
+    bool,
+    typer.Option(
+        "--github",
+        help="Print annotations of GitHub Actions, and append the answer to the summary of the job.",
+        rich_help_panel=OUTPUT,
+    ),
+]
 Files: TypeAlias = Mapping[str, Path | None]
 """The files that options name, by format: the name of the option without its dashes."""
 
@@ -337,6 +349,15 @@ def progress_of(*, quiet: bool, label: str = "") -> ProgressFactory:
     from bodycheck.reports.render.progress import LiveProgress
 
     return lambda cases_listed: LiveProgress(cases_listed, label)
+
+
+def tell_github(alerts: Sequence[Alert], document: Document, *, as_json: bool) -> None:
+    """Print alerts as annotations, on standard error where standard output is JSON, and add the summary."""
+    from bodycheck.reports.alerts import add_job_summary, github_commands
+
+    for line in github_commands(alerts, document.title):
+        print(line, file=sys.stderr if as_json else sys.stdout)
+    add_job_summary(document)
 
 
 def check_files(files: Files) -> None:

@@ -16,6 +16,7 @@ from bodycheck.cli.options import (
     EnginesFile,
     Files,
     GifFile,
+    Github,
     HtmlFile,
     Json,
     MarkdownFile,
@@ -28,11 +29,13 @@ from bodycheck.cli.options import (
     ThresholdsFile,
     admit_engines,
     check_files,
+    complete_engines,
     complete_scenarios,
     described,
     numbers,
     progress_of,
     refuse_others,
+    tell_github,
     thresholds_of,
     write_files,
 )
@@ -69,7 +72,7 @@ _AllowCode = Annotated[
     short_help="Print what changed between two runs.",
     **described(
         ASK,
-        "bodycheck compare before after --fail-on worse",
+        "bodycheck compare before after --fail-on worse --github",
         "bodycheck compare before after --html changes.html --markdown changes.md",
     ),
 )
@@ -85,6 +88,7 @@ def compare(
     ] = "never",
     threshold: Threshold = THRESHOLD,
     thresholds: ThresholdsFile = None,
+    github: Github = False,
     html: HtmlFile = None,
     markdown: MarkdownFile = None,
     json: Json = False,
@@ -95,7 +99,12 @@ def compare(
     new or missing. With --fail-on worse or moved, the exit status is also 1 if no case is in both runs.
     """
     from bodycheck.reports.comparison.compare import compare as compared
-    from bodycheck.reports.comparison.describe import comparison_data, comparison_document, comparison_page
+    from bodycheck.reports.comparison.describe import (
+        alerts_of,
+        comparison_data,
+        comparison_document,
+        comparison_page,
+    )
     from bodycheck.reports.document import answer
     from bodycheck.reports.document import markdown as as_markdown
     from bodycheck.reports.run_files.run_reader import read_tables
@@ -109,6 +118,8 @@ def compare(
         files, {"html": lambda _: comparison_page(comparison), "markdown": lambda _: as_markdown(document)}
     )
     answer(document, comparison_data(comparison), as_json=json)
+    if github:
+        tell_github(alerts_of(comparison, FAIL_ON[fail_on]), document, as_json=json)
     nothing = fail_on != "never" and not comparison.paired
     if nothing or comparison.of_status(*FAIL_ON[fail_on]):
         raise typer.Exit(_FAILED)
@@ -179,6 +190,14 @@ def advise(
             show_default=False,
         ),
     ] = None,
+    engine: Annotated[
+        str | None,
+        typer.Option(
+            help="Engines to choose from, as NAME[==VERSION][:METHOD],... or cmd:COMMAND.",
+            show_default="all of the run",
+            autocompletion=complete_engines,
+        ),
+    ] = None,
     run: Annotated[
         Path | None,
         typer.Option(
@@ -209,6 +228,7 @@ def advise(
         search=search,
         scenarios=tuple(scenarios or ()),
         body=_free_body(mass_kg, inertia, spin),
+        engines=() if engine is None else tuple(name.strip() for name in engine.split(",")),
         run=run,
         allow_code=allow_code,
     )
@@ -465,7 +485,7 @@ def _scenario_of(tables: Tables, scenario: str | None) -> str:
 
 def _engines_of(tables: Tables, engine: str | None) -> tuple[str, ...]:
     """Return the engines and methods that --engine names; raises InputError if one is not in the run."""
-    from bodycheck.reports.render.figures import check_engines
+    from bodycheck.reports.run_files.run_tables import check_engines
 
     engines = tuple(name.strip() for name in engine.split(",")) if engine else ()
     check_engines(tables, engines)

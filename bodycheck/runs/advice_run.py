@@ -18,18 +18,19 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.files import write_file
 from bodycheck._util.formatting import number, suggestion, vector
 from bodycheck.adapters.contract import Method
-from bodycheck.adapters.engine_names import admit, with_method
+from bodycheck.adapters.engine_names import admit, is_named, with_method
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.case import CaseResult, measured_by, scenario_spec
 from bodycheck.reports.measurement.measures import Motion
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.study import method_rows
 from bodycheck.reports.run_files.run_reader import MANIFEST, Tables, read_manifest, read_run, read_tables
-from bodycheck.reports.run_files.run_tables import MethodKey, Run, RunTables, cases_by_method
+from bodycheck.reports.run_files.run_tables import MethodKey, Run, RunTables, cases_by_method, check_engines
 from bodycheck.reports.run_files.tables import METHOD_COLUMNS, as_table
 from bodycheck.reports.summary.advice import (
     Advice,
     Answer,
+    Curves,
     check_question,
     errors_at,
     settings_within,
@@ -93,15 +94,17 @@ def _rows(run: Run, cases: tuple[CaseResult, ...], problems: dict[str, Problem])
 def chosen_run(
     folder: Path | None,
     requested: Sequence[str],
+    engines: Sequence[str] = (),
     *,
     allow_code: bool,
     make_progress: ProgressFactory,
 ) -> tuple[Path, Tables, list[str]]:
     """Return a run's folder, its tables, and the names of the requested scenarios [default: all of the run].
 
-    Without a folder, take the newest run under bodycheck-runs/ that has exactly these scenarios, or an older
-    one that has all its methods and more; if there is none, run them. allow_code: scenarios may name
-    functions, whose code runs. Raises InputError if the folder is not that of a run or lacks a scenario.
+    Without a folder, take the newest run under bodycheck-runs/ that has exactly these scenarios and all of
+    these engines, or an older one that has all its methods and more; if there is none, run them. allow_code:
+    scenarios may name functions, whose code runs. Raises InputError if the folder is not that of a run or
+    lacks a scenario.
     """
     if folder is not None:
         return _named(folder, requested, allow_code=allow_code)
@@ -113,7 +116,7 @@ def chosen_run(
     complete = [
         (path, manifest)
         for path, manifest in stored
-        if scenarios_written.items() <= manifest["scenarios"].items()
+        if scenarios_written.items() <= manifest["scenarios"].items() and _has_engines(manifest, engines)
     ]
     for path, manifest in _most_complete_first(complete):
         try:
@@ -121,9 +124,21 @@ def chosen_run(
         except InputError as error:
             _warn_left_out(error)
     scenarios = list(requested) or ["standard"]
-    print(f"no stored run in {RUNS}/ has these scenarios; running {' '.join(scenarios)}", file=sys.stderr)
-    _, report = run_to_folder(RunRequest(scenarios=scenarios, allow_code=allow_code), None, make_progress)
+    what = "scenarios and engines" if engines else "scenarios"
+    print(f"no stored run in {RUNS}/ has these {what}; running {' '.join(scenarios)}", file=sys.stderr)
+    new = RunRequest(scenarios=scenarios, engines=list(engines) or None, allow_code=allow_code)
+    _, report = run_to_folder(new, None, make_progress)
     return _named(report.parent, requested, allow_code=allow_code)
+
+
+def _has_engines(manifest: Mapping[str, Any], engines: Sequence[str]) -> bool:
+    """Whether a run has a method of each engine, as --engine names them."""
+    methods = [
+        (engine, method)
+        for engine, entry in manifest["engines"].items()
+        for method in entry.get("methods", ())
+    ]
+    return all(any(is_named([name], *key) for key in methods) for name in engines)
 
 
 def _named(folder: Path, requested: Sequence[str], *, allow_code: bool) -> tuple[Path, Tables, list[str]]:
@@ -184,8 +199,9 @@ class AdviceRequest:
 
     horizon_s: time in s over which the error counts [default: the whole scenario]. search: whether to measure
     predicted settings. scenarios: names, suites, paths [default: all of the run]. body: a free body instead
-    of scenarios. run: folder of a run [default: the newest one with these scenarios, else a new run].
-    allow_code: scenarios may name functions, whose code runs.
+    of scenarios. engines: as --engine names them [default: all of the run]. run: folder of a run [default:
+    the newest one with these scenarios and engines, else a new run]. allow_code: scenarios may name
+    functions, whose code runs.
     """
 
     error: float | None = None
@@ -195,6 +211,7 @@ class AdviceRequest:
     search: bool = False
     scenarios: tuple[str, ...] = ()
     body: FreeBody | None = None
+    engines: tuple[str, ...] = ()
     run: Path | None = None
     allow_code: bool = False
 
@@ -215,10 +232,13 @@ def advise(request: AdviceRequest, make_progress: ProgressFactory) -> Advice:
         for _, scenario in load_scenarios(scenarios, allow_code=request.allow_code):
             check_horizon(request.horizon_s, scenario.name, scenario.scene.sample_interval_s)
     folder, run, names = chosen_run(
-        request.run, scenarios, allow_code=request.allow_code, make_progress=make_progress
+        *(request.run, scenarios, request.engines),
+        allow_code=request.allow_code,
+        make_progress=make_progress,
     )
     if not run.cases:
         raise InputError(f"{folder}: has no cases")
+    check_engines(run, request.engines)
     found: RunTables = run
     if request.horizon_s is not None and request.body is None:
         full_run = read_run(folder, allow_code=request.allow_code, cache=Cache.default())
@@ -269,11 +289,17 @@ def _written(body: FreeBody, horizon_s: float | None) -> str:
 def _answers(
     run: RunTables, request: AdviceRequest, scenarios: Sequence[str], more: Sequence[Run] = ()
 ) -> tuple[Answer, ...]:
-    curves = curves_of(run, request.measure, tuple(case for other in more for case in other.cases))
+    curves = _curves(run, request, more)
     if request.error is not None:
         return settings_within(curves, request.error, scenarios)
     assert request.dt_s is not None
     return errors_at(curves, request.dt_s, scenarios)
+
+
+def _curves(run: RunTables, request: AdviceRequest, more: Sequence[Run]) -> Curves:
+    """Return the curves of the requested engines."""
+    found = curves_of(run, request.measure, tuple(case for other in more for case in other.cases))
+    return {place: curve for place, curve in found.items() if is_named(request.engines, *place[1])}
 
 
 def _searched(
@@ -288,7 +314,7 @@ def _searched(
     more: list[Run] = []
     for _ in range(_MAX_ROUNDS):
         answers = _answers(run, request, scenarios, more)
-        curves = curves_of(run, request.measure, tuple(case for other in more for case in other.cases))
+        curves = _curves(run, request, more)
         steps = {
             key: dt_s
             for key, dt_s in to_measure(curves, answers, request.error).items()

@@ -22,18 +22,21 @@ def run_for_gates(
     options: RunOptions,
     make_progress: ProgressFactory,
     *,
+    engines: Sequence[str] = (),
     allow_code: bool = False,
 ) -> Run:
     """Run what the gates check, at the scenarios' own steps, and nothing else.
 
-    scenarios: names, suites, paths of TOML files. Raises InputError if they are wrong.
+    scenarios: names, suites, paths of TOML files. engines: as --engine names them [default: those of the
+    gates]. Raises InputError if they are wrong.
     """
+    gates = [gate for gate in gates if gate.concerns(engines)]
     others = [gate.engine for gate in gates if not any(gate.matches_engine(name) for name in engine_names())]
     programs = [name for name in dict.fromkeys(others) if is_program(name)]
     named = [name for name in optional_engines() if any(gate.engine == name for gate in gates)]
     selection = select(
         scenarios,
-        [*default_engines(), *named, *programs],
+        engines or [*default_engines(), *named, *programs],
         allow_code=allow_code,
         predicate=lambda engine, method: any(
             gate.matches_method(engine.name, method.name)

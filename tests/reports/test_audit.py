@@ -17,6 +17,7 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.shard import Shard
 from bodycheck.adapters.importers import ImportedLink
 from bodycheck.adapters.workers.engine_pool import EnginePool
+from bodycheck.reports.alerts import sarif
 from bodycheck.reports.audit.audit import (
     Audit,
     Body,
@@ -28,7 +29,7 @@ from bodycheck.reports.audit.audit import (
     State,
     read_audit,
 )
-from bodycheck.reports.audit.audit_document import audit_data, audit_document, failures, sarif
+from bodycheck.reports.audit.audit_document import alerts_of, audit_data, audit_document, failures
 from bodycheck.reports.audit.audit_page import audit_page
 from bodycheck.reports.audit.causes import DISCARDED, body_causes, joint_causes, with_issue
 from bodycheck.reports.audit.lint import lint
@@ -311,7 +312,7 @@ def test_outputs_have_all_digits_and_places(audited: Audit) -> None:
     stated = audited.links[0].stated
     assert stated is not None
     assert data["links"][0]["stated"]["inertia_kg_m2"] == stated.inertia_kg_m2.tolist()
-    results = sarif(audited, "1")["runs"][0]["results"]
+    results = json.loads(sarif(alerts_of(audited)))["runs"][0]["results"]
     assert {one["ruleId"] for one in results} == {"import-difference"}
     assert results[0]["locations"][0]["physicalLocation"]["region"]["startLine"] == 2
     page = audit_page(audited)
@@ -476,7 +477,7 @@ def test_headline_and_exit_status_count_the_same_differences(found: Audit, count
     """Bodies that differ, are absent, or move differently with equal numbers, and imports that failed."""
     assert _head_of(found).tint == ("bad" if counts else "good")
     assert bool(failures(found, ["difference"])) == counts
-    assert len(sarif(found, "1")["runs"][0]["results"]) == len(found.differing())
+    assert len(alerts_of(found)) == len(found.differing())
 
 
 def test_links_that_could_not_be_spun_are_named() -> None:

@@ -22,13 +22,12 @@ from bodycheck.reports.render.figures import (
     STABILITY,
     Appearance,
     check_drawable,
-    check_engines,
     drawn_figure,
     picture,
 )
 from bodycheck.reports.render.styles import COLOURS, engine_colour
 from bodycheck.reports.run_files.run_reader import read_run
-from bodycheck.reports.run_files.run_tables import Run, key_of
+from bodycheck.reports.run_files.run_tables import Run, check_engines, key_of
 from tests.helpers.expected_messages import ExpectedMessage
 
 if TYPE_CHECKING:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from bodycheck._util.formatting import count, names, scientific
+from bodycheck.reports.alerts import Alert
 from bodycheck.reports.audit.audit import SAME, SINGLE, Audit, Body, Comparison, Difference, LinkAudit, Spin
 from bodycheck.reports.document import Cell, Column, Document, Sentence, Span, Table
 
@@ -238,44 +239,17 @@ def _comparison_data(one: Comparison) -> dict[str, Any]:
     }
 
 
-def sarif(audit: Audit, version: str) -> dict[str, Any]:
-    """Return findings and differences as a SARIF 2.1.0 log."""
-    results = [
-        _sarif_result(
-            one.rule, one.severity, one.file, one.line, _sarif_text(one.message, one.expected), one.link
-        )
-        for one in audit.findings
-    ]
+def alerts_of(audit: Audit) -> list[Alert]:
+    """Return findings and differences with their places in the file."""
+    found = []
+    for one in audit.findings:
+        expected = f"; expected: {one.expected}" if one.expected else ""
+        text = f"{one.link}: {one.message}{expected}"
+        found.append(Alert(one.rule, text, one.severity, Path(one.file), one.line))
     for link, name, why in audit.differing():
-        message = f"{name} imported a different body: {why}"
-        results.append(
-            _sarif_result("import-difference", "warning", audit.file, link.line, message, link.name)
-        )
-    rules = sorted({result["ruleId"] for result in results})
-    driver = {
-        "name": "bodycheck",
-        "version": version,
-        "rules": [{"id": rule, "shortDescription": {"text": rule.replace("-", " ")}} for rule in rules],
-    }
-    return {
-        "$schema": "https://json.schemastore.org/sarif-2.1.0.json",
-        "version": "2.1.0",
-        "runs": [{"tool": {"driver": driver}, "results": results}],
-    }
-
-
-def _sarif_text(message: str, expected: str) -> str:
-    return f"{message}; expected: {expected}" if expected else message
-
-
-def _sarif_result(rule: str, level: str, file: str, line: int, message: str, link: str) -> dict[str, Any]:
-    location = {"artifactLocation": {"uri": Path(file).as_posix()}, "region": {"startLine": max(line, 1)}}
-    return {
-        "ruleId": rule,
-        "level": level,
-        "message": {"text": f"{link}: {message}"},
-        "locations": [{"physicalLocation": location}],
-    }
+        text = f"{link.name}: {name} imported a different body: {why}"
+        found.append(Alert("import-difference", text, "warning", Path(audit.file), link.line))
+    return found
 
 
 def failures(audit: Audit, fail_on: Sequence[str]) -> list[str]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from bodycheck._util.formatting import count, names, number, setting
 from bodycheck.adapters.engine_names import is_version, pin_of
 from bodycheck.adapters.registry import distribution_of
+from bodycheck.reports.alerts import Alert
 from bodycheck.reports.comparison.change import FAILING, Change, Kind, Status
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.comparison.environment_diff import BUILD_OF
@@ -244,6 +245,28 @@ def comparison_document(comparison: Comparison) -> Document:
             *change_tables(comparison.changes, "--html FILE lists all"),
         ),
     )
+
+
+def alerts_of(comparison: Comparison, statuses: Collection[Status]) -> list[Alert]:
+    """Return one alert per method that fails, or per cause of several: an error, or else a warning.
+
+    statuses: those of changes that fail; empty for worse and missing ones, which then only warn.
+    """
+    if not comparison.paired:
+        texts = [nothing(comparison)]
+    else:
+        failing = [line for line in lines_of(comparison) if line.direction == "worse"]
+        named = {(line.engine, method) for line in failing for method in line.methods}
+        moved: dict[tuple[str, str], list[Change]] = {}
+        for change in comparison.of_status("moved") if "moved" in statuses else ():
+            moved.setdefault((change.engine, change.method), []).append(change)
+        texts = [line.text for line in failing]
+        texts += [
+            f"{engine}:{method} moved{moved_text(changes, comparison.thresholds)}"
+            for (engine, method), changes in moved.items()
+            if (engine, method) not in named
+        ]
+    return [Alert("regression", text, "error" if statuses else "warning") for text in texts]
 
 
 def comparison_data(comparison: Comparison) -> dict[str, Any]:

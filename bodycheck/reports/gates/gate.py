@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cached_property
@@ -16,6 +17,7 @@ from pydantic import Field, StrictStr, ValidationError, field_validator
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import number, step
 from bodycheck._util.untrusted import parse_toml, read_text
+from bodycheck.adapters.engine_names import split_method
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.measurement.measures import MEASURES, QUANTITIES
 from bodycheck.reports.measurement.verdicts import STATES
@@ -172,6 +174,14 @@ class Gate(Table):
         """Whether the patterns match an engine and one of its methods."""
         return self.matches_engine(engine) and fnmatchcase(method, self.method)
 
+    def concerns(self, engines: Sequence[str]) -> bool:
+        """Whether the patterns match one of the engines or methods that --engine names; no names are all."""
+        parts = [split_method(name) for name in engines]
+        return not parts or any(
+            self.matches_method(engine, method) if method else self.matches_engine(engine)
+            for engine, _, method in parts
+        )
+
     def matches_setting(self, dt_s: float | None, tolerance: float | None) -> bool:
         """Whether a case has the step or the tolerance that the gate names, if it names one."""
         return _matches(self.dt_s, dt_s) and _matches(self.tolerance, tolerance)
@@ -206,6 +216,16 @@ class ChangeThreshold(Table):
 
 def _matches(requested: float | None, found: float | None) -> bool:
     return requested is None or (found is not None and math.isclose(requested, found, rel_tol=1e-9))
+
+
+GATE_TABLE = re.compile(r"^[ \t]*\[\[[ \t]*gate[ \t]*\]\]", flags=re.MULTILINE)
+"""The head of the table of a gate."""
+
+
+def gate_lines(text: str, gates: int) -> list[int]:
+    """Return the line of each gate's table in the text of a file; 1 for gates written otherwise."""
+    found = [text.count("\n", 0, head.start()) + 1 for head in GATE_TABLE.finditer(text)]
+    return found if len(found) == gates else [1] * gates
 
 
 def read_gates(path: Path) -> tuple[Gate, ...]:

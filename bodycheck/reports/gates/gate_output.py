@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 from bodycheck._util.formatting import count, number
+from bodycheck.reports.alerts import Alert, badge
 from bodycheck.reports.document import Column, Document, Sentence, Span, Table
 from bodycheck.reports.gates.proposal import Change
 from bodycheck.reports.gates.verdict import Check, GateResult, distance
@@ -19,14 +21,21 @@ _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 def as_junit(results: Sequence[GateResult], where: str) -> bytes:
     """Return a JUnit test suite with one test case per gate; a gate that measured nothing is a failure."""
-    failures = sum(result.status != "passed" for result in results)
-    counts = {"tests": str(len(results)), "failures": str(failures), "errors": "0", "skipped": "0"}
+    skipped = sum(result.status == "skipped" for result in results)
+    counts = {
+        "tests": str(len(results)),
+        "failures": str(sum(result.is_bad for result in results)),
+        "errors": "0",
+        "skipped": str(skipped),
+    }
     root = ElementTree.Element("testsuites", counts)
     suite = ElementTree.SubElement(root, "testsuite", {"name": "bodycheck gate", **counts})
     for index, result in enumerate(results):
         name = f"gate[{index}] {result.gate.title}"
         case = ElementTree.SubElement(suite, "testcase", {"classname": _xml(where), "name": _xml(name)})
-        if result.status != "passed":
+        if result.status == "skipped":
+            ElementTree.SubElement(case, "skipped", {"message": _xml(result.why)})
+        if result.is_bad:
             failure = ElementTree.SubElement(
                 case, "failure", {"type": result.status, "message": _xml(line_of(result))}
             )
@@ -45,9 +54,9 @@ def _xml(text: str) -> str:
 def results_data(results: Sequence[GateResult], where: str, run_id: str) -> dict[str, Any]:
     """Return the file, the run, whether all gates passed, and each gate with all its rows."""
     return {
-        "tolerances": where,
+        "file": where,
         "run_id": run_id,
-        "passed": all(result.status == "passed" for result in results),
+        "passed": not any(result.is_bad for result in results),
         "gates": [_gate(result) for result in results],
     }
 
@@ -80,13 +89,13 @@ _COLUMNS = (
     Column("distance"),
     Column("command", "command"),
 )
-_TINTS = {"passed": "good", "failed": "bad", "nothing": "bad"}
+_TINTS = {"passed": "good", "failed": "bad", "nothing": "bad", "skipped": "none"}
 
 
 def line_of(result: GateResult) -> str:
     """Return the result of a gate without its status: its title and its worst row."""
     cases = count(len(result.checks), "case")
-    if result.status == "nothing":
+    if result.status in ("nothing", "skipped"):
         return f"{result.gate.title}: {result.why}"
     if result.status == "failed":
         return f"{result.gate.title}: {len(result.failed)} of {cases} failed; {_worst(result)}"
@@ -146,21 +155,67 @@ def results_document(results: Sequence[GateResult]) -> Document:
     reasons = (
         Sentence(line)
         for index, result in enumerate(results)
-        if result.status != "passed"
+        if result.is_bad
         for line in (f"[{index}] {result.gate.reason}", *error_lines(result))
     )
-    ended = Counter[str](result.status for result in results)
-    texts = {"passed": "passed", "failed": "failed", "nothing": "measured nothing"}
-    counts_text = ", ".join(f"{ended[status]} {word}" for status, word in texts.items() if ended[status])
     return Document(
         "bodycheck gate",
         (
             Table((Column("", "fixed"), Column("", "number"), Column("")), lines),
             Table(_COLUMNS, tuple(failure_rows(results)), "Failed"),
             *reasons,
-            Sentence(f"{count(len(results), 'gate')}: {counts_text}"),
+            Sentence(f"{count(len(results), 'gate')}: {_counts(results)}"),
         ),
     )
+
+
+_ENDINGS = {"passed": "passed", "failed": "failed", "nothing": "measured nothing", "skipped": "skipped"}
+
+
+def _counts(results: Sequence[GateResult]) -> str:
+    ended = Counter[str](result.status for result in results)
+    return ", ".join(f"{ended[status]} {word}" for status, word in _ENDINGS.items() if ended[status])
+
+
+def alerts_of(results: Sequence[GateResult], file: Path, lines: Sequence[int]) -> list[Alert]:
+    """Return the gates that do not pass, each with the line of its table; lines: of all tables."""
+    return [
+        Alert(
+            "gate-failed" if result.status == "failed" else "gate-measured-nothing",
+            "\n".join(_alert_lines(result)),
+            file=file,
+            line=line,
+        )
+        for result, line in zip(results, lines, strict=True)
+        if result.is_bad
+    ]
+
+
+def _alert_lines(result: GateResult) -> Iterator[str]:
+    """Yield the worst case with its value and bound, the reason of the bound, and how to see it again."""
+    worst = result.worst
+    if worst is None or worst.passed:
+        worst = next(iter(result.failed), None)
+    if worst is None:
+        yield line_of(result)
+    else:
+        row = worst.row
+        case = " ".join(filter(None, (row.scenario, f"{row.engine}:{row.method}", row.at)))
+        beyond = f" ({distance_text})" if (distance_text := distance(worst, result.gate)) else ""
+        others = len(result.failed) - 1
+        more = f"; {count(others, 'more case')}" if others else ""
+        yield f"{case}: {result.gate.measure} {obtained(worst)}, not {result.gate.bound}{beyond}{more}"
+    yield f"reason of the bound: {result.gate.reason}"
+    if worst is not None:
+        yield f"reproduce: {worst.row.reproduce}"
+
+
+def badge_of(results: Sequence[GateResult]) -> str:
+    """Return how many gates pass, as a badge."""
+    checked = [result for result in results if result.status != "skipped"]
+    bad = sum(result.is_bad for result in checked)
+    gates = count(len(checked), "gate")
+    return badge(f"{bad} of {gates} failed" if bad else f"{gates} passed", good=not bad)
 
 
 def changes_document(changes: Sequence[Change], results: Sequence[GateResult], margin: float) -> Document:
@@ -175,7 +230,7 @@ def changes_document(changes: Sequence[Change], results: Sequence[GateResult], m
             + ("; loosened" if change.loosens else "")
         )
     loosened = {change.index for change in changes if change.loosens}
-    left = sum(result.status != "passed" and index not in loosened for index, result in enumerate(results))
+    left = sum(result.is_bad and index not in loosened for index, result in enumerate(results))
     if left:
         lines.append(f"{count(left, 'gate')} that did not pass left unchanged: loosen with --loosen REASON")
     lines.append(f"{count(len(changes), 'bound')} replaced")

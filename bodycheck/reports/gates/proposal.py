@@ -12,10 +12,9 @@ from typing import Literal
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import number, step
-from bodycheck.reports.gates.gate import Gate, parse_gates
+from bodycheck.reports.gates.gate import GATE_TABLE, Gate, parse_gates
 from bodycheck.reports.gates.verdict import GateResult
 
-_HEADER = re.compile(r"^[ \t]*\[\[[ \t]*gate[ \t]*\]\]", flags=re.MULTILINE)
 _STRING = r'"(?:[^"\\\n]|\\.)*"|' + r"'[^'\n]*'"
 
 
@@ -26,7 +25,7 @@ def edited(text: str, where: str, changes: Sequence[Change], why: str | None) ->
     a line of its own under its [[gate]].
     """
     before = parse_gates(text, where)
-    starts = [found.start() for found in _HEADER.finditer(text)]
+    starts = [found.start() for found in GATE_TABLE.finditer(text)]
     parts = [text[a:b] for a, b in zip([0, *starts], [*starts, len(text)], strict=True)]
     expected = list(before)
     for change in changes:

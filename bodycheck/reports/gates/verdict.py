@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from bodycheck._util.formatting import names, number, setting, step
 from bodycheck._util.untrusted import shell_join, shell_split
+from bodycheck.adapters.engine_names import is_named
 from bodycheck.reports.gates.gate import Gate
 from bodycheck.reports.measurement.verdicts import QuantityVerdict, amount_of, method_verdict
 from bodycheck.reports.run_files.run_tables import RunTables, StudyKey, key_of, study_key
@@ -241,14 +242,19 @@ class Check:
 class GateResult:
     """A gate with all the rows that it matched.
 
-    status: passed, failed, or nothing if no row matched or none was measured, which never passes. why: the
-    reason of the status nothing.
+    status: passed; failed; nothing, if no row matched or none was measured, which never passes; or skipped,
+    if the gate concerns none of the requested engines. why: the reason of the last two.
     """
 
     gate: Gate
     checks: tuple[Check, ...]
-    status: Literal["passed", "failed", "nothing"]
+    status: Literal["passed", "failed", "nothing", "skipped"]
     why: str = ""
+
+    @property
+    def is_bad(self) -> bool:
+        """Whether the gate fails, or measured nothing."""
+        return self.status in ("failed", "nothing")
 
     @property
     def failed(self) -> tuple[Check, ...]:
@@ -278,13 +284,19 @@ class GateResult:
         return max(above, below)
 
 
-def check_gates(gates: Sequence[Gate], run: RunTables) -> tuple[GateResult, ...]:
-    """Check each gate against a stored run; no engine is run."""
-    return tuple(_check_gate(gate, run) for gate in gates)
+def check_gates(gates: Sequence[Gate], run: RunTables, engines: Sequence[str] = ()) -> tuple[GateResult, ...]:
+    """Check each gate against a stored run; no engine is run.
+
+    engines: as --engine names them; gates that concern none of them are skipped [default: all].
+    """
+    return tuple(_check_gate(gate, run, engines) for gate in gates)
 
 
-def _check_gate(gate: Gate, run: RunTables) -> GateResult:
-    checks = tuple(_check_row(gate, row) for row in rows_of(gate, run))
+def _check_gate(gate: Gate, run: RunTables, engines: Sequence[str]) -> GateResult:
+    if not gate.concerns(engines):
+        return GateResult(gate, (), "skipped", f"does not concern {', '.join(engines)}")
+    rows = (row for row in rows_of(gate, run) if is_named(engines, row.engine, row.method))
+    checks = tuple(_check_row(gate, row) for row in rows)
     if not checks:
         return GateResult(gate, (), "nothing", why_none(gate, run))
     if all(check.row.obtained is None for check in checks):

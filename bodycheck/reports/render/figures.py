@@ -17,6 +17,7 @@ from bodycheck._util.code_gate import check_code
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.formatting import setting
 from bodycheck._util.pinned_libraries import matplotlib
+from bodycheck.adapters.engine_names import is_named
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measure_bounds import floor_of
@@ -89,7 +90,7 @@ class Appearance:
 
     def shows(self, key: MethodKey) -> bool:
         """Whether a method is drawn."""
-        return not self.engines or key[0] in self.engines or ":".join(key) in self.engines
+        return is_named(self.engines, *key)
 
 
 PLAIN = Appearance()
@@ -102,14 +103,6 @@ def check_drawable(what: str) -> None:
         matplotlib()  # checked before anything is read
     except ImportError:
         raise UnavailableError(f"{what} need matplotlib: pip install 'bodycheck[plot]'") from None
-
-
-def check_engines(run: RunTables, engines: Sequence[str]) -> None:
-    """Raise InputError for an engine or ENGINE:METHOD that the run does not have."""
-    keys = dict.fromkeys(key_of(case.columns) for case in run.cases)
-    known = [*dict.fromkeys(engine for engine, _ in keys), *(":".join(key) for key in keys)]
-    if unknown := [name for name in engines if name not in known]:
-        raise InputError(f"--engine {', '.join(unknown)}: not in this run (available: {', '.join(known)})")
 
 
 def picture(

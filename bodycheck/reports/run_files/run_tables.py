@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
+from bodycheck._util.errors import InputError
+from bodycheck.adapters.engine_names import with_method
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.sentinels import Sentinel
@@ -125,3 +127,11 @@ def shown_case(cases: Iterable[CaseResult], at_s: float | None) -> CaseResult | 
     """Return the case that represents a method: at the common step, or else at its finest tolerance."""
     candidates = [case for case in cases if case.dt_s in (None, at_s)]
     return min(candidates, key=lambda case: case.setting.fineness or 0.0, default=None)
+
+
+def check_engines(run: RunTables, engines: Sequence[str]) -> None:
+    """Raise InputError for an engine or ENGINE:METHOD that the run does not have."""
+    keys = dict.fromkeys(key_of(case.columns) for case in run.cases)
+    known = [*dict.fromkeys(engine for engine, _ in keys), *(with_method(*key) for key in keys)]
+    if unknown := [name for name in engines if name not in known]:
+        raise InputError(f"--engine {', '.join(unknown)}: not in this run (available: {', '.join(known)})")

@@ -206,10 +206,10 @@ def test_junit_has_a_test_case_a_gate_and_a_failure_for_all_that_did_not_pass() 
 def test_json_has_every_number_in_full() -> None:
     """JSON has the file, the run, whether all gates passed, and each gate with its rows; infinity is null."""
     written = json_text(results_data(results(), "gates.toml", "the-run"))
-    assert written.startswith('{\n "tolerances": "gates.toml",\n')
+    assert written.startswith('{\n "file": "gates.toml",\n')
     found = json.loads(written)
-    assert {key: found[key] for key in ("tolerances", "run_id", "passed")} == {
-        "tolerances": "gates.toml",
+    assert {key: found[key] for key in ("file", "run_id", "passed")} == {
+        "file": "gates.toml",
         "run_id": "the-run",
         "passed": False,
     }
