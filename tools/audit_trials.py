@@ -25,13 +25,19 @@ from pathlib import Path
 import numpy as np
 
 from bodycheck._util.errors import InputError
-from bodycheck.adapters.importers import ImportRequest, importer
+from bodycheck.adapters.importers import importer
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reports.audit.audit import SINGLE, Body, Difference, Finding
 from bodycheck.reports.audit.lint import lint
-from bodycheck.runs.audit_run import AuditOptions, audit, checked_engines, import_once, imported_audit
+from bodycheck.runs.audit_run import (
+    AuditOptions,
+    audit,
+    checked_engines,
+    import_once,
+    import_request,
+    imported_audit,
+)
 from bodycheck.scenarios.model_files import read_model
-from bodycheck.scenarios.model_files.rewriting import text_without_meshes
 from bodycheck.scenarios.model_files.xml_file import read_bytes
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -113,7 +119,7 @@ def valid(count: int, seed: int) -> None:
             model = read_model(path)
             for engine, flags in (("mujoco", "default"),) if mjcf else IMPORTERS:
                 assert importer(engine) is not None
-                request = ImportRequest(str(path), model.format, flags, text_without_meshes(model))
+                request = import_request(path, model.format, flags)
                 held, outcome, message = import_once(pool, engine, request, 60.0)
                 if outcome != "ok":
                     false += 1

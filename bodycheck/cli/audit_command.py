@@ -26,9 +26,9 @@ auditing = typer.Typer()
 
 _TIMEOUT_S = 60.0
 _OF_SPELLINGS = ("spellings", "engine", "timeout_s", "json", "quiet")
-_OF_LINT = ("model", "lint", "fail_on", "html", "sarif", "json", "quiet")
+_OF_LINT = ("model", "lint", "fail_on", "fix", "html", "sarif", "json", "quiet")
 _OF_AGAINST = ("model", "against", "fail_on", "html", "sarif", "json", "quiet")
-_FAIL_ON = ("never", "note", "warning", "error", "difference")
+_FAIL_ON = ("impossible", "never", "note", "warning", "error", "difference")
 
 
 @auditing.command(
@@ -39,6 +39,7 @@ _FAIL_ON = ("never", "note", "warning", "error", "difference")
         "bodycheck audit robot.urdf --engine mujoco,pybullet==3.2.7 --html audit.html",
         "bodycheck audit --spellings --engine mujoco,mujoco==3.12.0",
         "bodycheck audit robot.xml --lint --fail-on error --sarif audit.sarif",
+        "bodycheck audit robot.urdf --lint --fix corrected.urdf",
         "bodycheck audit robot.usda --against robot.urdf",
     ),
 )
@@ -77,10 +78,21 @@ def audit(
     fail_on: Annotated[
         str,
         typer.Option(
-            help="Exit with status 1 on findings of this severity or above (note, warning, error), on any "
-            "difference or failed import (difference), or on both, like error,difference."
+            help="Exit with status 1 on numbers that no body has or that cannot be read (impossible), also "
+            "on findings of a severity or above (note, warning, error), on any difference or failed import "
+            "(difference), or on both, like error,difference; or in no case (never)."
         ),
-    ] = "never",
+    ] = "impossible",
+    fix: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Write a copy of a URDF to this file, with the corrected numbers of findings that are "
+            "certain and have them; all else stays as it is.",
+            show_default=False,
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
     html: HtmlFile = None,
     sarif: SarifFile = None,
     shard: Annotated[
@@ -117,6 +129,7 @@ def audit(
     from bodycheck.reports.render.progress import status_line
     from bodycheck.reports.run_files.writer import check_output
     from bodycheck.runs.audit_against import audit_against
+    from bodycheck.runs.audit_fix import with_fix
     from bodycheck.runs.audit_merge import write_shard
     from bodycheck.runs.audit_run import AuditOptions
     from bodycheck.runs.audit_run import audit as audited
@@ -141,7 +154,7 @@ def audit(
     if out is not None:
         check_output(out)
     files = {"html": html, "sarif": sarif}
-    check_files(files)
+    check_files({**files, "fix": fix})
     engines = [] if lint else None if engine is None else engine.split(",")
     part = None if shard is None else Shard.parse(shard)
     with status_line(f"auditing {model}", quiet=quiet):
@@ -151,11 +164,13 @@ def audit(
             found = audited(model, AuditOptions(engines, not no_spins, timeout_s, part))
     if part is not None and out is not None:
         write_shard(found, part, out)
+    if fix is not None and model is not None:
+        found = with_fix(found, model, fix)
     write_files(
         files,
         {
             "html": lambda _: audit_page(found),
-            "sarif": lambda _: as_sarif(alerts_of(found)),
+            "sarif": lambda _: as_sarif(alerts_of(found, differences="difference" in levels)),
         },
     )
     answer(audit_document(found), audit_data(found), as_json=json)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
+from urllib.parse import quote
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import count
@@ -98,7 +99,8 @@ def _result(one: Alert) -> dict[str, Any]:
     result = {"ruleId": one.rule, "level": one.level, "message": {"text": one.message}}
     if one.file is None:
         return result
-    place = {"artifactLocation": {"uri": _in_workspace(one.file)}, "region": {"startLine": max(one.line, 1)}}
+    uri = quote(_in_workspace(Path(os.path.relpath(one.file))))
+    place = {"artifactLocation": {"uri": uri}, "region": {"startLine": max(one.line, 1)}}
     return {**result, "locations": [{"physicalLocation": place}]}
 
 

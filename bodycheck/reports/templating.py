@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from importlib.resources import files
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from bodycheck._util import formatting
 
@@ -27,9 +28,24 @@ def environment() -> Environment:
         "number": formatting.number,
         "scientific": formatting.scientific,
         "step": formatting.step,
+        "with_issues": with_issues,
     }
     environment.globals |= {"count": formatting.count}
     return environment
+
+
+def with_issues(text: str) -> Markup:
+    """Return text whose references OWNER/PROJECT#NUMBER are links to issues on GitHub."""
+    link = '<a href="https://github.com/{}/issues/{}">{}</a>'
+    parts = []
+    end = 0
+    for found in _ISSUE.finditer(text):
+        parts += [escape(text[end : found.start()]), Markup(link).format(found[1], found[2], found[0])]
+        end = found.end()
+    return Markup("").join([*parts, escape(text[end:])])
+
+
+_ISSUE = re.compile(r"\b([A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*)#(\d+)\b")
 
 
 def asset(path: str) -> Markup:

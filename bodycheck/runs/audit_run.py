@@ -40,8 +40,9 @@ from bodycheck.reports.audit.audit import (
 from bodycheck.reports.audit.causes import body_causes, joint_causes, with_issue
 from bodycheck.reports.audit.lint import lint
 from bodycheck.scenarios.model_files import read_model
-from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink
+from bodycheck.scenarios.model_files.model_file import Format, ModelFile, ModelLink
 from bodycheck.scenarios.model_files.rewriting import Change, changed_text, text_without_meshes
+from bodycheck.scenarios.model_files.xml_file import read_bytes
 
 TIMEOUT_S = 60.0
 _IMPORT_S = 1.0  # time limit per link, beyond a start
@@ -151,7 +152,7 @@ def _imports(pool: EnginePool, engine: str, model: ModelFile, options: AuditOpti
         return
     timeout_s = max(options.timeout_s, _IMPORT_S * len(model.links))
     for flags, settings in variants.items():
-        request = ImportRequest(str(model.path.absolute()), model.format, flags, text_without_meshes(model))
+        request = import_request(model.path, model.format, flags)
         found, outcome, message = import_once(pool, engine, request, timeout_s)
         version = _version(pool, engine)
         column = Column(engine, version, flags, settings, outcome, message)
@@ -168,6 +169,11 @@ def _version(pool: EnginePool, engine: str) -> str:
         return pool.announced(engine).version
     except (UnavailableError, WorkerLostError):
         return ""
+
+
+def import_request(path: Path, form: Format, flags: str) -> ImportRequest:
+    """Return the request to import a file."""
+    return ImportRequest(str(path.absolute()), form, flags, text_without_meshes(read_bytes(path), form))
 
 
 def import_once(
@@ -227,7 +233,7 @@ def _discarded(
         with tempfile.TemporaryDirectory(prefix="bodycheck-audit-") as folder:
             path = Path(folder) / model.path.name
             path.write_text(changed_text(model, change), encoding="utf-8")
-            request = ImportRequest(str(path), model.format, flags, path.read_text(encoding="utf-8"))
+            request = import_request(path, model.format, flags)
             found, _, _ = import_once(pool, engine, request, timeout_s)
         return _named(model, found)
 

@@ -22,10 +22,9 @@ from bodycheck.reference_impl.rotations import log_matrix
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reports.audit.audit import Body, Column, LinkAudit, Spin
+from bodycheck.runs.audit_run import import_request
 from bodycheck.scenarios.model_files.model_file import ModelFile
-from bodycheck.scenarios.model_files.rewriting import excerpt, text_without_meshes
-from bodycheck.scenarios.model_files.urdf import read_urdf
-from bodycheck.scenarios.model_files.xml_file import parse_text
+from bodycheck.scenarios.model_files.rewriting import excerpt
 
 OMEGA_RAD_S = (1.1, -0.7, 2.3)
 """The angular velocity at the start in link axes: no axis of an ordinary link is near it."""
@@ -100,10 +99,7 @@ def _error_of_excerpt(
     with tempfile.TemporaryDirectory(prefix="bodycheck-audit-") as folder:
         path = Path(folder) / f"excerpt{model.path.suffix or '.xml'}"
         path.write_text(text, encoding="utf-8")
-        bare = ""
-        if model.format == "urdf":
-            bare = text_without_meshes(read_urdf(parse_text(text.encode(), str(path)), path))
-        request = ImportRequest(str(path), model.format, column.flags, bare)
+        request = import_request(path, model.format, column.flags)
         rotations, why = spun(pool, column.engine, request, timeout_s)
     if rotations is None:
         return None, f"the excerpt: {why}"

@@ -11,15 +11,20 @@ from pathlib import Path
 import numpy as np
 
 from bodycheck._util.formatting import count, scientific
-from bodycheck.adapters.importers import ImportRequest, importer
+from bodycheck.adapters.importers import importer
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.audit.audit import Audit, Body
 from bodycheck.reports.document import Column, Document, Sentence, Span, Table
-from bodycheck.runs.audit_run import AuditOptions, base_engine, checked_engines, imported_audit
+from bodycheck.runs.audit_run import (
+    AuditOptions,
+    base_engine,
+    checked_engines,
+    import_request,
+    imported_audit,
+)
 from bodycheck.runs.audit_spins import error_of_numbers, orientation_error, spun, truth_of
 from bodycheck.scenarios.model_files import read_model
-from bodycheck.scenarios.model_files.rewriting import text_without_meshes
 from bodycheck.scenarios.model_files.spellings import Spelling, body, spellings
 
 
@@ -68,7 +73,7 @@ def _spun(
     path = folder / f"{spelling.name.replace(' ', '-')}.{'urdf' if spelling.format == 'urdf' else 'xml'}"
     path.write_text(spelling.text, encoding="utf-8")
     model = read_model(path)
-    request = ImportRequest(str(path), model.format, flags, text_without_meshes(model))
+    request = import_request(path, model.format, flags)
     rotations, why = spun(pool, engine, request, timeout_s)
     audited = imported_audit(pool, model, [engine], AuditOptions(spins=False, timeout_s=timeout_s))
     causes = _causes(audited, f"{engine}:{flags}")

@@ -24,6 +24,7 @@ from bodycheck.reports.audit.audit import (
     Column,
     Comparison,
     Difference,
+    Finding,
     LinkAudit,
     Spin,
     State,
@@ -33,7 +34,7 @@ from bodycheck.reports.audit.audit_document import alerts_of, audit_data, audit_
 from bodycheck.reports.audit.audit_page import audit_page
 from bodycheck.reports.audit.causes import DISCARDED, body_causes, joint_causes, with_issue
 from bodycheck.reports.audit.lint import lint
-from bodycheck.reports.document import Sentence, json_text
+from bodycheck.reports.document import Sentence, Table, json_text
 from bodycheck.runs import spelling_run, version_search
 from bodycheck.runs.audit_merge import merge_audits, write_shard
 from bodycheck.runs.audit_run import AuditOptions, audit
@@ -312,7 +313,7 @@ def test_outputs_have_all_digits_and_places(audited: Audit) -> None:
     stated = audited.links[0].stated
     assert stated is not None
     assert data["links"][0]["stated"]["inertia_kg_m2"] == stated.inertia_kg_m2.tolist()
-    results = json.loads(sarif(alerts_of(audited)))["runs"][0]["results"]
+    results = json.loads(sarif(alerts_of(audited, differences=True)))["runs"][0]["results"]
     assert {one["ruleId"] for one in results} == {"import-difference"}
     assert results[0]["locations"][0]["physicalLocation"]["region"]["startLine"] == 2
     page = audit_page(audited)
@@ -321,11 +322,147 @@ def test_outputs_have_all_digits_and_places(audited: Audit) -> None:
     assert not failures(audited, ["error"])
 
 
-def test_lint_command_exits_by_fail_on(tmp_path: Path) -> None:
-    """`audit --lint` ends with status 1 only on findings at or above the named severity."""
-    path = _file(tmp_path, inertia='ixx="1" iyy="1" izz="5" ixy="0" ixz="0" iyz="0"')
-    assert run_bodycheck(tmp_path, "audit", path.name, "--lint", "--quiet").returncode == 0
-    assert run_bodycheck(tmp_path, "audit", path.name, "--lint", "--fail-on", "error").returncode == 1
+_IMPOSSIBLE = 'ixx="1" iyy="1" izz="5" ixy="0" ixz="0" iyz="0"'
+_BEYOND = 'ixx="30" iyy="40" izz="65" ixy="4" ixz="-2" iyz="6"'
+
+
+@pytest.mark.parametrize(
+    ("inertia", "fail_on", "status"),
+    [
+        (_IMPOSSIBLE, (), 1),
+        (_IMPOSSIBLE, ("--fail-on", "difference"), 1),
+        (_IMPOSSIBLE, ("--fail-on", "never"), 0),
+        (_IMPOSSIBLE.replace("5", "five"), (), 1),
+        (_BEYOND, (), 0),
+        (_BEYOND, ("--fail-on", "error"), 1),
+        (_GOOD, ("--fail-on", "note"), 0),
+    ],
+)
+def test_lint_command_exits_by_fail_on(
+    inertia: str, fail_on: tuple[str, ...], status: int, tmp_path: Path
+) -> None:
+    """Status 1 by default on numbers that no body has or that cannot be read, the rest by --fail-on."""
+    path = _file(tmp_path, inertia=inertia)
+    assert run_bodycheck(tmp_path, "audit", path.name, "--lint", "--quiet", *fail_on).returncode == status
+
+
+def test_answer_begins_with_the_file(tmp_path: Path) -> None:
+    """The first line has the worst finding with its link and line, whatever stands before it in the file."""
+    links = {"base": _inertial(0.0, 0.0), "arm": "", "forearm": _inertial(0.1, 0.0).replace("0.05", "0.9")}
+    path = _robot(tmp_path, links)
+    head = _sentences(audit(path, AuditOptions([])))[0]
+    assert head.strong
+    assert head.text.startswith(
+        "robot.urdf: 1 error, 1 warning: forearm, line 4: impossible tensor, I1 + I2 < I3: (0.0299897, "
+    )
+
+
+def test_what_an_importer_always_does_is_said_once() -> None:
+    """A tensor that is discarded for every link is a sentence, and no row; another cause is a row."""
+    discarded = Comparison(
+        "differs", _HELD, _HELD, Difference(0.0, 0.0, 1.0), (f"{DISCARDED}: a placeholder in its place",)
+    )
+    other = replace(discarded, causes=("off-diagonals dropped",))
+    column = Column("pybullet", "3", "default", "", "ok")
+    for one, rows in ((discarded, 0), (other, 2)):
+        links = [LinkAudit(name, 2, _HELD, "", "", {column.name: one}) for name in ("arm", "leg")]
+        found = Audit("robot.urdf", "urdf", "", [column], links, [])
+        document = audit_document(found)
+        texts = [sentence.text for sentence in _sentences(found)]
+        assert ("PyBullet discards every tensor." in texts) == (rows == 0)
+        tables = [part for part in document.parts if isinstance(part, Table) and "Diff" in part.title]
+        assert [len(table.rows) for table in tables] == [rows]
+        assert failures(found, ["difference"])
+
+
+_HELD = Body(2.0, np.zeros(3), np.diag([1.0, 2.0, 2.5]))
+
+
+def test_page_marks_bad_links_and_links_issues() -> None:
+    """An impossible tensor that is held as written is not green, and its row header is marked."""
+    held = Comparison("agrees", _HELD, _HELD, Difference(0.0, 0.0, 0.0), ("as in a/b#12 & c",))
+    column = Column("dart", "6", "default", "", "ok")
+    links = [LinkAudit("arm", 2, _HELD, "", "", {column.name: held})]
+    finding = Finding("triangle-inequality", "error", "certain", "robot.urdf", 2, "arm", "impossible tensor")
+    page = audit_page(Audit("robot.urdf", "urdf", "", [column], links, [finding]))
+    assert '<th scope="row" class="tint-bad">arm<br><small>line 2<br>error: triangle-inequality' in page
+    assert '<td class="tint-open"><strong>agrees, which no body has' in page
+    assert 'as in <a href="https://github.com/a/b/issues/12">a/b#12</a> &amp; c' in page
+
+
+def test_sarif_names_files_relative_to_the_folder_of_the_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Readers of SARIF join them to the root of a repository, in which they are percent-encoded."""
+    folder = tmp_path / "my robots"
+    folder.mkdir()
+    path = _file(folder, inertia=_IMPOSSIBLE)
+    monkeypatch.chdir(tmp_path)
+    log = json.loads(sarif(alerts_of(audit(path, AuditOptions([])), differences=False)))
+    (result,) = log["runs"][0]["results"]
+    place = result["locations"][0]["physicalLocation"]["artifactLocation"]
+    assert place == {"uri": "my%20robots/robot.urdf"}
+
+
+_SLIPPED = (
+    "<?xml version='1.0'?>\n<!-- <link name='a'> -->\n<robot name='r'>\n\t<link name = 'a'  ><inertial>"
+    "<mass value='10'/><inertia ixx='{}' iyy='{}' izz='{}' ixy='0'\tixz='0' iyz=\"0\"/></inertial>{}</link>"
+    "\n<link name='b'><inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='1e3' ixy='0' ixz='0' iyz='0'/>"
+    "</inertial></link><joint name='j' type='fixed'><parent link='a'/><child link='b'/></joint></robot>\n"
+)
+_PLATE = '<collision><geometry><box size="0.6 0.4 0.2"/></geometry></collision>'
+
+
+def test_fix_writes_certain_numbers_and_nothing_else(tmp_path: Path) -> None:
+    """Every other byte stays: comments, quotes, blanks, and the error that has no certain correction."""
+    path, out = tmp_path / "robot.urdf", tmp_path / "fixed.urdf"
+    path.write_text(_SLIPPED.format(0.166666667, 0.333333333, 0.333333333, _PLATE))
+    done = run_bodycheck(tmp_path, "audit", path.name, "--lint", "--fix", out.name, "--quiet")
+    assert done.returncode == 1
+    assert "fixed.urdf: the corrected numbers of a." in done.stdout
+    expected = _SLIPPED.format(0.166666667, 0.333333333, 0.433333333, _PLATE)
+    for name in ("ixx", "iyy", "izz"):
+        value = expected.partition(f"{name}='")[2].partition("'")[0]
+        expected = expected.replace(f"{name}='{value}'", f'{name}="{value}"', 1)
+    for name in ("ixy='0'", "ixz='0'", 'iyz="0"'):
+        expected = expected.replace(name, f'{name[:3]}="0.0"', 1)
+    assert out.read_text() == expected
+
+
+def test_fix_without_certain_numbers_writes_no_file(tmp_path: Path) -> None:
+    """A sentence says so; other formats are refused."""
+    path, out = tmp_path / "robot.urdf", tmp_path / "fixed.urdf"
+    path.write_text(_SLIPPED.format(0.1, 0.2, 0.25, ""))
+    done = run_bodycheck(tmp_path, "audit", path.name, "--lint", "--fix", out.name, "--quiet")
+    assert "Nothing written to fixed.urdf" in done.stdout
+    path.write_text("<mujoco><worldbody/></mujoco>")
+    assert run_bodycheck(tmp_path, "audit", path.name, "--lint", "--fix", out.name).returncode == 2
+    assert not out.exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("form", ["urdf", "sdf"])
+def test_missing_meshes_do_not_stop_the_comparison(form: str, tmp_path: Path) -> None:
+    """The recommended imports leave their shapes out, and hold what the file states."""
+    mesh = '<collision><geometry><mesh filename="package://none/a.stl"/></geometry></collision>'
+    path = _file(tmp_path, more=mesh)
+    if form == "sdf":
+        text = sdf_of(path.read_text()).replace(
+            "</link>",
+            "<collision name='c'><geometry><mesh><uri>"
+            "model://none/a.stl</uri></mesh></geometry></collision></link>",
+        )
+        path = tmp_path / "model.sdf"
+        path.write_text(text)
+    found = audit(path, AuditOptions(["pybullet", "dart"], spins=False))
+    outcomes = {column.name: column.outcome for column in found.columns}
+    assert outcomes["pybullet:recommended"] == outcomes["dart:recommended"] == "ok"
+    assert outcomes["pybullet:default"] == "failed"
+    if form == "urdf":
+        assert {found.links[0].held[f"{one}:recommended"].state for one in ("pybullet", "dart")} <= {
+            "agrees",
+            "rounded",
+        }
 
 
 @pytest.mark.slow
@@ -394,7 +531,7 @@ def test_sdformat_is_audited_where_an_engine_reads_it(tmp_path: Path) -> None:
     path = tmp_path / "model.sdf"
     path.write_text(sdf_of(_file(tmp_path, more="").read_text()))
     found = audit(path, AuditOptions(["mujoco", "pybullet", "dart"]))
-    assert [column.outcome for column in found.columns] == ["unsupported", "ok", "ok"]
+    assert [column.outcome for column in found.columns] == ["unsupported", "ok", "ok", "ok", "ok"]
     (link,) = found.links
     assert link.held["dart:default"].causes == ("rotation of the inertial frame ignored",)
     assert link.held["pybullet:default"].causes[0].startswith("tensor discarded: a placeholder in its place")
@@ -434,20 +571,19 @@ def test_extreme_numbers_are_audited_without_a_fault(size: str, tmp_path: Path) 
     assert {column.outcome for column in found.columns} == {"ok"}
 
 
-def _head_of(found: Audit) -> Sentence:
-    sentence = audit_document(found).parts[0]
-    assert isinstance(sentence, Sentence)
-    return sentence
+def _sentences(found: Audit) -> list[Sentence]:
+    return [part for part in audit_document(found).parts if isinstance(part, Sentence)]
 
 
 def test_file_that_no_importer_reads_counts_against_it(tmp_path: Path) -> None:
     """No difference was found because nothing was compared, which the first sentence states."""
     more = f'<inertial><mass value="3"/><inertia {_GOOD}/></inertial>'
     found = audit(_file(tmp_path, more=more), AuditOptions(["mujoco"]))
-    head = _head_of(found)
-    assert head.tint == "bad"
-    assert head.text.startswith("1 link; mujoco:default and mujoco:recommended did not import the file; ")
+    head, mujoco, *_ = _sentences(found)
+    assert (head.tint, mujoco.tint) == ("good", "bad")
+    assert mujoco.text.startswith("MuJoCo refuses it (")
     assert failures(found, ["difference"])
+    assert not failures(found, ["impossible"])
 
 
 def _audit_of(state: State, outcome: str = "ok", spin: Spin | None = None) -> Audit:
@@ -475,9 +611,11 @@ def _audit_of(state: State, outcome: str = "ok", spin: Spin | None = None) -> Au
 )
 def test_headline_and_exit_status_count_the_same_differences(found: Audit, counts: bool) -> None:
     """Bodies that differ, are absent, or move differently with equal numbers, and imports that failed."""
-    assert _head_of(found).tint == ("bad" if counts else "good")
+    _, *importers = _sentences(found)
+    assert ("bad" in [sentence.tint for sentence in importers]) == counts
     assert bool(failures(found, ["difference"])) == counts
-    assert len(alerts_of(found)) == len(found.differing())
+    assert len(alerts_of(found, differences=True)) == len(found.differing())
+    assert alerts_of(found, differences=False) == []
 
 
 def test_links_that_could_not_be_spun_are_named() -> None:

@@ -5,9 +5,12 @@ One module per engine, which imports the engine within its functions: `FLAGS` is
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from importlib import import_module
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Protocol, cast
 
 import numpy as np
@@ -15,6 +18,7 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 
 DEFAULT, RECOMMENDED = "default", "recommended"
+WITHOUT_MESHES = "shapes of mesh files left out"
 
 _MODULES = {
     "mujoco": "bodycheck.adapters.importers.mujoco_import",
@@ -40,12 +44,24 @@ class ImportedLink:
 
 @dataclass(frozen=True)
 class ImportRequest:
-    """A file to import: its path and format, the flags, and its text without meshes (URDF only)."""
+    """A file to import: its path and format, the flags, and its text without meshes (URDF, SDFormat)."""
 
     file: str
     format: str
     flags: str
     bare: str = ""
+
+
+@contextmanager
+def file_to_import(request: ImportRequest) -> Iterator[str]:
+    """Yield the path of the file, for the recommended import that of a copy without meshes."""
+    if request.flags != RECOMMENDED or not request.bare:
+        yield request.file
+        return
+    with TemporaryDirectory(prefix="bodycheck-import-") as folder:
+        path = Path(folder) / Path(request.file).name
+        path.write_text(request.bare, encoding="utf-8")
+        yield str(path)
 
 
 @dataclass(frozen=True)

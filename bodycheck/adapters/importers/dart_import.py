@@ -8,27 +8,43 @@ from typing import Any
 
 import numpy as np
 
-from bodycheck.adapters.importers import DEFAULT, ImportedLink, ImportRequest, SpinRequest
+from bodycheck.adapters.importers import (
+    DEFAULT,
+    RECOMMENDED,
+    WITHOUT_MESHES,
+    ImportedLink,
+    ImportRequest,
+    SpinRequest,
+    file_to_import,
+)
 from bodycheck.reference_impl.arrays import Array
 
 FLAGS = {
-    "urdf": {DEFAULT: "DartLoader().parseSkeleton(FILE)"},
+    "urdf": {DEFAULT: "DartLoader().parseSkeleton(FILE)", RECOMMENDED: WITHOUT_MESHES},
     "mjcf": {DEFAULT: "MjcfParser.readWorld(FILE)"},
-    "sdf": {DEFAULT: "SdfParser.readWorld(FILE), or readSkeleton(FILE) without a <world>"},
+    "sdf": {
+        DEFAULT: "SdfParser.readWorld(FILE), or readSkeleton(FILE) without a <world>",
+        RECOMMENDED: WITHOUT_MESHES,
+    },
 }
 
 
 def _skeletons(request: ImportRequest) -> list[Any]:
+    with file_to_import(request) as file:
+        return _read(file, request)
+
+
+def _read(file: str, request: ImportRequest) -> list[Any]:
     import dartpy
 
-    if request.format == "sdf" and not _has_world(request.file):
-        skeleton = dartpy.utils.SdfParser.readSkeleton(request.file)
+    if request.format == "sdf" and not _has_world(file):
+        skeleton = dartpy.utils.SdfParser.readSkeleton(file)
         if skeleton is None:
             raise ValueError("SdfParser.readSkeleton returned nothing")
         return [skeleton]
     if request.format != "urdf":
         parser = dartpy.utils.MjcfParser if request.format == "mjcf" else dartpy.utils.SdfParser
-        world = parser.readWorld(request.file)
+        world = parser.readWorld(file)
         if world is None:
             raise ValueError(f"{parser.__name__}.readWorld returned nothing")
         return [world.getSkeleton(k) for k in range(world.getNumSkeletons())]
@@ -36,7 +52,7 @@ def _skeletons(request: ImportRequest) -> list[Any]:
     for folder in Path(request.file).parents:  # package://NAME/ is the nearest folder of that name
         if folder.name:
             loader.addPackageDirectory(folder.name, str(folder))
-    skeleton = loader.parseSkeleton(request.file)
+    skeleton = loader.parseSkeleton(file)
     if skeleton is None:
         raise ValueError("DartLoader.parseSkeleton returned nothing")
     return [skeleton]

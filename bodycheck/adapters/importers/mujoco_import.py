@@ -9,6 +9,7 @@ import numpy as np
 from bodycheck.adapters.importers import (
     DEFAULT,
     RECOMMENDED,
+    WITHOUT_MESHES,
     ImportedLink,
     ImportRequest,
     SpinRequest,
@@ -19,7 +20,7 @@ from bodycheck.reference_impl.arrays import Array
 FLAGS = {
     "urdf": {
         DEFAULT: "MjSpec.from_file(FILE).compile()",
-        RECOMMENDED: "fusestatic=false, shapes of mesh files left out",
+        RECOMMENDED: f"fusestatic=false, {WITHOUT_MESHES}",
     },
     "mjcf": {DEFAULT: "MjSpec.from_file(FILE).compile()"},
 }

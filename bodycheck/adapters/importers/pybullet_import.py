@@ -13,17 +13,22 @@ import numpy as np
 from bodycheck.adapters.importers import (
     DEFAULT,
     RECOMMENDED,
+    WITHOUT_MESHES,
     ImportedLink,
     ImportRequest,
     SpinRequest,
+    file_to_import,
     tensor_of,
 )
 from bodycheck.reference_impl.arrays import Array
 
 FLAGS = {
-    "urdf": {DEFAULT: "loadURDF(FILE)", RECOMMENDED: "flags=URDF_USE_INERTIA_FROM_FILE"},
+    "urdf": {
+        DEFAULT: "loadURDF(FILE)",
+        RECOMMENDED: f"flags=URDF_USE_INERTIA_FROM_FILE, {WITHOUT_MESHES}",
+    },
     "mjcf": {DEFAULT: "loadMJCF(FILE)"},
-    "sdf": {DEFAULT: "loadSDF(FILE)"},
+    "sdf": {DEFAULT: "loadSDF(FILE)", RECOMMENDED: WITHOUT_MESHES},
 }
 _REVOLUTE, _PRISMATIC, _FIXED = 0, 1, 4
 
@@ -35,15 +40,16 @@ def _loaded(request: ImportRequest) -> Iterator[tuple[Any, int, tuple[int, ...]]
 
     client = pybullet.connect(pybullet.DIRECT)
     before = Path.cwd()
-    os.chdir(Path(request.file).parent)
     try:
-        if request.format == "mjcf":
-            bodies = pybullet.loadMJCF(request.file, physicsClientId=client)
-        elif request.format == "sdf":
-            bodies = pybullet.loadSDF(request.file, physicsClientId=client)
-        else:
-            flags = pybullet.URDF_USE_INERTIA_FROM_FILE if request.flags == RECOMMENDED else 0
-            bodies = (pybullet.loadURDF(request.file, flags=flags, physicsClientId=client),)
+        with file_to_import(request) as file:
+            os.chdir(Path(file).parent)
+            if request.format == "mjcf":
+                bodies = pybullet.loadMJCF(file, physicsClientId=client)
+            elif request.format == "sdf":
+                bodies = pybullet.loadSDF(file, physicsClientId=client)
+            else:
+                flags = pybullet.URDF_USE_INERTIA_FROM_FILE if request.flags == RECOMMENDED else 0
+                bodies = (pybullet.loadURDF(file, flags=flags, physicsClientId=client),)
         yield pybullet, client, bodies
     finally:
         os.chdir(before)

@@ -11,14 +11,21 @@ from typing import Any
 from bodycheck._util.formatting import count, names, scientific
 from bodycheck.reports.alerts import Alert
 from bodycheck.reports.audit.audit import SAME, SINGLE, Audit, Body, Comparison, Difference, LinkAudit, Spin
+from bodycheck.reports.audit.audit_summary import (
+    LEVELS,
+    TINTS,
+    answer,
+    by_severity,
+    impossible,
+    repeated,
+)
 from bodycheck.reports.document import Cell, Column, Document, Sentence, Span, Table
 
-_TINTS = {"error": "bad", "warning": "open", "note": "none"}
-_LEVELS = ("note", "warning", "error")
+_MAX_FINDINGS = 40
 
 
 def audit_document(audit: Audit, machines: Sequence[str] = ()) -> Document:
-    """Return the document: importers, differences, spins that differ, findings.
+    """Return the document: the answer, then findings, differences, spins that differ, importers.
 
     machines: how the machines of merged shards differ.
     """
@@ -28,35 +35,19 @@ def audit_document(audit: Audit, machines: Sequence[str] = ()) -> Document:
     return Document(
         title,
         (
-            *_head(audit),
+            *answer(audit),
+            *_remarks(audit),
             *map(Sentence, machines),
-            _importers(audit),
+            _findings(audit),
             _differences(audit),
             _spins(audit),
-            _findings(audit),
+            _importers(audit),
         ),
     )
 
 
-def _head(audit: Audit) -> list[Sentence]:
-    differing = audit.differing()
-    findings = Counter[str](finding.severity for finding in audit.findings)
-    linted = names([count(findings[level], level) for level in reversed(_LEVELS) if findings[level]])
-    links = {link.name for link, _, _ in differing}
-    compared = any(link.held for link in audit.links)
-    summary = count(len(audit.links), "link")
-    if compared:
-        summary += f"; {count(len(links), 'link')} imported with differences"
-    if audit.failed:
-        summary += f"; {names(audit.failed)} did not import the file"
-    bad = bool(differing or audit.failed) or findings["error"] > 0
-    found = [
-        Sentence(
-            f"{summary}; {linted or 'no problem'} found in the file itself.",
-            "bad" if bad else "good",
-            strong=True,
-        )
-    ]
+def _remarks(audit: Audit) -> list[Sentence]:
+    found = []
     unread = [link for link in audit.links if link.unread]
     if unread:
         names_ = names([f"{link.name} ({link.unread})" for link in unread])
@@ -100,9 +91,10 @@ def _differences(audit: Audit) -> Table:
         Column("cause"),
     )
     rows = []
+    known = repeated(audit)
     for link in audit.links:
         for name, one in link.held.items():
-            if one.state in ("differs", "merged", "absent"):
+            if one.state in ("differs", "merged", "absent") and (link.name, name) not in known:
                 rows.append(
                     (link.name, name, *_relative(one.difference), Span("; ".join(one.causes), tint_of(one)))
                 )
@@ -143,9 +135,10 @@ def _spins(audit: Audit) -> Table:
         Column("excerpt", "number"),
     )
     rows = []
+    known = repeated(audit)
     for link in audit.links:
         for name, spin in link.spins.items():
-            if spin.deviates:
+            if spin.deviates and (link.name, name) not in known:
                 cells = (_spin_cell(spin, error) for error in (spin.held_rad, spin.excerpt_rad))
                 rows.append((link.name, name, _radians(spin.control_rad), *cells))
     return Table(columns, tuple(rows), "Free spins that deviate from the truth, rad after 1 s")
@@ -171,14 +164,15 @@ def _findings(audit: Audit) -> Table:
             f"{Path(one.file).name}:{one.line}",
             one.link,
             (
-                Span(f"{one.rule} ({one.severity}, {one.confidence}): ", _TINTS[one.severity]),
+                Span(f"{one.rule} ({one.severity}, {one.confidence}): ", TINTS[one.severity]),
                 Span(one.message),
             ),
             one.expected,
         )
-        for one in audit.findings
+        for one in by_severity(audit.findings)
     )
-    return Table(columns, rows, "Findings without engines")
+    rest = "--json has all of them"
+    return Table(columns, rows, "Findings in the file", max_rows=_MAX_FINDINGS, rest=rest)
 
 
 # ------------------------------------------------------------------------------------------------------ data
@@ -239,27 +233,28 @@ def _comparison_data(one: Comparison) -> dict[str, Any]:
     }
 
 
-def alerts_of(audit: Audit) -> list[Alert]:
-    """Return findings and differences with their places in the file."""
+def alerts_of(audit: Audit, *, differences: bool) -> list[Alert]:
+    """Return findings, and on request the differences of importers, with their places in the file."""
     found = []
     for one in audit.findings:
         expected = f"; expected: {one.expected}" if one.expected else ""
         text = f"{one.link}: {one.message}{expected}"
         found.append(Alert(one.rule, text, one.severity, Path(one.file), one.line))
-    for link, name, why in audit.differing():
+    for link, name, why in audit.differing() if differences else ():
         text = f"{link.name}: {name} imported a different body: {why}"
         found.append(Alert("import-difference", text, "warning", Path(audit.file), link.line))
     return found
 
 
 def failures(audit: Audit, fail_on: Sequence[str]) -> list[str]:
-    """Return what an audit fails on: findings at or above a severity, and differences."""
+    """Return what an audit fails on: impossible numbers, findings of a severity or above, and differences."""
+    if "never" in fail_on:
+        return []
     found = []
-    severities = [level for level in _LEVELS if level in fail_on]
-    if severities:
-        min_level = _LEVELS.index(severities[0])
-        bad = [one for one in audit.findings if _LEVELS.index(one.severity) >= min_level]
-        found += [count(len(bad), "finding")] if bad else []
+    limits = [LEVELS.index(level) for level in LEVELS if level in fail_on]
+    bad = [one for one in audit.findings if limits and LEVELS.index(one.severity) <= max(limits)]
+    if bad := bad or impossible(audit):
+        found.append(count(len(bad), "finding"))
     if "difference" in fail_on:
         differing = audit.differing()
         found += [count(len(differing), "difference")] if differing else []

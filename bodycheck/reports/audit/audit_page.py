@@ -10,8 +10,9 @@ from markupsafe import Markup, escape
 
 from bodycheck._util.formatting import number, scientific
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.audit.audit import Audit, Body, Comparison, LinkAudit
+from bodycheck.reports.audit.audit import Audit, Body, Comparison, Finding, LinkAudit
 from bodycheck.reports.audit.audit_document import audit_document, tint_of
+from bodycheck.reports.audit.audit_summary import TINTS, by_severity, impossible
 from bodycheck.reports.document import page
 
 _VIEW = 110.0  # side of a drawing in px
@@ -30,15 +31,33 @@ class _Cell:
     drawing: Markup
 
 
+@dataclass(frozen=True)
+class _Row:
+    """A row of the map: the link, its findings with the tint of the worst, the file's numbers, the cells."""
+
+    name: str
+    line: int
+    tint: str
+    findings: list[str]
+    stated: tuple[str, ...]
+    cells: list[_Cell]
+
+
 def audit_page(audit: Audit) -> str:
     """Return the audit as one self-contained HTML page."""
     heads = [(one.name, f"{one.version}: {one.settings}") for one in audit.columns]
+    found: dict[str, list[Finding]] = {}
+    for finding in by_severity(audit.findings):
+        found.setdefault(finding.link, []).append(finding)
+    wrong = {finding.link for finding in impossible(audit)}
     rows = [
-        (
+        _Row(
             link.name,
             link.line,
+            TINTS[found[link.name][0].severity] if link.name in found else "none",
+            [f"{one.severity}: {one.rule}" for one in found.get(link.name, ())],
             _stated(link),
-            [_cell(link, column.name, column.outcome) for column in audit.columns],
+            [_cell(link, column.name, column.outcome, wrong) for column in audit.columns],
         )
         for link in audit.links
     ]
@@ -59,7 +78,7 @@ def _numbers(body: Body) -> tuple[str, ...]:
     return f"m {number(body.mass_kg, 6)} kg", f"c ({centre}) m", f"J ({moments}) kg m²"
 
 
-def _cell(link: LinkAudit, name: str, outcome: str) -> _Cell:
+def _cell(link: LinkAudit, name: str, outcome: str, wrong: set[str]) -> _Cell:
     one = link.held.get(name)
     if one is None:
         return _Cell("none", outcome, (), (), Markup(""))
@@ -74,7 +93,10 @@ def _cell(link: LinkAudit, name: str, outcome: str) -> _Cell:
             follows = spin.follows(error)
             if follows is not None and error is not None:
                 details += (f"spin of {by}: {scientific(error)} rad, {texts[follows]}",)
-    return _Cell(tint_of(one), text, one.causes, details, _ellipsoids(one))
+    tint = tint_of(one)
+    if link.name in wrong and tint in ("good", "floor"):
+        tint, text = "open", f"{text}, which no body has"
+    return _Cell(tint, text, one.causes, details, _ellipsoids(one))
 
 
 def _ellipsoids(one: Comparison) -> Markup:

@@ -230,8 +230,8 @@ def _beyond(shaped: Shaped) -> Finding | None:
     certain = complete and largest > most * _SIMPLIFIED
     found = shaped.finding("beyond-shape", "error" if certain else "warning", message)
     slip = _slip(shaped) or _unit(shaped)
-    if slip is None:
-        return found
+    if slip is None:  # the density may vary: the numbers of a uniform one are not the right ones
+        return replace(found, inertia_kg_m2=None, centre_m=None)
     return replace(slip, severity=found.severity, message=f"{slip.message}; {message}")
 
 

@@ -14,10 +14,10 @@ from lxml import etree
 
 from bodycheck._util.errors import InputError
 from bodycheck.scenarios.model_files.mjcf import expanded
-from bodycheck.scenarios.model_files.model_file import ModelFile
+from bodycheck.scenarios.model_files.model_file import Format, ModelFile
 from bodycheck.scenarios.model_files.sdf import linked, named_models
 from bodycheck.scenarios.model_files.urdf import resolved
-from bodycheck.scenarios.model_files.xml_file import Node, parse_xml
+from bodycheck.scenarios.model_files.xml_file import Node, parse_text, parse_xml
 
 Change: TypeAlias = Literal["tensors changed", "no collision shapes"]
 _DIAGONAL = ("ixx", "iyy", "izz")
@@ -29,11 +29,11 @@ def _text(root: Any) -> str:
     return etree.tostring(root, encoding="unicode")
 
 
-def text_without_meshes(model: ModelFile) -> str:
-    """Return a URDF without the shapes that need mesh files; "" for other formats."""
-    if model.format != "urdf":
+def text_without_meshes(content: bytes, form: Format) -> str:
+    """Return a URDF or SDFormat file without the shapes that need mesh files; "" for other formats."""
+    if form not in ("urdf", "sdf"):
         return ""
-    root = parse_xml(model.path)
+    root = parse_text(content, "model")
     for mesh in list(root.iter("mesh")):
         shape = mesh.getparent().getparent()
         if shape is not None and shape.tag in ("visual", "collision"):

@@ -1,0 +1,141 @@
+"""The answer of an audit in sentences: first the file, then each importer."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from itertools import groupby
+from pathlib import Path
+
+from bodycheck._util.formatting import count
+from bodycheck.reports.audit.audit import Audit, Column, Finding, LinkAudit, Severity
+from bodycheck.reports.document import Sentence
+
+LEVELS: tuple[Severity, ...] = ("error", "warning", "note")
+TINTS = {"error": "bad", "warning": "open", "note": "none"}
+IMPOSSIBLE = ("not-positive", "triangle-inequality", "negative-mass", "zero-mass", "unreadable")
+"""The rules whose errors mean that no body has the numbers of a link."""
+
+_DISCARDED = "tensor discarded"
+_NAMES = {"mujoco": "MuJoCo", "pybullet": "PyBullet", "dart": "DART"}
+_MAX_MESSAGE = 120
+_OUTPUT = re.compile(r"; its last output: .*", re.DOTALL)
+_EXCEPTION = re.compile(r"^(?:\w*[Ee]rror: )+")
+
+
+def by_severity(findings: Sequence[Finding]) -> list[Finding]:
+    """Return findings from errors to notes, impossible numbers first, in the order of the file otherwise."""
+    return sorted(findings, key=lambda one: (LEVELS.index(one.severity), one.rule not in IMPOSSIBLE))
+
+
+def answer(audit: Audit) -> list[Sentence]:
+    """Return a sentence about the file, and one about each importer or compared file."""
+    return [_of_file(audit), *_of_importers(audit)]
+
+
+def _of_file(audit: Audit) -> Sentence:
+    findings = by_severity(audit.findings)
+    amounts = Counter(one.severity for one in findings)
+    counted = ", ".join(count(amounts[level], level) for level in LEVELS if amounts[level])
+    file, links = Path(audit.compared or audit.file).name, count(len(audit.links), "link")
+    if not findings:
+        return Sentence(f"{file}: no problem found in the file ({links}).", "good", strong=True)
+    first = findings[0]
+    if first.severity == "note":
+        return Sentence(f"{file}: {counted}, no error or warning ({links}).", "good", strong=True)
+    where = f"{first.link}, line {first.line}: {first.message.partition('; ')[0]}"
+    more = f" (and {len(findings) - 1} more below)" if len(findings) > 1 else ""
+    return Sentence(f"{file}: {counted}: {where}{more}", TINTS[first.severity], strong=True)
+
+
+def _of_importers(audit: Audit) -> list[Sentence]:
+    found = []
+    for engine, columns in groupby(audit.columns, key=lambda one: one.engine):
+        clauses = {column.flags: _clause(audit, column) for column in columns}
+        name, _, version = engine.partition("==")
+        name = " ".join(filter(None, (_NAMES.get(name, name), version)))
+        sound = all(good for _, good in clauses.values())
+        texts = [text for text, _ in clauses.values()]
+        if len(set(texts)) == 1:
+            sentence = f"{name} {texts[0]}"
+        else:
+            parts = [f"{flags} {text}" for flags, (text, _) in clauses.items()]
+            sentence = f"{name}'s {'; '.join(parts)}"
+        found.append(Sentence(f"{sentence}.", "none" if sound else "bad"))
+    return found
+
+
+def _clause(audit: Audit, column: Column) -> tuple[str, bool]:
+    """Return what an importer does with the file, and whether it holds all that it reads."""
+    if column.outcome == "unsupported":
+        return column.message, True
+    if column.outcome != "ok":
+        why = _EXCEPTION.sub("", _OUTPUT.sub("", column.message)).strip()
+        verb = {"failed": "refuses it", "timeout": "does not end in time"}.get(column.outcome, column.outcome)
+        return f"{verb} ({why[:_MAX_MESSAGE]})" if why else verb, False
+    states = Counter(link.held[column.name].state for link in audit.links if column.name in link.held)
+    total, merged = sum(states.values()), states["merged"]
+    differing = [(link, why) for link, name, why in audit.differing() if name == column.name]
+    if column.name in said_once(audit):
+        others = len(differing) - len(_discarding(audit, column.name))
+        more = f", and changes {count(others, 'link')} otherwise" if others else ""
+        return f"discards every tensor{more}", False
+    if differing:
+        causes = Counter(why.partition(":")[0].partition(" (")[0] for _, why in differing)
+        ((cause, _), *_) = causes.most_common(1)
+        return f"changes {len(differing)} of {count(total, 'link')} ({cause})", False
+    if not total:
+        return "reads it", True
+    if merged == total:
+        return "merges every link into the world", True
+    held = "to single precision" if states["rounded"] else "as written"
+    return f"holds it {held}" + (f", with {count(merged, 'link')} merged" if merged else ""), True
+
+
+def said_once(audit: Audit) -> list[str]:
+    """Return the importers that discard the tensor of every link that they hold."""
+    found = []
+    for column in audit.columns:
+        discarding = _discarding(audit, column.name)
+        held = [
+            link
+            for link in audit.links
+            if (one := link.held.get(column.name)) is not None
+            and one.state not in ("merged", "absent", "not computed")
+            and one.expected is not None
+            and one.expected.mass_kg > 0.0
+        ]
+        if discarding and len(discarding) >= len(held):
+            found.append(column.name)
+    return found
+
+
+def _discarding(audit: Audit, name: str) -> list[LinkAudit]:
+    """Return the links whose only difference is a tensor that the importer discards."""
+    return [
+        link
+        for link in audit.links
+        if (one := link.held.get(name)) is not None
+        and one.state == "differs"
+        and one.causes
+        and all(cause.startswith(_DISCARDED) for cause in one.causes)
+    ]
+
+
+def repeated(audit: Audit) -> set[tuple[str, str]]:
+    """Return (link, importer) of each difference that the sentence on the importer states of every link."""
+    return {(link.name, name) for name in said_once(audit) for link in _discarding(audit, name)}
+
+
+def severities(audit: Audit) -> dict[str, Severity]:
+    """Return link -> the most severe of its findings."""
+    found: dict[str, Severity] = {}
+    for one in by_severity(audit.findings):
+        found.setdefault(one.link, one.severity)
+    return found
+
+
+def impossible(audit: Audit) -> list[Finding]:
+    """Return the findings of numbers that no body has."""
+    return [one for one in audit.findings if one.severity == "error" and one.rule in IMPOSSIBLE]
