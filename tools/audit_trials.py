@@ -29,12 +29,11 @@ from bodycheck.adapters.importers import importer
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reports.audit.audit import SINGLE, Body, Difference, Finding
 from bodycheck.reports.audit.lint import lint
+from bodycheck.runs.audit_imports import import_once, import_request
 from bodycheck.runs.audit_run import (
     AuditOptions,
     audit,
     checked_engines,
-    import_once,
-    import_request,
     imported_audit,
 )
 from bodycheck.scenarios.model_files import read_model

@@ -18,14 +18,11 @@ from bodycheck._util.shard import Shard
 from bodycheck.adapters.engine_names import engine_fault, pin_of
 from bodycheck.adapters.importers import (
     ImportedLink,
-    ImportRequest,
     engines_with_importers,
-    imported_link,
     importer,
 )
 from bodycheck.adapters.registry import distribution_of
 from bodycheck.adapters.workers.engine_pool import EnginePool
-from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reports.audit.audit import (
     SAME,
     SINGLE,
@@ -39,10 +36,10 @@ from bodycheck.reports.audit.audit import (
 )
 from bodycheck.reports.audit.causes import body_causes, joint_causes, with_issue
 from bodycheck.reports.audit.lint import lint
+from bodycheck.runs.audit_imports import import_once, import_request
 from bodycheck.scenarios.model_files import read_model
-from bodycheck.scenarios.model_files.model_file import Format, ModelFile, ModelLink
-from bodycheck.scenarios.model_files.rewriting import Change, changed_text, text_without_meshes
-from bodycheck.scenarios.model_files.xml_file import read_bytes
+from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink
+from bodycheck.scenarios.model_files.rewriting import Change, changed_text
 
 TIMEOUT_S = 60.0
 _IMPORT_S = 1.0  # time limit per link, beyond a start
@@ -169,28 +166,6 @@ def _version(pool: EnginePool, engine: str) -> str:
         return pool.announced(engine).version
     except (UnavailableError, WorkerLostError):
         return ""
-
-
-def import_request(path: Path, form: Format, flags: str) -> ImportRequest:
-    """Return the request to import a file."""
-    return ImportRequest(str(path.absolute()), form, flags, text_without_meshes(read_bytes(path), form))
-
-
-def import_once(
-    pool: EnginePool, engine: str, request: ImportRequest, timeout_s: float
-) -> tuple[list[ImportedLink], str, str]:
-    """Return the links of an import, its outcome and its message; a lost worker is an outcome too."""
-    answer = pool.ask(engine, {"do": "import", "import": request.__dict__}, timeout_s)
-    if answer.get("outcome") != "ok":
-        return [], str(answer.get("outcome")), str(answer.get("message", ""))
-    try:
-        return _links_of(answer), "ok", ""
-    except (KeyError, TypeError, ValueError) as error:
-        return [], "failed", f"an answer that is not a list of links: {error}"
-
-
-def _links_of(answer: Message) -> list[ImportedLink]:
-    return [imported_link(plain) for plain in answer["links"]]
 
 
 def _named(model: ModelFile, found: Sequence[ImportedLink]) -> dict[str, ImportedLink]:

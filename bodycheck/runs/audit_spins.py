@@ -22,7 +22,7 @@ from bodycheck.reference_impl.rotations import log_matrix
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reports.audit.audit import Body, Column, LinkAudit, Spin
-from bodycheck.runs.audit_run import import_request
+from bodycheck.runs.audit_imports import import_request
 from bodycheck.scenarios.model_files.model_file import ModelFile
 from bodycheck.scenarios.model_files.rewriting import excerpt
 

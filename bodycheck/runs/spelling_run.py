@@ -16,11 +16,11 @@ from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.audit.audit import Audit, Body
 from bodycheck.reports.document import Column, Document, Sentence, Span, Table
+from bodycheck.runs.audit_imports import import_request
 from bodycheck.runs.audit_run import (
     AuditOptions,
     base_engine,
     checked_engines,
-    import_request,
     imported_audit,
 )
 from bodycheck.runs.audit_spins import error_of_numbers, orientation_error, spun, truth_of
