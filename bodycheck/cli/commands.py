@@ -22,6 +22,7 @@ from bodycheck.cli.options import (
     WATCH,
     WHAT,
     AllowCode,
+    Commit,
     Engines,
     EnginesFile,
     Fresh,
@@ -128,6 +129,7 @@ def run(
         str | None, typer.Option(help="PEM certificate of this client.", rich_help_panel=HOW)
     ] = None,
     tls_key: Annotated[str | None, typer.Option(help="PEM key of this client.", rich_help_panel=HOW)] = None,
+    commit: Commit = None,
     engines: EnginesFile = None,
     allow_code: AllowCode = False,
     resume: Annotated[
@@ -163,6 +165,7 @@ def run(
         tls_ca_file=tls_ca_file,
         tls_cert=tls_cert,
         tls_key=tls_key,
+        commit=commit,
         allow_code=allow_code,
     )
     if resume is not None:

@@ -15,6 +15,7 @@ from bodycheck.cli.options import (
     OUTPUT,
     WATCH,
     AllowCode,
+    Commit,
     Engines,
     EnginesFile,
     Files,
@@ -60,6 +61,7 @@ _OF_A_SHARD = (
     "jobs",
     "timeout_s",
     "no_speed",
+    "commit",
     "shard",
     "out",
     "engines",
@@ -98,6 +100,7 @@ def nightly_(
     jobs: Jobs = None,
     timeout_s: TimeoutS = TIMEOUT_S,
     no_speed: NoSpeed = False,
+    commit: Commit = None,
     shard: ShardOption = None,
     out: Annotated[
         Path | None,
@@ -131,6 +134,7 @@ def nightly_(
         fresh=True,  # a stored result would hide a change of the engine
         shard=shard,
         speed_passes=SPEED_PASSES,
+        commit=commit,
         allow_code=allow_code,
     )
     if shard is not None:

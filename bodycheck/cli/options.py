@@ -214,6 +214,15 @@ ShardOption: TypeAlias = Annotated[
 NoSpeed: TypeAlias = Annotated[
     bool, typer.Option("--no-speed", help="Do not measure CPU time.", rich_help_panel=HOW)
 ]
+Commit: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ID",
+        help="The commit of the engine that is measured; changes are reported with their range of commits.",
+        show_default="that of the environment of GitHub Actions, GitLab CI, ...",
+        rich_help_panel=HOW,
+    ),
+]
 Threshold: TypeAlias = Annotated[
     float,
     typer.Option(

@@ -28,6 +28,7 @@ from bodycheck._util.errors import InputError, StoppedError
 from bodycheck._util.files import atomic_write
 from bodycheck._util.formatting import names
 from bodycheck._util.shard import Shard
+from bodycheck._util.source_commit import source_commit
 from bodycheck._util.untrusted import read_json, shell_join
 from bodycheck.adapters.engine_names import admit, is_program, split_method
 from bodycheck.adapters.registry import program_file
@@ -69,6 +70,7 @@ class RunRequest:
     tls_ca_file: StrictStr | None = None
     tls_cert: StrictStr | None = None
     tls_key: StrictStr | None = None
+    commit: StrictStr | None = None
 
     def selection(self, file: Path | None = None) -> Selection:
         """Resolve and check scenarios, engines, steps and tolerances; raises InputError if any is wrong.
@@ -86,6 +88,7 @@ class RunRequest:
     @property
     def options(self) -> RunOptions:
         """Return the run's options; raises InputError if any is wrong."""
+        source_commit(self.commit)  # checks it
         reuse = reuse_of(self.fresh, "installed")
         return RunOptions(
             speed=self.speed,
@@ -93,6 +96,7 @@ class RunRequest:
             timeout_s=self.timeout_s,
             reuse=reuse,
             speed_passes=self.speed_passes,
+            commit=self.commit,
         )
 
     @contextmanager

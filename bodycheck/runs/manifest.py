@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from bodycheck._util.platform_identity import cpu_model
+from bodycheck._util.source_commit import source_commit
 from bodycheck.adapters.contract import Engine
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.runs.run_options import RunOptions
@@ -64,6 +65,7 @@ def manifest_of(
         "created": identity.created.isoformat(timespec="seconds"),
         **software(),
         "commit": commit(),
+        "source": source_commit(options.commit),
         **(machine() if options.timing is None else options.timing.machine),
         "engines": engines,
         "dt_s": selection.dt_s,

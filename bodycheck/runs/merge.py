@@ -321,6 +321,7 @@ def _manifest(
         "created": identity.created.isoformat(timespec="seconds"),
         **{key: source[key] for key in _MACHINE},
         **{key: source[key] for key in (*_REQUESTED, "timeout_s")},
+        "source": source.get("source"),
         "engines": _engines(parts),
         "speed_noise": max(noises, default=None),
         "outcomes": dict(Counter(case.columns["outcome"] for case in cases)),

@@ -41,6 +41,7 @@ class RunOptions:
     whether to search the largest stable step of each method. speed_passes: how often to time every case.
     executor: runs the cases elsewhere. timing: times them elsewhere.
     laws: whether to compare each method with the known one-step maps, and to check the laws.
+    commit: what is measured [default: the commit that continuous integration names].
     """
 
     speed: bool = True
@@ -52,6 +53,7 @@ class RunOptions:
     executor: Executor | None = None
     timing: Timing | None = None
     laws: bool = True
+    commit: str | None = None
 
     def __post_init__(self) -> None:
         if self.jobs is not None and (not isinstance(self.jobs, Integral) or self.jobs < 1):

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bodycheck._util.formatting import count, names, number, setting
+from bodycheck._util.source_commit import commit_range, comparison_url
 from bodycheck.adapters.engine_names import is_version, pin_of
 from bodycheck.adapters.registry import distribution_of
 from bodycheck.reports.alerts import Alert
@@ -164,6 +165,8 @@ def scope(comparison: Comparison, lines: Iterable[Line]) -> list[str]:
             0 if rebuilt else len(found),
             f"Different environment: {'; '.join(comparison.environment)}.",
         )
+    if commits := commits_of(comparison):
+        found.append(f"Commits {commits}")
     if comparison.redefined:
         found.append(f"Not compared (scenario definition changed): {names(comparison.redefined)}.")
     came, went = (
@@ -177,6 +180,13 @@ def scope(comparison: Comparison, lines: Iterable[Line]) -> list[str]:
         else ""
     )
     return [*found, f"{compared}; {count(came, 'new case')}, {count(went, 'missing case')}{refined}."]
+
+
+def commits_of(comparison: Comparison) -> str:
+    """Return the range of commits between the runs, with the address that shows it; "" if unknown."""
+    manifests = comparison.before.manifest, comparison.after.manifest
+    url = comparison_url(*manifests)
+    return commit_range(*manifests) + (f": {url}" if url else "")
 
 
 def _collapsed(comparison: Comparison, lines: Iterable[Line]) -> str:
@@ -275,6 +285,7 @@ def comparison_data(comparison: Comparison) -> dict[str, Any]:
         "before": {key: comparison.before.manifest[key] for key in ("run_id", "created", "bodycheck")},
         "after": {key: comparison.after.manifest[key] for key in ("run_id", "created", "bodycheck")},
         "sentences": sentences(comparison),
+        "commits": commits_of(comparison),
         "cases_compared": comparison.paired,
         "cases_compared_by_speed": comparison.timed,
         "changes": comparison.changes,

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from bodycheck._util.formatting import count, names, number, setting
+from bodycheck._util.source_commit import commit_range
 from bodycheck.reports.comparison.change import FAILING, Change, Kind
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.gates.thresholds import Thresholds
@@ -31,7 +32,7 @@ _BROKEN: tuple[Kind, ...] = ("case", "outcome", "verdict")
 class Line:
     """The changes of one direction of a method, or of methods of an engine with one cause.
 
-    cause: the diagnosis. release: "before -> after" of the engine's version.
+    cause: the diagnosis. release: "before -> after" of the engine's version, else "before..after" of commits.
     """
 
     engine: str
@@ -64,9 +65,10 @@ class Line:
         first = [main.scenario] if main.scenario else []
         scenarios = dict.fromkeys([*first, *(one.scenario for one in self.changes if one.scenario)])
         where = f" in {names_of(list(scenarios))}" if scenarios else ""
-        engine, _, version = self.release.rpartition(" -> ")
-        since = f"since version {version}, {engine} before" if version else ""
-        why = "; ".join(filter(None, (self.cause, since)))
+        engine, arrow, version = self.release.rpartition(" -> ")
+        since = f"since version {version}, {engine} before" if arrow else ""
+        commits = f"in commits {version}" if version and not arrow else ""
+        why = "; ".join(filter(None, (self.cause, since, commits)))
         improved = " improved" if self.direction == "improved" else ""
         return f"{self.subject}{improved}: {', '.join(found)}{where}" + (f" ({why})" if why else "")
 
@@ -160,12 +162,14 @@ def _cause(changes: Iterable[Change], causes: Mapping[StudyKey, str]) -> str:
 
 
 def releases(before: Tables, after: Tables) -> dict[str, str]:
-    """Return "before -> after" of each engine whose version changed."""
+    """Return "before -> after" of each engine whose version changed; else the commits, if they are known."""
     old, new = (
         {name: entry.get("version") for name, entry in tables.manifest["engines"].items()}
         for tables in (before, after)
     )
-    return {
+    commits = commit_range(before.manifest, after.manifest)
+    found = dict.fromkeys(new, commits) if commits else {}
+    return found | {
         name: f"{old[name]} -> {version}"
         for name, version in new.items()
         if version and old.get(name) and old[name] != version

@@ -36,8 +36,8 @@ class Regression:
 
     change: as last measured. since: the nightly run that reported it first. runs: the number of nightly runs
     from then on. cause: the diagnosis of the motion. release: like "3.16.0 -> 3.17.0" if the version of the
-    engine changed with it. newly: it is worse than in the run before. measured: whether the newest run could
-    measure it.
+    engine changed with it, else the range of commits, if known. newly: it is worse than in the run before.
+    measured: whether the newest run could measure it.
     """
 
     change: Change
