@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, permutations, product
-from typing import TypeAlias
 
 import numpy as np
 
@@ -15,14 +14,18 @@ from bodycheck.adapters.importers import ImportedLink
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import parallel_axis_tensor
 from bodycheck.reports.audit.audit import SINGLE, Body, Difference
+from bodycheck.reports.audit.composite_causes import (
+    WATER_KG_M3,
+    Member,
+    combined,
+    composite_cause,
+    invented,
+    placed,
+)
 from bodycheck.scenarios.model_files.exact import (
-    ExactInertia,
     Frame,
-    composite,
     doubles,
-    exact,
     identity,
-    mp,
 )
 from bodycheck.scenarios.model_files.model_file import Joint, ModelFile, ModelLink, Shape
 from bodycheck.scenarios.model_files.shape_sizes import bounding_boxes, uniform, volume_m3
@@ -30,10 +33,6 @@ from bodycheck.scenarios.model_files.shape_sizes import bounding_boxes, uniform,
 DISCARDED = "tensor discarded"
 _MARGIN_M = 0.04
 """Bullet's default margin of collision shapes."""
-Member: TypeAlias = tuple[ModelLink, Frame]
-"""A link, and its pose in the link that it is part of."""
-_WATER_KG_M3 = 1000.0
-"""The density of geoms that state none in MJCF, which some importers give to all."""
 _MAX_SUBSETS = 8  # shapes: 255 sums, of which one agrees with a mass by chance once in 1,000 times
 _NEARLY_A_BOX = 0.05  # shapes of meshes have small margins
 
@@ -72,14 +71,16 @@ def body_causes(
     """
     link = members[0][0]
     if expected is None or difference is None:
-        return ("mass and tensor invented: the file gives this link no inertia",) if imported.mass_kg else ()
+        return _invented(model, link, imported) if imported.mass_kg else ()
     if not (np.isfinite(imported.inertia_kg_m2).all() and math.isfinite(imported.mass_kg)):
         return ("not finite",)
-    found = []
     if difference.largest <= SINGLE:
         return (
             f"rounded: {scientific(difference.largest)}, as single precision or an unfinished iteration does",
         )
+    if len(members) > 1 and (cause := composite_cause(model, members, expected, imported)):
+        return (cause,)
+    found = []
     if difference.mass > SINGLE:
         found.append(_mass_cause(model, members, expected, imported))
     if difference.centre > SINGLE:
@@ -87,6 +88,15 @@ def body_causes(
     if difference.inertia > SINGLE:
         found.append(_tensor_cause(model, members, expected, imported, discarded))
     return tuple(dict.fromkeys(found))
+
+
+def _invented(model: ModelFile, link: ModelLink, imported: Body) -> tuple[str, ...]:
+    """Return the cause of a mass that the file does not give."""
+    shapes = invented(link, model)
+    source = ""
+    if shapes is not None and Difference.between(shapes, imported).largest <= SINGLE:
+        source = f", made of its collision shapes at {WATER_KG_M3:g} kg/m^3"
+    return (f"mass and tensor invented: the file gives this link no inertia{source}",)
 
 
 def _mass_cause(model: ModelFile, members: Sequence[Member], expected: Body, imported: Body) -> str:
@@ -112,7 +122,7 @@ def _mass_cause(model: ModelFile, members: Sequence[Member], expected: Body, imp
     if counted := _counted(link, model, imported.mass_kg):
         some = "the" if len(counted) == len(link.shapes) else f"{len(counted)} of {len(link.shapes)}"
         unsized = "" if set(counted) <= set(link.shapes) else ", boxes with half edges of 1 m"
-        return f"mass recomputed: the volume of {some} shapes at {_WATER_KG_M3:g} kg/m^3{unsized}"
+        return f"mass recomputed: the volume of {some} shapes at {WATER_KG_M3:g} kg/m^3{unsized}"
     return f"mass times {number(imported.mass_kg / expected.mass_kg, 6)}"
 
 
@@ -130,7 +140,7 @@ def _counted(link: ModelLink, model: ModelFile, mass_kg: float) -> tuple[Shape, 
         volumes = [volume_m3(shape, model) for shape in shapes]
         for size in (len(shapes), 1) if many else range(len(shapes), 0, -1):
             for some in combinations(range(len(shapes)), size):
-                mass = _WATER_KG_M3 * sum(volumes[k] for k in some)
+                mass = WATER_KG_M3 * sum(volumes[k] for k in some)
                 if mass > 0.0 and abs(mass - mass_kg) <= SINGLE * mass:
                     return tuple(shapes[k] for k in some)
     return ()
@@ -206,28 +216,26 @@ def _of_shapes(link: ModelLink, model: ModelFile, mass_kg: float) -> Iterator[tu
 
 
 def _faults_of(members: Sequence[Member]) -> Iterator[tuple[str, Array]]:
-    """Yield each known fault, and the tensor in link axes if it is made with every member."""
+    """Yield each known fault, and the tensor in link axes if it is made with every member, or with one."""
     stated = [(link, frame) for link, frame in members if link.stated is not None]
     bodies = [Body.of(link.stated.in_link) for link, _ in stated if link.stated is not None]
-    for faults in zip(
-        *(_faults(link, body) for (link, _), body in zip(stated, bodies, strict=True)), strict=True
-    ):
-        parts = (
-            ExactInertia(mp.mpf(body.mass_kg), exact(body.centre_m), exact(tensor)).placed(frame)
-            for (_, frame), body, (_, tensor) in zip(stated, bodies, faults, strict=True)
-        )
-        yield faults[0][0], doubles(composite(parts).tensor)
+    faults = [list(_faults(link, body)) for (link, _), body in zip(stated, bodies, strict=True)]
+
+    def with_tensors(tensors: Sequence[Array], *, turned: bool = True) -> Array:
+        parts = []
+        for (_, frame), body, tensor in zip(stated, bodies, tensors, strict=True):
+            part = placed(Body(body.mass_kg, body.centre_m, tensor), frame)
+            parts.append(part if turned else Body(part.mass_kg, part.centre_m, tensor))
+        return combined(parts).inertia_kg_m2
+
+    for made in zip(*faults, strict=True):
+        yield made[0][0], with_tensors([tensor for _, tensor in made])
     if len(stated) > 1:
-        unturned = [
-            ExactInertia(mp.mpf(body.mass_kg), body_at.centre, exact(body.inertia_kg_m2))
-            for (_, frame), body in zip(stated, bodies, strict=True)
-            for body_at in [
-                ExactInertia(mp.mpf(body.mass_kg), exact(body.centre_m), exact(body.inertia_kg_m2)).placed(
-                    frame
-                )
-            ]
-        ]
-        yield "rotation of the merged links ignored", doubles(composite(unturned).tensor)
+        right = [body.inertia_kg_m2 for body in bodies]
+        yield "rotation of the merged links ignored", with_tensors(right, turned=False)
+        for k, (link, _) in enumerate(stated):
+            for fault, tensor in faults[k]:
+                yield f"{fault}, in {link.name} only", with_tensors([*right[:k], tensor, *right[k + 1 :]])
 
 
 def _faults(link: ModelLink, expected: Body) -> Iterator[tuple[str, Array]]:

@@ -137,12 +137,20 @@ def _mesh(path: Path, scale: _Scale) -> tuple[Array, MassProperties | None] | No
             vertices, triangles = parse_mesh(path, file)
     except (InputError, OSError, ValueError):
         return None  # its size is then unknown; importers report what they make of it
-    used, triangles = np.unique(vertices[triangles.ravel()] * scale, axis=0, return_inverse=True)
-    return used, _solid_of(used, triangles.reshape(-1, 3))
+    return closed_solid(vertices * scale, triangles)
+
+
+def closed_solid(vertices: Array, triangles: Triangles) -> tuple[Array, MassProperties | None]:
+    """Return the vertices (n, 3) that triangles use, and the solid that these bound at unit density.
+
+    The solid is None if an edge has not one neighbour in the other direction.
+    """
+    vertices, triangles = np.unique(vertices[triangles.ravel()], axis=0, return_inverse=True)
+    triangles = triangles.reshape(-1, 3)
+    return vertices, _solid_of(vertices, triangles)
 
 
 def _solid_of(vertices: Array, triangles: Triangles) -> MassProperties | None:
-    """Return the solid that a mesh bounds; None if an edge has not one neighbour in the other direction."""
     edges = np.concatenate([triangles[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))])
     edges = edges[edges[:, 0] != edges[:, 1]]
     n = len(vertices)

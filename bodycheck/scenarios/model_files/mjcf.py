@@ -10,11 +10,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from bodycheck._util.errors import InputError
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.mass_properties.solid import Triangles
 from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh
 from bodycheck.scenarios.model_files.exact import (
     Exact,
@@ -32,8 +34,21 @@ from bodycheck.scenarios.model_files.exact import (
     rotation_of_quaternion,
     rotation_to,
 )
-from bodycheck.scenarios.model_files.mjcf_shapes import SIZES, exact_of, geom_inertia, mesh_inertia
-from bodycheck.scenarios.model_files.model_file import Joint, ModelFile, ModelLink, Shape, StatedInertia
+from bodycheck.scenarios.model_files.mjcf_shapes import (
+    SIZES,
+    MeshInertia,
+    exact_of,
+    geom_inertia,
+    mesh_inertia,
+)
+from bodycheck.scenarios.model_files.model_file import (
+    Joint,
+    ModelFile,
+    ModelLink,
+    Shape,
+    StatedInertia,
+    WeighedMesh,
+)
 from bodycheck.scenarios.model_files.xml_file import Node, parse_xml
 
 _TINY_MASS = 1e-14  # kg; lighter geoms do not count
@@ -89,9 +104,19 @@ class _Open:
     parts: list[ExactInertia] = field(default_factory=list)
     joints: list[Joint] = field(default_factory=list)
     shapes: list[Shape] = field(default_factory=list)
+    meshes: list[WeighedMesh] = field(default_factory=list)
     unread: str = ""
     malformed: str = ""
     aligned: bool = False
+
+
+class _MeshSolid(NamedTuple):
+    """A mesh as MuJoCo weighs it at unit density, with vertices (n, 3) in m."""
+
+    unit: ExactInertia
+    kind: MeshInertia
+    vertices: Array
+    triangles: Triangles
 
 
 class _Reader:
@@ -103,7 +128,7 @@ class _Reader:
         self.compiler: dict[str, str] = {}
         self.settings = _Settings()
         self._meshes: dict[str, tuple[Node, dict[str, str]]] = {}
-        self._solids: dict[str, tuple[float, Exact, Exact]] = {}
+        self._solids: dict[str, _MeshSolid] = {}
         self._names: set[str] = set()
 
     # ------------------------------------------------------------------------------------ files and sections
@@ -293,6 +318,7 @@ class _Reader:
             joint=joint,
             shapes=tuple(body.shapes),
             malformed=bool(body.malformed),
+            meshes=tuple(body.meshes) if stated is not None and stated.parts else (),
         )
 
     def _name(self, node: Node, suffix: str) -> str:
@@ -406,7 +432,7 @@ class _Reader:
             return
         try:
             if kind == "mesh":
-                part = self._mesh_part(node, own, mass, density)
+                part = self._mesh_part(node, own, mass, density, body)
             elif "mesh" in own:
                 raise ValueError(f"a {kind} fitted to a mesh is not computed here")
             elif kind in SIZES:
@@ -446,17 +472,23 @@ class _Reader:
         path = self._mesh_path(own["file"]).absolute()
         return str(path), tuple(_numbers(node, own, "scale", "1 1 1", 3))
 
-    def _mesh_part(self, node: Node, own: dict[str, str], mass: Any, density: Any) -> ExactInertia:
+    def _mesh_part(
+        self, node: Node, own: dict[str, str], mass: Any, density: Any, body: _Open
+    ) -> ExactInertia:
         name = own.get("mesh", "")
         if name not in self._meshes:
             raise InputError(f"{node.where}: unknown mesh {name!r:.60}")
         if name not in self._solids:
             self._solids[name] = self._mesh_solid(*self._meshes[name])
-        volume, centre, tensor = self._solids[name]
-        total = density * mp.mpf(volume) if mass is None else mass
-        return ExactInertia(total, centre, tensor * (total / mp.mpf(volume)))
+        solid = self._solids[name]
+        total = density * solid.unit.mass if mass is None else mass
+        given = None if mass is None else float(mass)
+        body.meshes.append(
+            WeighedMesh(name, node.line, solid.kind, given, float(density), solid.vertices, solid.triangles)
+        )
+        return ExactInertia(total, solid.unit.centre, solid.unit.tensor * (total / solid.unit.mass))
 
-    def _mesh_solid(self, node: Node, own: dict[str, str]) -> tuple[float, Exact, Exact]:
+    def _mesh_solid(self, node: Node, own: dict[str, str]) -> _MeshSolid:
         if own.get("inertia", "legacy") not in ("convex", "exact", "legacy", "shell"):
             raise ValueError(f"mesh inertia {own['inertia']!r:.40} is not computed here")
         if "file" in own:
@@ -480,9 +512,7 @@ class _Reader:
         if np.prod(scale) < 0.0:
             triangles = triangles[:, [0, 2, 1]]
         kind: Any = "convex" if not len(triangles) else own.get("inertia", "legacy")
-        volume, centre, tensor = mesh_inertia(vertices, triangles, kind)
-        found = exact_of(volume, centre, tensor)
-        return volume, found.centre, found.tensor
+        return _MeshSolid(exact_of(*mesh_inertia(vertices, triangles, kind)), kind, vertices, triangles)
 
     # --------------------------------------------------------------------------------------- poses and joints
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.mass_properties.solid import Triangles
 from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, composite
 
 Format: TypeAlias = Literal["urdf", "mjcf", "sdf", "usd"]
@@ -72,6 +73,22 @@ class Shape:
 
 
 @dataclass(frozen=True, eq=False)
+class WeighedMesh:
+    """A mesh geom of MJCF from which the inertia of its body follows, with vertices (n, 3) in m.
+
+    kind: its attribute `inertia`, or that of a mesh without faces. mass in kg, or None and density in kg/m^3.
+    """
+
+    name: str
+    line: int
+    kind: Literal["convex", "exact", "legacy", "shell"]
+    mass: float | None
+    density: float
+    vertices: Array
+    triangles: Triangles
+
+
+@dataclass(frozen=True, eq=False)
 class ModelLink:
     """A link (URDF, SDFormat) or body (MJCF).
 
@@ -79,6 +96,7 @@ class ModelLink:
     stated None: without inertia; unread: why it cannot be computed here; malformed: because of a mistake in
     the file. static: part of a model of SDFormat that never moves.
     inertia_scaling: the factor of <contact><inertia_scaling>, an element that only Bullet reads.
+    meshes: those of MJCF that the inertia follows from.
     """
 
     name: str
@@ -94,6 +112,7 @@ class ModelLink:
     visuals: tuple[Shape, ...] = ()
     malformed: bool = False
     static: bool = False
+    meshes: tuple[WeighedMesh, ...] = ()
 
     @property
     def collisions(self) -> tuple[Shape, ...]:

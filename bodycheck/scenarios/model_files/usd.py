@@ -123,8 +123,19 @@ def _frame(matrix: Sequence[Sequence[float]], metre: float) -> Frame:
 
 def _link(path: Path, body: Mapping[str, Any], name: str, metre: float, kilogram: float) -> ModelLink:
     stated, unread = _stated(body, metre, kilogram)
-    shapes = tuple(_shape(one, metre) for one in body["shapes"])
-    return ModelLink(name, 0, path, None, _frame(body["pose"], metre), None, stated, shapes, unread)
+    shapes = [_shape(one, metre) for one in body["shapes"]]
+    return ModelLink(
+        name,
+        0,
+        path,
+        None,
+        _frame(body["pose"], metre),
+        None,
+        stated,
+        tuple(shape for shape in shapes if shape.collides),
+        unread,
+        visuals=tuple(shape for shape in shapes if not shape.collides),
+    )
 
 
 def _stated(body: Mapping[str, Any], metre: float, kilogram: float) -> tuple[StatedInertia | None, str]:

@@ -1,0 +1,77 @@
+"""Meshes of MJCF: what MuJoCo makes of concave and hollow ones stands beside the solid."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from bodycheck.reports.audit.audit import Finding
+from bodycheck.reports.audit.lint import lint
+from bodycheck.scenarios.model_files import read_model
+from tests.helpers.expected_messages import ExpectedMessage
+
+INPUTS = Path(__file__).parent / "model_inputs"
+
+
+def written(folder: Path, mesh: str, inertia: str = "", geom: str = 'density="1000"', body: str = "") -> Path:
+    """Write a body of one mesh geom."""
+    attribute = f' inertia="{inertia}"' if inertia else ""
+    path = folder / "part.xml"
+    path.write_text(
+        f'<mujoco><compiler meshdir="{INPUTS}"/><asset><mesh name="u" file="{mesh}.obj"{attribute}/></asset>'
+        f'<worldbody><body name="b"><freejoint/>{body}<geom type="mesh" mesh="u" {geom}/></body></worldbody>'
+        "</mujoco>"
+    )
+    return path
+
+
+def found(path: Path) -> list[Finding]:
+    """Return the findings about meshes."""
+    return [one for one in lint(read_model(path)) if one.rule == "mesh-inertia"]
+
+
+@pytest.mark.parametrize("mesh", ["U", "hollow"])
+@pytest.mark.parametrize("inertia", ["", "legacy", "convex", "exact", "shell"])
+def test_mesh_that_does_not_weigh_what_its_solid_weighs_is_reported(
+    mesh: str, inertia: str, tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
+    """The U weighs 7 kg, the hollow cube 26 kg; the finding has this mass and the one that MuJoCo holds."""
+    path = written(tmp_path, mesh, inertia)
+    held = float(mujoco.MjModel.from_xml_path(str(path)).body_mass[1])
+    findings = found(path)
+    if inertia == "exact":
+        assert findings == []
+        assert held == pytest.approx({"U": 7.0, "hollow": 26.0}[mesh], rel=1e-6)  # in single precision
+        return
+    (one,) = findings
+    assert (one.severity, one.line) == ("note" if inertia == "shell" else "warning", 1)
+    assert f"holds {held:.4g} kg" in one.message
+    expected_message(f"{one.message}; expected: {one.expected}", tmp_path)
+
+
+def test_mesh_of_given_mass_is_compared_by_its_moments(
+    tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
+    """With mass="5" only centre and tensor differ; MuJoCo's largest moment stands in the message."""
+    path = written(tmp_path, "U", geom='mass="5"')
+    (one,) = found(path)
+    largest = float(mujoco.MjModel.from_xml_path(str(path)).body_inertia[1].max())
+    assert f"largest moment {largest:.4g} kg m^2" in one.message
+    expected_message(one.message, tmp_path)
+
+
+def test_healthy_meshes_are_not_reported(tmp_path: Path) -> None:
+    """Nothing is found where the file states the inertia itself, or where the mesh is convex."""
+    inertial = '<inertial pos="0 0 0" mass="7" diaginertia="0.1 0.1 0.1"/>'
+    assert found(written(tmp_path, "U", body=inertial)) == []
+    corners = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)]) * [0.3, 0.2, 0.1]
+    words = " ".join(map(repr, corners.ravel().tolist()))
+    path = tmp_path / "box.xml"
+    path.write_text(
+        f'<mujoco><asset><mesh name="u" vertex="{words}"/></asset><worldbody><body name="b"><freejoint/>'
+        '<geom type="mesh" mesh="u"/></body></worldbody></mujoco>'
+    )
+    assert found(path) == []
