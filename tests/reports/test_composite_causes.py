@@ -26,10 +26,12 @@ URDF = """<robot name="r">
   <inertia ixx="0.001" ixy="0.0001" ixz="0" iyy="0.0012" iyz="0.0002" izz="0.0015"/></inertial></link>
 <link name="guard"><collision><origin xyz="0 0 0.02" rpy="0.2 0 0.4"/><geometry><box size="0.1 0.05 0.04"/>
   </geometry></collision></link>
-<joint name="a" type="fixed"><parent link="base"/><child link="arm"/><origin xyz="0.3 0.1 0" rpy="0.5 0.2 -0.3"/>
-</joint>
-<joint name="t" type="fixed"><parent link="arm"/><child link="tip"/><origin xyz="0 0.2 0.1" rpy="-0.2 0.9 0"/></joint>
-<joint name="g" type="fixed"><parent link="base"/><child link="guard"/><origin xyz="0 -0.2 0" rpy="0 0.7 0"/></joint>
+<joint name="a" type="fixed"><parent link="base"/><child link="arm"/>
+  <origin xyz="0.3 0.1 0" rpy="0.5 0.2 -0.3"/></joint>
+<joint name="t" type="fixed"><parent link="arm"/><child link="tip"/>
+  <origin xyz="0 0.2 0.1" rpy="-0.2 0.9 0"/></joint>
+<joint name="g" type="fixed"><parent link="base"/><child link="guard"/>
+  <origin xyz="0 -0.2 0" rpy="0 0.7 0"/></joint>
 </robot>"""
 Cloud = tuple[Array, Array]
 """Masses (n,) and places (n, 3)."""
@@ -62,7 +64,7 @@ def body_of(clouds: list[Cloud]) -> Body:
 
 
 def clouds(model: ModelFile, change: Mapping[str, Callable[[Cloud, Array, Array], Cloud | None]]) -> Body:
-    """Return the composite, with some links changed: (cloud in link axes, R, p) -> cloud in those of the base."""
+    """Return the composite, with some links changed: cloud in link axes, R, p -> cloud in those of the base."""
     found = []
     for link, frame in model.members("base", frozenset({"arm", "tip", "guard"})):
         R, p = doubles(frame.rotation), doubles(frame.position)
@@ -70,13 +72,11 @@ def clouds(model: ModelFile, change: Mapping[str, Callable[[Cloud, Array, Array]
             one = Body.of(link.stated.in_link)
             here = cloud(one.mass_kg, one.centre_m, one.inertia_kg_m2)
         elif link.name in change:
-            box = (
-                0.2,
-                np.diag([0.2 / 12 * (0.05**2 + 0.04**2), 0.2 / 12 * (0.1**2 + 0.04**2), 0.2 / 12 * 0.0125]),
-            )
+            x2, y2, z2 = 0.1**2, 0.05**2, 0.04**2
             (shape,) = link.collisions
             Q = doubles(shape.frame.rotation)
-            here = cloud(box[0], doubles(shape.frame.position), Q @ box[1] @ Q.T)
+            box = Q @ np.diag([y2 + z2, z2 + x2, x2 + y2]) @ Q.T * 0.2 / 12.0
+            here = cloud(0.2, doubles(shape.frame.position), box)
         else:
             continue
         there = change[link.name](here, R, p) if link.name in change else (here[0], here[1] @ R.T + p)
