@@ -64,7 +64,7 @@ def body_of(clouds: list[Cloud]) -> Body:
 
 
 def clouds(model: ModelFile, change: Mapping[str, Callable[[Cloud, Array, Array], Cloud | None]]) -> Body:
-    """Return the composite, with some links changed: cloud in link axes, R, p -> cloud in those of the base."""
+    """Return the composite, with some links changed: (cloud in link axes, R, p) -> cloud in base axes."""
     found = []
     for link, frame in model.members("base", frozenset({"arm", "tip", "guard"})):
         R, p = doubles(frame.rotation), doubles(frame.position)
