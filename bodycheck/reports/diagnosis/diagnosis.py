@@ -17,7 +17,7 @@ from bodycheck.reference_impl.wrench import steps_per_sample
 from bodycheck.reports.diagnosis.engine_model import Grid
 from bodycheck.reports.diagnosis.faults import FAULTS
 from bodycheck.reports.diagnosis.faults.fault import Fault, FaultContext
-from bodycheck.reports.diagnosis.fit import Fit, Start, fitted
+from bodycheck.reports.diagnosis.fit import Fit, Start, fitted, planted
 from bodycheck.reports.diagnosis.flow import BASES, EXACT, Base
 from bodycheck.reports.diagnosis.quantity_resolution import NOT_RECORDED, Resolution
 from bodycheck.reports.diagnosis.start import StartDifference
@@ -31,11 +31,14 @@ _SCREENED_OF_LOG, _FITTED_OF_LOG = 60, 1000  # where the whole log counts; inter
 _FIRST_SWEEPS, _LEADERS = 3, 3  # of all faults; of them, those that are fitted to the end
 _SAME_LEADERS = 16  # faults that are tried with further maps of the same order
 _EXPLAINED = 0.95  # share of the differences: less is no explanation
+_FITTED_PART = 0.6  # of a trajectory, to which faults are fitted that the rest then tests
+_EXPLAINED_ELSEWHERE, _NEARLY = 0.9, 0.5  # share of the differences in the rest: of a diagnosis, of a hint
 _TIE = 3.0  # a rival is as good if its cost is at most so many times that of the best
 _SAME_EFFECT = 0.02  # relative difference of what two faults leave, below which one stands for both
 _PARAMETER_COST = 0.1  # decades of the cost that a further parameter must gain
 _BETTER = 10.0  # a pair must reduce the cost of a single that explains the motion by this factor
 _PAIRED = 8
+_INVOLVED = 1e-3  # length of the part of a direction that counts
 _COARSEST_TURN = 0.1  # rad, of a step of the exact flow
 _MAX_STEPS = 400  # between two samples
 
@@ -53,13 +56,17 @@ class FittedParameter:
 
 @dataclass(frozen=True)
 class FittedFault:
-    """A fault with its parameters, in words."""
+    """A fault with its parameters, in words.
+
+    undetermined: directions in which its parameters can change without an effect on the motion.
+    """
 
     name: str
     kind: str
     sentence: str
     parameters: tuple[FittedParameter, ...]
     confirm: str
+    undetermined: tuple[tuple[float, ...], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -105,8 +112,7 @@ class Diagnosis:
             within = f", to {self.within}" if self.within else ""
             if self.per_sample is not None:
                 within = f" to {number(self.per_sample, 2)} per sample, as a solver with that tolerance gives"
-            others = f"; equal to these digits: {names(self.equal_maps)}" if self.equal_maps else ""
-            return f"no fault: the motion is that of {self.base_words}{within}{others}"
+            return f"no fault: the motion is that of {self.base_words}{within}{_equal(self.equal_maps)}"
         if self.verdict == "strapdown":
             omega = "omega is that of the exact motion"
             return f"no fault in omega: {omega}; the attitude is integrated from it: {self.base_words}"
@@ -117,6 +123,12 @@ class Diagnosis:
             return "unexplained: no known fault, and no pair of them, makes this motion"
         named = "; or ".join(["; and ".join(fault.sentence for fault in self.faults), *self.alike])
         return f"{named} (explains {_percent(self.share)} of the error)"
+
+
+def _equal(maps: Sequence[str]) -> str:
+    if len(maps) <= _LISTED:
+        return f"; equal to these digits: {names(maps)}" if maps else ""
+    return f"; {len(maps)} other known maps are equal to these digits, such as {names(maps[:2])}"
 
 
 def _percent(share: float) -> str:
@@ -237,7 +249,7 @@ class Search:
         """Return the diagnosis with faults that are already known, if they leave nothing but round-off."""
         few, full = self._subset(base, _SCREENED), self._subset(base, _FITTED)
         at = self._context(base, few)
-        by_name = {fault.name: fault for fault in FAULTS if fault.applies(at)}
+        by_name = {fault.name: fault for fault in FAULTS if fault.could_change(at)}
         for known in known_faults:
             if not by_name.keys() >= set(known):
                 continue
@@ -339,10 +351,15 @@ class Search:
                 best, rivals = pair, pairs
         described = Diagnosis(
             "unexplained", base.name, base.text, before=before, after=before, round_off=round_off,
-            nearly=_described(singles[0]), circumstances=self._context(base, full),
+            circumstances=self._context(base, full),
         )  # fmt: skip
-        if _share(best, before) < _EXPLAINED:
-            return described
+        explains = _share(best, before) >= _EXPLAINED
+        if explains and best.cost > few.limit and few.resolution.is_stated:
+            explains = self._share_elsewhere(base, best) >= _EXPLAINED_ELSEWHERE
+        if not explains:
+            if self._share_elsewhere(base, singles[0]) < _NEARLY:
+                return described
+            return replace(described, nearly=_described(singles[0]))
         equivalent = _equivalent(best, rivals, few)
         if len(best.faults) > 1 and len(equivalent) > _MAX_PAIRS:
             return described
@@ -355,15 +372,35 @@ class Search:
             circumstances=self._context(base, full),
         )  # fmt: skip
 
+    def _share_elsewhere(self, base: Base, fit: Fit) -> float:
+        """Return the share of the differences that faults explain where they are not fitted."""
+        whole = self.on(base)
+        assert whole is not None
+        middle = round(_FITTED_PART * len(whole.indices))
+        if middle < 1 or middle == len(whole.indices):
+            return 0.0
+        parts = [whole.part(slice(None, middle)), whole.part(slice(middle, None))]
+        if whole.whitening is not None:
+            parts = [part.whitened_by(base) for part in parts]
+        first, second = (part.subset(_FITTED) for part in parts)
+        starts: list[Start] = [(fit.faults, tuple(fit.values))]
+        (fine,) = fitted(first, base, self._context(base, first), starts)
+        at = self._context(base, second)
+        model = planted(at, second.grid.model(second.scene), fine.faults, fine.values)
+        after = second.cost_of(second.differences([model], base)[0])
+        before = second.cost_of(_healthy(second, base))
+        return 1.0 - after / before if before > 0.0 else 0.0
+
     def _refitted(self, base: Base, full: Transitions, equivalent: Sequence[Fit]) -> list[Fit]:
         """Return the fits on more transitions, without those that these tell from the best one."""
         starts: list[Start] = [(one.faults, tuple(one.values)) for one in equivalent]
-        found = fitted(full, base, self._context(base, full), starts, sweeps=3)
+        found = fitted(full, base, self._context(base, full), starts)
         if found[0].cost > full.limit:
             found.sort(key=lambda fit: _score(fit, full))
         return [found[0], *_equivalent(found[0], found[1:], full)]
 
 
+_LISTED = 4  # maps
 _MAX_PAIRS = 6  # more pairs that fit equally well are no explanation
 
 
@@ -387,7 +424,7 @@ def _score(fit: Fit, transitions: Transitions) -> float:
 
 
 def _starts(at: FaultContext) -> list[Start]:
-    possible = (fault for fault in FAULTS if fault.applies(at))
+    possible = (fault for fault in FAULTS if fault.could_change(at))
     return [((fault,), start) for fault in possible for start in fault.starts(at)]
 
 
@@ -482,6 +519,7 @@ def _described(fit: Fit) -> tuple[FittedFault, ...]:
     widths, found, first = fit.half_widths, [], 0
     for fault, values in fit.parts:
         parameters = []
+        free = fit.undetermined[:, first : first + len(values)]
         for parameter, value in zip(fault.parameters, values, strict=True):
             width = float(widths[first])
             first += 1
@@ -489,6 +527,13 @@ def _described(fit: Fit) -> tuple[FittedFault, ...]:
                 FittedParameter(parameter.name, parameter.unit, float(value), value - width, value + width)
             )
         found.append(
-            FittedFault(fault.name, fault.kind, fault.text(values), tuple(parameters), fault.confirm)
+            FittedFault(
+                fault.name,
+                fault.kind,
+                fault.text(values),
+                tuple(parameters),
+                fault.confirm,
+                tuple(tuple(row) for row in free.tolist() if np.linalg.norm(row) > _INVOLVED),
+            )
         )
     return tuple(found)

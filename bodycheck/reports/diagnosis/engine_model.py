@@ -152,7 +152,10 @@ class Model:
     timeline: (steps,) the row of `loads` that acts in each step. arm_in_world: 1 where the arms of world
     forces are taken in world axes, 2 where they keep their initial direction. stale: the quantities of
     x, v, q, w that are read `lateness` steps late. largest_turn, asleep: 0 where there is no such limit.
-    clamped_first: whether limits of velocities apply before the pose is updated.
+    clamped_first: whether limits of velocities apply before the pose is updated. slowed_v, slowed_w: rates
+    by which velocities are damped after the kick, or after the step where slowed_late. turn_factor: of the
+    omega that turns the attitude. force_body_by and so on: 1 where a vector is rotated by the transpose, 2
+    where it is rotated twice, 0 where it is right.
     """
 
     mass: float
@@ -166,6 +169,9 @@ class Model:
     continuous: float = 1.0
     damping_v: float = 0.0
     damping_w: float = 0.0
+    slowed_v: float = 0.0
+    slowed_w: float = 0.0
+    slowed_late: bool = False
     damping_v_speed: float = 0.0
     damping_w_speed: float = 0.0
     spurious_force_world: Array = field(default_factory=lambda: np.zeros(3))
@@ -188,6 +194,12 @@ class Model:
     arm_in_world: float = 0.0
     step_factor: float = 1.0
     repeats: float = 0.0
+    force_body_by: float = 0.0
+    force_world_by: float = 0.0
+    torque_body_by: float = 0.0
+    torque_world_by: float = 0.0
+    moment_by: float = 0.0
+    turn_factor: float = 1.0
     stale: frozenset[str] = frozenset()
     lateness: float = 1.0
     start: Callable[[Array], Array] | None = None

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -19,9 +20,12 @@ from bodycheck.reports.diagnosis.flow import Base
 from bodycheck.reports.diagnosis.transitions import Transitions
 
 _CHANGE = 1e-6  # of a parameter, over its size: for the derivatives
-_SWEEPS = 7
+_SWEEPS = 14
 _SETTLED = 1e-4  # relative improvement below which a fit ends
-_CONTENDERS = 24  # that are fitted on after two sweeps
+_UNDETERMINED = 1e-6  # of the largest singular value: more than the errors of the derivatives
+_INVOLVED = 1e-3  # component of a direction that is not determined
+_LARGEST_STEP = 2.0  # of the logarithm of a parameter that is always positive
+_CONTENDERS = 32  # that are fitted on after two sweeps
 
 
 Start: TypeAlias = tuple[tuple[Fault, ...], Sequence[float] | Array]
@@ -42,7 +46,8 @@ class Fit:
     """Faults with the parameters that explain a trajectory best.
 
     values: of all faults, in order. cost: root mean square of the remaining differences. remaining: they
-    themselves (12, s). slopes: their derivatives (12 s, p).
+    themselves (12, s). slopes: their derivatives (12 s, p). least: the smallest standard deviation that
+    the differences have.
     """
 
     faults: tuple[Fault, ...]
@@ -50,6 +55,7 @@ class Fit:
     cost: float
     remaining: Array
     slopes: Array
+    least: float = 0.0
 
     @property
     def parts(self) -> list[tuple[Fault, Array]]:
@@ -79,13 +85,49 @@ class Fit:
 
     @property
     def half_widths(self) -> Array:
-        """Half the 95 % intervals of the parameters, from the scatter of the remaining differences."""
+        """Half the 95 % intervals of the parameters; infinite along what the motion does not determine.
+
+        From the scatter of the remaining differences of the quantities that vary.
+        """
         if not self.size:
             return np.zeros(0)
-        freedom = max(self.remaining.size - self.size, 1)
-        variance = float(np.sum(self.remaining**2)) / freedom
-        covariance = np.linalg.pinv(self.slopes.T @ self.slopes) * variance
-        return np.asarray(1.96 * np.sqrt(np.maximum(np.diag(covariance), 0.0)))
+        sizes, values, axes = self.curvature
+        determined = values > _UNDETERMINED * values[0]
+        known = self.remaining[np.any(self.slopes.reshape(*self.remaining.shape, -1), axis=(1, 2))]
+        freedom = max(known.size - int(np.count_nonzero(determined)), 1)
+        deviation = max(math.sqrt(float(np.sum(known**2)) / freedom), self.least)
+        spread = np.sum((axes[determined] / values[determined, None]) ** 2, axis=0)
+        loose = np.any(np.abs(axes[~determined]) > _INVOLVED, axis=0)
+        return np.where(loose, np.inf, 1.96 * deviation * np.sqrt(spread) / sizes)
+
+    @property
+    def smallest_half_widths(self) -> Array:
+        """Half the 95 % intervals of Cramer and Rao, for differences with the smallest deviation."""
+        sizes, values, axes = self.curvature
+        determined = values > _UNDETERMINED * values[0]
+        spread = np.sum((axes[determined] / values[determined, None]) ** 2, axis=0)
+        return np.asarray(1.96 * self.least * np.sqrt(spread) / sizes)
+
+    @property
+    def undetermined(self) -> Array:
+        """The directions (k, p) of unit length in which the parameters can change without an effect."""
+        if not self.size:
+            return np.zeros((0, 0))
+        sizes, values, axes = self.curvature
+        found = axes[values <= _UNDETERMINED * values[0]] / sizes
+        return np.asarray(found / np.linalg.norm(found, axis=-1, keepdims=True))
+
+    @cached_property
+    def curvature(self) -> tuple[Array, Array, Array]:
+        """Sizes of the slopes (p,), and their singular values (p,) and axes (p, p) over these sizes."""
+        columns = np.linalg.norm(self.slopes, axis=0)
+        # one size per fault, so that its parameters move as little as possible where they are not determined
+        sizes = np.concatenate(
+            [np.full(len(own), np.max(own, initial=0.0)) for _, own in _parts(self.faults, columns)]
+        )
+        sizes = np.where(sizes > 0.0, sizes, np.max(sizes) or 1.0)
+        _, values, axes = np.linalg.svd(self.slopes / sizes, full_matrices=False)
+        return sizes, values, axes
 
 
 @dataclass
@@ -93,6 +135,7 @@ class _Candidate:
     faults: tuple[Fault, ...]
     values: Array
     best: Fit | None = None
+    promised: float = math.inf  # cost after a full step, if the differences were linear
     share: float = 1.0
     settled: bool = False
 
@@ -136,11 +179,10 @@ def fitted(
 
 
 def _prune(candidates: Sequence[_Candidate]) -> None:
-    """Let only the best candidates go on."""
-    costs = sorted(one.best.cost for one in candidates if one.best is not None)
-    worst = costs[min(_CONTENDERS, len(costs)) - 1]
+    """Let only the candidates go on that are best, or that promise to be."""
+    worst = sorted(one.promised for one in candidates)[min(_CONTENDERS, len(candidates)) - 1]
     for one in candidates:
-        one.settled |= one.best is not None and one.best.cost > worst
+        one.settled |= one.promised > worst
 
 
 def _sweep(
@@ -177,18 +219,27 @@ def _step(one: _Candidate, here: Array, slopes: Array, transitions: Transitions)
     cost = transitions.cost_of(here)
     before, best = one.best, one.best
     if before is None or cost < before.cost:
-        best = one.best = Fit(one.faults, one.values.copy(), cost, here, slopes)
+        best = one.best = Fit(one.faults, one.values.copy(), cost, here, slopes, transitions.least)
         one.settled = before is not None and cost > (1.0 - _SETTLED) * before.cost
         one.share = 1.0 if before is None else min(1.0, 2.0 * one.share)
     else:
         one.share *= 0.25
         one.settled = one.share < 0.05
     assert best is not None
-    if not len(best.values) or best.cost <= transitions.round_off:
+    one.promised = min(one.promised, best.cost)
+    if not len(best.values) or (transitions.whitening is None and best.cost <= transitions.round_off):
         one.settled = True
     if one.settled:
         return
-    step = np.linalg.lstsq(best.slopes, -best.remaining.ravel(), rcond=1e-12)[0]
+    sizes = best.curvature[0]
+    step = np.linalg.lstsq(best.slopes / sizes, -best.remaining.ravel(), rcond=_UNDETERMINED)[0] / sizes
+    one.promised = min(
+        one.promised, transitions.cost_of(best.remaining + (best.slopes @ step).reshape(here.shape))
+    )
     low = np.array([parameter.low for parameter in one.parameters])
     high = np.array([parameter.high for parameter in one.parameters])
-    one.values = np.clip(best.values + one.share * step, low, high)
+    values = best.values + one.share * step
+    positive = low > 0.0  # their logarithm is changed: a linear step may lead below 0
+    relative = np.clip(step[positive] / best.values[positive], -_LARGEST_STEP, _LARGEST_STEP)
+    values[positive] = best.values[positive] * np.exp(one.share * relative)
+    one.values = np.clip(values, low, high)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -115,6 +115,8 @@ class Flow:
         self._ramps = np.flatnonzero(ramp)
         gyro = self._numbers("gyro")
         self._gyro = gyro[:, None] if np.any(gyro != 1.0) else None
+        turn_factor = self._numbers("turn_factor")
+        self._turn_factor = turn_factor[:, None] if np.any(turn_factor != 1.0) else None
         self._is_moved = scene.pivot is None
 
     def _numbers(self, name: str) -> Array:
@@ -126,7 +128,8 @@ class Flow:
         names = (
             *("damping_v", "damping_w", "damping_v_speed", "damping_w_speed", "largest_turn", "energy_pull"),
             *("body_velocity", "world_turn", "old_velocity", "inertia_in_world", "asleep"),
-            *("single_stage", "single_state"),
+            *("single_stage", "single_state", "slowed_v", "slowed_w"),
+            *("force_body_by", "force_world_by", "torque_body_by", "torque_world_by", "moment_by"),
         )
         found = {}
         for name in names:
@@ -196,7 +199,20 @@ class Flow:
         if "old_velocity" in self._features:
             rows = self._features["old_velocity"][0]
             new.x[:, rows] = (y.x + dt * y.v)[:, rows]
+        new.v, new.w = self._slowed(new, dt, late=True)
         return self._limited(y, new)
+
+    def _slowed(self, y: States, dt: Array, *, late: bool) -> tuple[Array, Array]:
+        """Return v and w of candidates that damp them after the kick, or late: after the step."""
+        found = []
+        for value, name in ((y.v, "slowed_v"), (y.w, "slowed_w")):
+            if name in self._features:
+                rows, rate = self._features[name]
+                chosen = np.array([self._models[row].slowed_late == late for row in rows])
+                value = value.copy()
+                value[:, rows[chosen]] *= 1.0 - (rate * dt[rows])[chosen]
+            found.append(value)
+        return found[0], found[1]
 
     def _first_order(self, y: States, loads: list[Array], t: Array, dt: Array) -> States:
         acceleration, torque, gyroscopic = self._forces(y, loads, t)
@@ -208,6 +224,7 @@ class Flow:
             if self._base.kind == "implicit gyroscopic":
                 change = change + times(self._inverse, torque)
         v, w = y.v + dt * acceleration, y.w + dt * (change + self._omega_extra(y))
+        v, w = self._slowed(States(y.x, v, y.q, w), dt, late=False)
         self._clamp(States(y.x, v, y.q, w), first=True)
         moved, turned = (y.v, y.w) if self._base.pose_first else (v, w)
         return States(y.x + dt * moved, v, self._turned(y.q, turned, dt), w)
@@ -231,6 +248,8 @@ class Flow:
         return np.stack(solved) / det
 
     def _turned(self, q: Array, w: Array, dt: Array) -> Array:
+        if self._turn_factor is not None:
+            w = self._turn_factor * w
         if self._base.turn == "additive":
             by = np.concatenate([np.ones_like(w[:1]), 0.5 * dt * w])
         else:
@@ -263,7 +282,10 @@ class Flow:
             at = combined(tableau.a[stage])
             acceleration, torque, gyroscopic = self._forces(at, loads, t + tableau.c[stage] * dt)
             spun = times(self._inverse, torque - gyroscopic) + self._omega_extra(at)
-            half = np.concatenate([np.zeros_like(at.w[:1]), 0.5 * self._stage_omega(at.w)])
+            turning = self._stage_omega(at.w)
+            if self._turn_factor is not None:
+                turning = self._turn_factor * turning
+            half = np.concatenate([np.zeros_like(at.w[:1]), 0.5 * turning])
             turned = product(at.q, half)
             if "world_turn" in self._features:
                 rows = self._features["world_turn"][0]
@@ -297,14 +319,20 @@ class Flow:
         torque = np.broadcast_to(torque_body, w.shape)
         continuous = self._scene.continuous_loads
         rotates = self._needs[0] or any(self._needs[3:]) or continuous or "inertia_in_world" in features
+        rotates = rotates or "force_world_by" in features or "torque_body_by" in features
         if rotates or "body_velocity" in features:
             rotation = matrix_of(y.q)
+        if "force_world_by" in features:
+            acceleration = self._rotated("force_world_by", rotation, acceleration, lambda _, v: v)
+        if "torque_body_by" in features:
+            torque = self._rotated("torque_body_by", rotation, torque, lambda _, v: v)
         if self._needs[0]:
-            acceleration = acceleration + times(rotation, force_body)
+            acceleration = acceleration + self._rotated("force_body_by", rotation, force_body, times)
         if self._needs[3]:
-            torque = torque + transposed_times(rotation, torque_world)
+            turned = self._rotated("torque_world_by", rotation, torque_world, transposed_times)
+            torque = torque + turned
         if self._needs[4]:
-            m = np.einsum("ab...,bc...->ac...", moment, rotation)
+            m = np.einsum("ab...,bc...->ac...", moment, self._moment_rotation(rotation))
             torque = torque + np.stack([m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0]])
         if continuous:
             force, turning = self._continuous_loads(y, rotation, t)
@@ -328,6 +356,27 @@ class Flow:
             acceleration = np.array(acceleration)
             acceleration[:, rows] += rate * cross(spin, y.v[:, rows])
         return acceleration, torque, gyroscopic
+
+    def _rotated(
+        self, name: str, rotation: Array, vector: Array, right: Callable[[Array, Array], Array]
+    ) -> Array:
+        """Return a load rotated as each candidate does; right: as it should be."""
+        found = right(rotation, vector)
+        if name in self._features:
+            rows, code = self._features[name]
+            found, part = np.array(found), np.broadcast_to(vector, found.shape)[:, rows]
+            turn = rotation[:, :, rows]
+            once, again = _WRONGLY[name]
+            found[:, rows] = np.where(code == 1.0, once(turn, part), again(turn, again(turn, part)))
+        return found
+
+    def _moment_rotation(self, rotation: Array) -> Array:
+        """Return R, transposed for candidates that take moments of forces in world axes with R F."""
+        if "moment_by" in self._features:
+            rows = self._features["moment_by"][0]
+            rotation = rotation.copy()
+            rotation[:, :, rows] = np.swapaxes(rotation[:, :, rows], 0, 1)
+        return rotation
 
     def _world_inertia(self, rows: Indices, w: Array, rotation: Array, torque: Array) -> tuple[Array, Array]:
         """Return gyroscopic term and torque with I and I^-1 in place of R^T I R and its inverse."""
@@ -408,6 +457,15 @@ class Flow:
             for before, value in ((old.x, new.x), (old.v, new.v), (old.q, new.q), (old.w, new.w)):
                 value[:, rows] = np.where(slow, before[:, rows], value[:, rows])
         return new
+
+
+_WRONGLY = {
+    "force_body_by": (transposed_times, times),
+    "force_world_by": (transposed_times, times),
+    "torque_body_by": (times, transposed_times),
+    "torque_world_by": (times, transposed_times),
+}
+"""Load -> how a candidate rotates it once, and the rotation that another one makes twice."""
 
 
 def _inverses(inertia: Array) -> Array:

@@ -25,7 +25,8 @@ from bodycheck.reports.diagnosis.engine_model import Reading
 from bodycheck.reports.diagnosis.transitions import SHIFT, Transitions, derivatives_of
 
 _SCREENED = 6  # transitions
-_NEAR = 3.0  # multiples of the limit, within which a map is whitened by its own derivatives
+_NEAR = 1.4  # multiples of the limit, within which a map is whitened by its own derivatives
+_NEAR_BY_LOADS = 100.0  # multiples of the nearest map, within which other treatments of loads are tried
 _SAME_NORM = 3.0  # multiples of the resolution
 _ROUND_OFF = 1e-14
 
@@ -53,19 +54,23 @@ def maps_of(transitions: Transitions) -> list[KnownMap]:
     transitions: all of them. Maps without the gyroscopic term are faults, and so left out.
     """
     few, steps = _LibrarySteps(transitions.alone().subset(_SCREENED)), _LibrarySteps(transitions)
+    possible = [one for one in MAPS.values() if one.order > 0 and one is not EXACT]
+    first = {one.name: few.cost(one, "") for one in possible}
+    near = _NEAR_BY_LOADS * min(first.values())
     screened = [
         (one, rule)
-        for one in MAPS.values()
-        if one.order > 0 and one is not EXACT
-        for rule in few.rules(one)
-        if few.cost(one, rule) <= few.transitions.limit and few.has_norm_of(one, rule)
+        for one in possible
+        for rule in (few.rules(one) if first[one.name] <= near else ("",))
+        if (few.cost(one, rule) if rule else first[one.name]) <= few.transitions.limit
+        and few.has_norm_of(one, rule)
     ]
-    if transitions.whitening is not None:
-        costs = steps.costs(screened)
-        near = _NEAR * transitions.limit
-        screened = [one for one, cost in zip(screened, costs, strict=True) if cost <= near]
-    found = [KnownMap(one, steps.cost(one, rule), rule) for one, rule in screened]
-    return [match for match in found if match.cost <= transitions.limit]
+    found = []
+    for (one, rule), cost in zip(screened, steps.costs(screened), strict=True):
+        is_near = transitions.limit / _NEAR < cost <= _NEAR * transitions.limit
+        settled = steps.cost(one, rule) if is_near else cost
+        if settled <= transitions.limit:
+            found.append(KnownMap(one, settled, rule))
+    return found
 
 
 _RULES = {"": None, "loads held in world axes": False, "loads held in body axes": True}
@@ -111,6 +116,8 @@ class _LibrarySteps:
         """Return the root mean squares of the differences, all whitened by the same derivatives."""
         if not some:
             return []
+        if self.transitions.whitening is None:
+            return [self.cost(one, rule) for one, rule in some]
         gaps = np.concatenate([self._gaps(one, rule, self._starts) for one, rule in some])
         return [self.transitions.cost_of(part) for part in self.transitions.whitened(gaps)]
 

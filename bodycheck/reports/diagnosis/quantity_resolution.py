@@ -72,8 +72,8 @@ class Resolution:
         return replace(self, **changes)
 
     def text(self, known: frozenset[str]) -> str:
-        """Return the coarsest resolution of the known quantities in words."""
-        quantity = max(known & set(QUANTITIES), key=lambda name: getattr(self, name))
+        """Return the coarser resolution of attitude and omega in words; other quantities may be round."""
+        quantity = max(known & {"attitude", "omega"}, key=lambda name: getattr(self, name))
         size = getattr(self, quantity) / (2.0 if quantity == "attitude" else 1.0)
         decimals = -math.log10(size) if size > 0.0 else math.inf
         if abs(decimals - round(decimals)) < 1e-6 and decimals < 15.5:

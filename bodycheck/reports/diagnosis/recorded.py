@@ -18,6 +18,7 @@ from bodycheck.reports.diagnosis.diagnosis import Diagnosis, Search, bases_for, 
 from bodycheck.reports.diagnosis.flow import EXACT
 from bodycheck.reports.diagnosis.known_maps import KnownMap, maps_of
 from bodycheck.reports.diagnosis.quantity_resolution import Resolution
+from bodycheck.reports.diagnosis.solver_error import solver_error
 from bodycheck.reports.diagnosis.start import StartState, start_difference
 from bodycheck.reports.diagnosis.strapdown import strapdown_rules
 from bodycheck.reports.measurement.scales import Scales
@@ -55,8 +56,7 @@ def diagnosed_recording(
             return None
         found, made_by = _without_fault(search, known, resolution)
         if found is None:
-            bases = bases_for(None) if dt_s is not None else (EXACT,)
-            found = search.diagnosis(bases, (), None)
+            found = _with_fault(search, stepped=dt_s is not None)
     if start is not None and made_by is not None and scene.pivot is None:
         later = _later(scene, made_by, step or scene.sample_interval_s, trajectory)
         start = start_difference(scene, trajectory, known, resolution, later)
@@ -90,6 +90,21 @@ def _without_fault(
             names = tuple(rule.name for rule in rules[1:])
             return Diagnosis("strapdown", rules[0].name, words, within=within, equal_maps=names), None
     return None, None
+
+
+def _with_fault(search: Search, *, stepped: bool) -> Diagnosis:
+    """Return the diagnosis of a motion that no map and not quite the exact flow makes."""
+    left = None if search.fine is None else solver_error(search.fine)
+    exact = None
+    if left is not None and left.is_small:
+        exact = Diagnosis("healthy", EXACT.name, "the exact flow", per_sample=left.size)
+        if not left.is_smooth and not (left.is_rounding and stepped):
+            return exact
+    found = search.diagnosis(bases_for(None) if stepped else (EXACT,), (), None)
+    # the errors of a method of many steps are smooth, too, but then there is no step to name
+    if found.verdict == "unexplained" and exact is not None and not (stepped and left and left.is_smooth):
+        return exact
+    return found
 
 
 def _later(scene: Scene, one: OneStepMap, dt_s: float, trajectory: Trajectory) -> dict[str, StartState]:

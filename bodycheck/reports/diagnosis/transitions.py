@@ -53,6 +53,7 @@ _FAR_OFF = 1e3  # a difference that is not finite
 _SWEEPS = 20  # at most, of the fixed point that finds a state from quantities of two instants
 _SETTLED = 1e-15  # relative change of that fixed point that is round-off
 AT_ROUND_OFF = 30.0  # multiples of the round-off that count as it
+_LEAST = 0.1  # of the round-off, which is that of the worst operation
 WITHIN = 1.8  # root mean square of whitened differences: rounding leaves at most sqrt(3)
 SHIFT = 1e-5
 """The shift of a state, over the scale of its quantity, for the derivatives of a map."""
@@ -245,6 +246,11 @@ class Transitions:
     def round_off(self) -> float:
         """The root mean square of differences that are round-off, or as large as the resolution leaves."""
         return float(np.min(self.noise)) if self.whitening is None else 1.0
+
+    @property
+    def least(self) -> float:
+        """The smallest standard deviation that weighted differences can have."""
+        return 1.0 if self.whitening is not None else _LEAST * self.round_off
 
     @property
     def limit(self) -> float:

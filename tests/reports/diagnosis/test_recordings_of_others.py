@@ -111,3 +111,66 @@ def test_a_fault_changes_the_verdict_of_a_healthy_log(tmp_path: Path) -> None:
     found = runner.explain(tmp_path / "moved.csv", folder / "top.toml", dt_s=0.01).diagnosis
     assert found is not None
     assert found.verdict != "healthy"
+
+
+def listed(found: Diagnosis) -> set[tuple[str, ...]]:
+    """The names of the faults, and of those that make the same motion."""
+    return {tuple(fault.name for fault in found.faults), *found.alike_names}
+
+
+def test_a_free_motion_determines_the_tensor_up_to_a_factor() -> None:
+    """xy and xz of the file's body are exchanged: five numbers are determined, at the same trace."""
+    found = diagnosis_of("04", "free-swapped-xy-xz.csv", "free.toml", 0.01)
+    assert listed(found) == {("inertia-tensor-up-to-a-factor",)}
+    mean = (14.13762 + 11.98389 + 7.37877) / 3.0
+    change = (-0.28782 - 0.9963) / mean
+    values = {parameter.name: parameter.value for parameter in found.faults[0].parameters}
+    assert values == pytest.approx({"xx": 0.0, "yy": 0.0, "xy": change, "xz": -change, "yz": 0.0}, abs=1e-9)
+
+
+def test_a_torque_determines_the_whole_tensor() -> None:
+    """Under a torque, all six numbers are determined."""
+    found = diagnosis_of("04", "torque-swapped-xy-xz.csv", "torque.toml", 0.01)
+    assert listed(found) == {("inertia-tensor",)}
+    assert all(np.isfinite(parameter.high) for parameter in found.faults[0].parameters)
+
+
+def test_damping_after_the_kick_is_one_fault() -> None:
+    """omega+ = (1 - 0.05 h)(omega + h omega') is no pair of damping and another gyroscopic term."""
+    found = diagnosis_of("07", "damped.csv", "top.toml", 0.01)
+    assert listed(found) == {("damping-angular-after-kick",)}
+    (rate,) = found.faults[0].parameters
+    assert rate.value == pytest.approx(0.05, rel=1e-9)
+    assert 0.0 < rate.high - rate.low < 1e-9
+
+
+def test_only_the_arm_across_the_force_is_determined() -> None:
+    """The arm was longer by (0, 0, 0.05) m: the fault is that vector but for a part along the force."""
+    found = diagnosis_of("08", "off.csv", "lever.toml", 0.01)
+    assert ("arm-shifted",) in listed(found)
+    fault = next(fault for fault in found.faults if fault.name == "arm-shifted")
+    force = np.array([0.3, 0.2, 1.0])
+    off = np.array([parameter.value for parameter in fault.parameters])
+    assert np.cross(off, force) == pytest.approx(np.cross([0.0, 0.0, 0.05], force), abs=1e-9)
+    (direction,) = fault.undetermined
+    assert np.abs(direction) == pytest.approx(force / np.linalg.norm(force), abs=1e-4)
+    assert all(np.isinf(parameter.high) for parameter in fault.parameters)
+
+
+def test_a_force_by_the_transpose_is_named() -> None:
+    """R^T F in place of R F; the right motion of the same scene is healthy."""
+    found = diagnosis_of("09", "body-force-by-transpose.csv", "body.toml", 0.01)
+    assert listed(found) == {("force-body-by-transpose",)}
+    right = diagnosis_of("09", "body-force-right.csv", "body.toml", 0.01)
+    assert (right.verdict, right.base) == ("healthy", "M1")
+
+
+@pytest.mark.parametrize("file", ["inverse-of-the-inertia.csv", "six-decimals.csv"])
+def test_equal_diagnoses_are_always_listed_together(file: str) -> None:
+    """For a sphere, more torque and less inertia are one motion, at any digits."""
+    found = diagnosis_of("15", file, "sphere.toml", 0.01)
+    assert listed(found) == {("inertia-scaled",), ("torque",)}
+    assert all(
+        text in found.sentence
+        for text in ("inertia is multiplied by 0.35355", "torques are multiplied by 2.8284")
+    )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, TypeAlias
@@ -51,6 +52,11 @@ class FaultContext:
     def has_force(self) -> bool:
         """Whether forces act, gravity excepted."""
         return bool(self.loads & {"force_body", "force_world"})
+
+    @property
+    def shows_translation(self) -> bool:
+        """Whether the body has no pivot, and the trajectory has positions or velocities."""
+        return self.is_free and bool(self.transitions.known & {"position", "velocity"})
 
     @property
     def has_gravity(self) -> bool:
@@ -119,6 +125,11 @@ class Fault:
     is_general: bool = False
     confirm: str = ""
 
+    def could_change(self, at: FaultContext) -> bool:
+        """Whether this fault could change a motion, and names only quantities that the trajectory has."""
+        missing = _NAMED.keys() - at.transitions.known
+        return self.applies(at) and not any(_NAMED[name].search(self.sentence) for name in missing)
+
     def special_text(self, values: Sequence[float] | Array) -> str:
         """Return the sentence of a particular value of the first parameter; "" for any other value."""
         for value, sentence in self.special:
@@ -129,6 +140,15 @@ class Fault:
     def text(self, values: Sequence[float] | Array) -> str:
         """Return the sentence with these values of the parameters."""
         return self.special_text(values) or self.sentence.format(*(_number(value) for value in values))
+
+
+_NAMED = {
+    "position": re.compile(r"\bposition|\bpose\b"),
+    "velocity": re.compile(r"\bvelocit"),
+    "attitude": re.compile(r"\bquaternion|\battitude"),
+    "omega": re.compile(r"\bomega\b"),
+}
+"""Quantity -> how a sentence names it."""
 
 
 def _number(value: float) -> str:
@@ -157,6 +177,17 @@ def constant(**changes: Any) -> Plant:
     def plant(model: Model, values: Array, at: FaultContext) -> None:
         for name, value in changes.items():
             setattr(model, name, value)
+
+    return plant
+
+
+def constant_and_first(changes: Mapping[str, Any], name: str) -> Plant:
+    """Return what assigns values to attributes of the model, and the first parameter to another one."""
+
+    def plant(model: Model, values: Array, at: FaultContext) -> None:
+        for attribute, value in changes.items():
+            setattr(model, attribute, value)
+        setattr(model, name, float(values[0]))
 
     return plant
 

@@ -55,6 +55,16 @@ def _any_inertia(inertia: Array, values: Array) -> Array:
     return np.asarray(inertia + np.trace(inertia) / 3.0 * np.array([[a, d, e], [d, b, f], [e, f, c]]))
 
 
+def _inertia_of_same_trace(inertia: Array, values: Array) -> Array:
+    xx, yy, xy, xz, yz = values
+    return _any_inertia(inertia, np.array([xx, yy, -xx - yy, xy, xz, yz]))
+
+
+def _is_scaled_by_loads(at: FaultContext) -> bool:
+    """Whether loads turn the body, so that its inertia is determined, and not only up to a factor."""
+    return at.has_torque or at.has_moment or bool(at.scene.continuous_loads) or not at.is_free
+
+
 def _arms_shifted(loads: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
     return {
         "lever": loads.lever + np.cross(values, loads.force_body),
@@ -72,7 +82,7 @@ def general_faults() -> Iterator[Fault]:
         _other_point(position=False, velocity=True),
         _vector("m"),
         _from_zero,
-        lambda at: at.rotates and at.is_free,
+        lambda at: at.rotates and at.shows_translation,
         is_general=True,
         confirm="compare it with the derivative of the position",
     )
@@ -83,7 +93,7 @@ def general_faults() -> Iterator[Fault]:
         _other_point(position=True, velocity=False),
         _vector("m"),
         _from_zero,
-        lambda at: at.rotates and at.is_free,
+        lambda at: at.rotates and at.shows_translation,
         is_general=True,
         confirm="spin the body about its centre of mass: the position must not change",
     )
@@ -94,14 +104,14 @@ def general_faults() -> Iterator[Fault]:
         _other_point(position=True, velocity=True),
         _vector("m"),
         _from_zero,
-        lambda at: at.rotates and at.is_free,
+        lambda at: at.rotates and at.shows_translation,
         is_general=True,
         confirm="spin the body about its centre of mass: the position must not change",
     )
     yield Fault(
         "arm-shifted",
         "loads",
-        "moments of forces are taken about a point that is ({0}, {1}, {2}) m off the centre of mass",
+        "the arms of forces are off by ({0}, {1}, {2}) m in body axes",
         changed_loads(_arms_shifted),
         _vector("m"),
         _from_zero,
@@ -126,6 +136,7 @@ def general_faults() -> Iterator[Fault]:
         changed("gravity", lambda g, d: g + d),
         _vector("m/s^2"),
         _from_zero,
+        lambda at: at.has_gravity,
         is_general=True,
         confirm="drop the body from rest",
     )
@@ -138,7 +149,7 @@ def general_faults() -> Iterator[Fault]:
                 changed(f"spurious_{noun}_{axes}", lambda _, values: values),
                 _vector(unit),
                 _from_zero,
-                (lambda _: True) if noun == "torque" else (lambda at: at.is_free),
+                (lambda _: True) if noun == "torque" else (lambda at: at.shows_translation),
                 is_general=True,
                 confirm=confirm,
             )
@@ -149,6 +160,19 @@ def general_faults() -> Iterator[Fault]:
         changed("inertia", _any_inertia),
         tuple(Parameter(name, "", 0.0, -2.0, 2.0) for name in ("xx", "yy", "zz", "xy", "xz", "yz")),
         lambda _: [(0.0,) * 6],
+        _is_scaled_by_loads,
         is_general=True,
         confirm="read the inertia back from the engine",
+    )
+    yield Fault(
+        "inertia-tensor-up-to-a-factor",
+        "body",
+        "the inertia tensor is another one, up to a factor that a free motion does not determine: at the "
+        "same trace, off by xx {0}, yy {1}, xy {2}, xz {3}, yz {4} of its mean moment",
+        changed("inertia", _inertia_of_same_trace),
+        tuple(Parameter(name, "", 0.0, -2.0, 2.0) for name in ("xx", "yy", "xy", "xz", "yz")),
+        lambda _: [(0.0,) * 5],
+        lambda at: at.rotates and not _is_scaled_by_loads(at),
+        is_general=True,
+        confirm="read the inertia back from the engine, or apply a known torque",
     )

@@ -32,7 +32,7 @@ def _clamp(which: Literal["v", "w"], axes: ClampAxes, *, first: bool) -> Fault:
         model.clamped_first = first
 
     def applies(at: FaultContext) -> bool:
-        return bool(_largest_of(which, axes, at) > 0.0) and (which == "w" or at.is_free)
+        return bool(_largest_of(which, axes, at) > 0.0) and (which == "w" or at.shows_translation)
 
     return Fault(
         f"{'speed' if which == 'v' else 'omega'}-clamped-{axes}{'' if first else '-after'}",
@@ -75,7 +75,11 @@ def limit_faults() -> Iterator[Fault]:
         _both_clamped,
         (Parameter("limit", "m/s or rad/s", math.inf, 0.0, 1e9, 1.0),),
         lambda at: [(max(_largest_of("w", "world", at), _largest_of("v", "world", at)),)],
-        lambda at: at.is_free and _largest_of("w", "world", at) > 0.0 and _largest_of("v", "world", at) > 0.0,
+        lambda at: (
+            at.shows_translation
+            and _largest_of("w", "world", at) > 0.0
+            and _largest_of("v", "world", at) > 0.0
+        ),
         confirm="start above and below the limit: only the motion above it must be wrong",
     )
     yield Fault(

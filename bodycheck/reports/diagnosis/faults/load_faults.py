@@ -199,7 +199,7 @@ def load_faults() -> Iterator[Fault]:
         "force-without-moment",
         "forces are multiplied by {0}, their moments are right",
         ("force_body", "force_world"),
-        lambda at: at.has_force and at.has_moment and at.is_free,
+        lambda at: at.has_force and at.has_moment and at.shows_translation,
         ((0.0, "forces have moments, but do not push the centre of mass"),),
     )
     yield _scaled(
@@ -240,7 +240,7 @@ def load_faults() -> Iterator[Fault]:
             f"force-{axes}-without-moment",
             f"forces in {axes} axes are multiplied by {{0}}, their moments are right",
             (f"force_{axes}",),
-            lambda at: {"force_body", "force_world"} <= at.loads and at.is_free,
+            lambda at: {"force_body", "force_world"} <= at.loads and at.shows_translation,
         )
         yield _scaled(
             f"torque-{axes}",
@@ -256,7 +256,7 @@ def load_faults() -> Iterator[Fault]:
         changed_loads(
             lambda h, _, __: {"force_body": 0.0 * h.force_body, "force_world": h.force_world + h.force_body}
         ),
-        applies=lambda at: "force_body" in at.loads and at.is_free,
+        applies=lambda at: "force_body" in at.loads and at.shows_translation,
         confirm=_LOAD_ALONE,
     )
     yield Fault(
@@ -266,7 +266,7 @@ def load_faults() -> Iterator[Fault]:
         changed_loads(
             lambda h, _, __: {"force_body": h.force_body + h.force_world, "force_world": 0.0 * h.force_world}
         ),
-        applies=lambda at: "force_world" in at.loads and at.is_free,
+        applies=lambda at: "force_world" in at.loads and at.shows_translation,
         confirm=_LOAD_ALONE,
     )
     yield Fault(
@@ -274,7 +274,7 @@ def load_faults() -> Iterator[Fault]:
         "loads",
         "forces act in the other axes, their moments are right",
         changed_loads(_forces_swapped),
-        applies=lambda at: {"force_body", "force_world"} <= at.loads and at.is_free,
+        applies=lambda at: {"force_body", "force_world"} <= at.loads and at.shows_translation,
         confirm=_LOAD_ALONE,
     )
     yield Fault(
@@ -293,6 +293,7 @@ def load_faults() -> Iterator[Fault]:
         applies=lambda at: "force_world" in at.loads and at.has_moment,
         confirm=_LOAD_ALONE,
     )
+    yield from _rotated_wrongly()
     yield Fault(
         "arm-in-world-axes",
         "loads",
@@ -388,6 +389,76 @@ def load_faults() -> Iterator[Fault]:
     )
 
 
+def _rotated_wrongly() -> Iterator[Fault]:
+    """Yield faults of loads that are rotated by the transpose of R, or twice."""
+    right = ", its moment is right"
+    kinds: tuple[tuple[str, str, dict[str, float], Callable[[FaultContext], bool]], ...] = (
+        (
+            "force-body-by-transpose",
+            f"a force in body axes is rotated by the transpose: it acts as R^T F, not R F{right}",
+            {"force_body_by": 1.0},
+            lambda at: "force_body" in at.loads and at.shows_translation,
+        ),
+        (
+            "force-body-rotated-twice",
+            f"a force in body axes is rotated twice: it acts as R R F{right}",
+            {"force_body_by": 2.0},
+            lambda at: "force_body" in at.loads and at.shows_translation,
+        ),
+        (
+            "force-world-by-transpose",
+            f"a force in world axes acts as R^T F{right}",
+            {"force_world_by": 1.0},
+            lambda at: "force_world" in at.loads and at.shows_translation,
+        ),
+        (
+            "force-world-rotated-twice",
+            f"a force in world axes acts as R R F{right}",
+            {"force_world_by": 2.0},
+            lambda at: "force_world" in at.loads and at.shows_translation,
+        ),
+        (
+            "force-world-to-body-by-transpose",
+            "a force in world axes is taken into body axes by R, not R^T: it acts as R R F, its moment too",
+            {"force_world_by": 2.0, "moment_by": 1.0},
+            lambda at: "moment" in at.loads and at.shows_translation,
+        ),
+        (
+            "moment-by-transpose",
+            "the moment of a force in world axes is r x R F in body axes, not r x R^T F",
+            {"moment_by": 1.0},
+            lambda at: "moment" in at.loads,
+        ),
+        (
+            "torque-world-by-transpose",
+            "a torque in world axes is taken into body axes by R, not R^T",
+            {"torque_world_by": 1.0},
+            lambda at: "torque_world" in at.loads,
+        ),
+        (
+            "torque-world-rotated-twice",
+            "a torque in world axes is taken into body axes by R^T twice",
+            {"torque_world_by": 2.0},
+            lambda at: "torque_world" in at.loads,
+        ),
+        (
+            "torque-body-rotated",
+            "a torque in body axes is rotated by R",
+            {"torque_body_by": 1.0},
+            lambda at: "torque_body" in at.loads,
+        ),
+        (
+            "torque-body-rotated-twice",
+            "a torque in body axes is rotated by R^T twice",
+            {"torque_body_by": 2.0},
+            lambda at: "torque_body" in at.loads,
+        ),
+    )
+    for name, sentence, changes, applies in kinds:
+        confirm = "start from an attitude other than identity, and apply the load alone"
+        yield Fault(name, "loads", sentence, constant(**changes), applies=applies, confirm=confirm)
+
+
 def _applied_faults() -> Iterator[Fault]:
     """Yield faults of the torque in body axes as an adapter applies it, with the moments of body forces."""
     yield _scaled(
@@ -444,6 +515,6 @@ def _applied_faults() -> Iterator[Fault]:
         "applied-force-without-lever",
         "forces are multiplied by {0}, the moments of body forces are right",
         ("force_body", "force_world", "moment"),
-        lambda at: {"lever", "moment"} <= at.loads and at.is_free,
+        lambda at: {"lever", "moment"} <= at.loads and at.shows_translation,
         ((0.0, "forces do not push the centre of mass, and world forces have no moment"),),
     )

@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
-from bodycheck.reports.diagnosis.faults.fault import FACTOR, Fault, Parameter, assigned, constant, near
+from bodycheck.reports.diagnosis.faults.fault import (
+    FACTOR,
+    Fault,
+    Parameter,
+    assigned,
+    constant,
+    constant_and_first,
+    near,
+)
 
 _RATE = Parameter("rate", "1/s", 0.0)
 
@@ -38,7 +47,7 @@ def map_faults() -> Iterator[Fault]:
         "map",
         "the velocity rotates with the body: v' has the term omega x v",
         constant(body_velocity=1.0),
-        applies=lambda at: at.rotates and at.is_free,
+        applies=lambda at: at.rotates and at.shows_translation,
         confirm="boost the scene by a velocity: the error must change",
     )
     yield Fault(
@@ -68,7 +77,7 @@ def map_faults() -> Iterator[Fault]:
         assigned("damping_v"),
         (_RATE,),
         near(0.0, 1.0),
-        lambda at: at.is_free,
+        lambda at: at.shows_translation,
         confirm="let the body fly without gravity",
     )
     yield Fault(
@@ -78,7 +87,7 @@ def map_faults() -> Iterator[Fault]:
         assigned("damping_v", "damping_w"),
         (_RATE,),
         near(0.0, 1.0),
-        lambda at: at.rotates and at.is_free,
+        lambda at: at.rotates and at.shows_translation,
         confirm="let the body fly and spin about a principal axis",
     )
     yield Fault(
@@ -107,14 +116,49 @@ def map_faults() -> Iterator[Fault]:
         assigned("damping_v_speed"),
         (Parameter("coefficient", "1/m", 0.0),),
         near(0.0),
-        lambda at: at.is_free,
+        lambda at: at.shows_translation,
         confirm="let the body fly at two speeds",
+    )
+    for noun, quantity, name in (("omega", "w", "angular"), ("the velocity", "v", "linear")):
+        for late, when in ((False, "kick"), (True, "step")):
+            yield Fault(
+                f"damping-{name}-after-{when}",
+                "map",
+                f"{noun} is multiplied by 1 - dt {{0}}/s after each {when}",
+                constant_and_first({"slowed_late": late}, f"slowed_{quantity}"),
+                (_RATE,),
+                near(0.0, 1.0),
+                (lambda at: at.stepped and at.rotates)
+                if quantity == "w"
+                else (lambda at: at.stepped and at.shows_translation),
+                confirm="spin the body about a principal axis and wait, at two steps",
+            )
+    yield Fault(
+        "attitude-rate-scaled",
+        "map",
+        "the attitude advances with omega multiplied by {0}",
+        assigned("turn_factor"),
+        (FACTOR,),
+        near(1.0, math.pi / 180.0, 180.0 / math.pi, 2.0, 0.5, 0.0, -1.0),
+        lambda at: at.rotates,
+        (
+            (0.0, "the attitude does not advance"),
+            (-1.0, "the attitude advances with omega of the opposite sign"),
+            (
+                2.0,
+                "the attitude advances twice as fast as omega: the factor 1/2 of q' = q omega / 2 is missing",
+            ),
+            (0.5, "the attitude advances half as fast as omega"),
+            (math.pi / 180.0, "the attitude advances with omega taken as degrees per second"),
+            (180.0 / math.pi, "the attitude advances with omega in degrees per second"),
+        ),
+        confirm="compare omega with the derivative of the attitude",
     )
     yield Fault(
         "position-by-old-velocity",
         "map",
         "the position advances with the velocity at the start of the step",
         constant(old_velocity=1.0),
-        applies=lambda at: at.is_free,
+        applies=lambda at: at.shows_translation,
         confirm="drop the body from rest: its first step must not move it",
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 
@@ -65,9 +66,25 @@ def _with_omega(r: Reading, *, in_world: bool) -> Reading:
 
 _DEGREES = (
     (180.0 / math.pi, "omega is read in degrees per second, not rad/s"),
+    (math.pi / 180.0, "omega is read in rad/s as if it were in degrees per second, and converted again"),
     (0.5 / math.pi, "omega is read in revolutions per second, not rad/s"),
     (-1.0, "omega is read with the opposite sign"),
 )
+
+
+def _omega_matrix(name: str, sentence: str, matrix: Array) -> Fault:
+    """Return the fault that omega is multiplied by an orthogonal matrix (3, 3) when it is read."""
+    return Fault(
+        name,
+        "reading",
+        sentence,
+        misread(
+            lambda r, _, __: replace(r, w=np.einsum("ij,j...->i...", matrix, r.w)),
+            lambda r, _, __: replace(r, w=np.einsum("ji,j...->i...", matrix, r.w)),
+        ),
+        applies=lambda at: at.rotates,
+        confirm="compare omega with the derivative of the attitude",
+    )
 
 
 def _late(name: str, quantities: str, noun: str) -> Fault:
@@ -75,7 +92,7 @@ def _late(name: str, quantities: str, noun: str) -> Fault:
         model.stale, model.lateness = frozenset(quantities), float(values[0])
 
     def applies(at: FaultContext) -> bool:
-        return at.stepped and (at.is_free or bool(set(quantities) & {"q", "w"}))
+        return at.stepped and (at.shows_translation or bool(set(quantities) & {"q", "w"}))
 
     return Fault(
         name,
@@ -170,6 +187,18 @@ def reading_faults() -> Iterator[Fault]:
         applies=lambda at: at.rotates,
         confirm="compare omega with the derivative of the attitude",
     )
+    for axis, name in enumerate("xyz"):
+        sign = 1.0 - 2.0 * np.eye(3)[axis]
+        yield _omega_matrix(
+            f"omega-{name}-reversed", f"omega about {name} is read with the opposite sign", np.diag(sign)
+        )
+    for order in list(permutations(range(3)))[1:]:
+        axes = ["xyz"[k] for k in order]
+        yield _omega_matrix(
+            f"omega-axes-{''.join(axes)}",
+            f"the axes of omega are permuted when it is read: x, y, z as {', '.join(axes)}",
+            np.eye(3)[list(order)],
+        )
     yield Fault(
         "omega-read-scaled",
         "reading",
@@ -188,7 +217,7 @@ def reading_faults() -> Iterator[Fault]:
         _scaled_reading("v"),
         (FACTOR,),
         near(1.0, -1.0, 1e3, 1e-3),
-        lambda at: at.is_free,
+        lambda at: at.shows_translation,
         (
             (-1.0, "the velocity is read with the opposite sign"),
             (1e3, "the velocity is read in mm/s"),
@@ -203,7 +232,7 @@ def reading_faults() -> Iterator[Fault]:
         _scaled_reading("x"),
         (FACTOR,),
         near(1.0, -1.0, 1e3, 1e-3),
-        lambda at: at.is_free,
+        lambda at: at.shows_translation,
         (
             (-1.0, "the position is read with the opposite sign"),
             (1e3, "the position is read in mm"),
@@ -219,7 +248,7 @@ def reading_faults() -> Iterator[Fault]:
             lambda r, _, __: replace(r, v=transposed_times(matrix_of(r.q), r.v)),
             lambda r, _, __: replace(r, v=times(matrix_of(r.q), r.v)),
         ),
-        applies=lambda at: at.is_free,
+        applies=lambda at: at.shows_translation,
         confirm="compare it with the derivative of the position",
     )
     yield Fault(

@@ -1,0 +1,449 @@
+"""Check what `judge --explain` says about recordings: healthy ones of maps and solvers, and those of faults.
+
+    python tools/recording_trials.py healthy --trials 300 --seed 1
+    python tools/recording_trials.py faults --digits 17 9 6 --seed 1
+
+healthy: maps of the reference and solvers of SciPy on five scenes, written with 17, 9, 6 or 4 digits or as
+float32, with the scenario's start or one that is off by 1e-6 to 1 rad/s. Counts accusations, and the maps
+that are named, alone where the second nearest map is 30 resolutions away. faults: every fault of the
+catalogue on a scene where it applies, with the written digits; counts those that are named, or listed among
+equals, where the fault moves the log by 30 resolutions, the intervals that contain the planted parameters,
+and their widths over those of Cramer and Rao.
+
+Exit status 1 below 95 % of names, below 90 % of intervals, or with an accusation.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from itertools import pairwise
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from bodycheck.adapters.contract import Setting
+from bodycheck.adapters.execution import Case, record
+from bodycheck.adapters.reference import Reference
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.rotations import normalised, quaternion_product, quaternion_to_matrix
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.wrench import wrench_between
+from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.diagnosis.diagnosis import Diagnosis
+from bodycheck.reports.diagnosis.engine_model import Grid, Reading
+from bodycheck.reports.diagnosis.faults import FAULTS
+from bodycheck.reports.diagnosis.faults.fault import Fault, FaultContext
+from bodycheck.reports.diagnosis.fit import planted
+from bodycheck.reports.diagnosis.flow import BASES, Base, Flow, States
+from bodycheck.reports.diagnosis.transitions import Transitions
+from bodycheck.reports.judge import explained_file
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.recordings.column_map import read_map
+from bodycheck.scenarios.library import load_scenario
+from bodycheck.scenarios.model import Scenario
+
+FREE = """
+[body]
+mass_kg = 2.0
+inertia_kg_m2 = [[0.05, 0.004, -0.003], [0.004, 0.07, 0.006], [-0.003, 0.006, 0.09]]
+[initial]
+quaternion = [0.6, 0.0, 0.8, 0.0]
+velocity_m_s = [0.2, 0.0, 0.1]
+"""
+SCENES = {
+    "free": FREE + "omega_body_rad_s = [1.0, -2.0, 3.0]",
+    "unstable-axis": FREE + "omega_body_rad_s = [0.2, 4.0, 0.1]",
+    "body-torque": FREE
+    + """omega_body_rad_s = [1.0, -2.0, 3.0]
+[[forcing]]
+kind = "torque"
+axes = "body"
+value_n_m = [0.05, -0.04, 0.06]
+""",
+    "thrown": FREE
+    + """omega_body_rad_s = [1.5, 1.0, -2.0]
+[[forcing]]
+kind = "gravity"
+acceleration_m_s2 = [0.0, 0.0, -9.81]
+[[forcing]]
+kind = "force"
+axes = "body"
+value_n = [0.3, 0.2, 1.0]
+at_m = [0.05, -0.02, 0.1]
+""",
+    "world-loads": FREE
+    + """omega_body_rad_s = [-1.0, 2.0, 1.0]
+[[forcing]]
+kind = "torque"
+axes = "world"
+value_n_m = [0.03, 0.05, -0.04]
+from_s = 0.3
+until_s = 1.2
+[[forcing]]
+kind = "force"
+axes = "world"
+value_n = [0.5, -0.4, 0.8]
+at_m = [0.03, 0.06, -0.05]
+""",
+}
+"""The scenes, each of 2 s with 201 samples."""
+MAPS = {
+    "m1": "M1",
+    "m2": "M2",
+    "quaternion-euler": "M1, pose from the old omega, additive quaternion",
+    "lie-euler": "Buss 2000, order 1",
+    "euler": "Buss 2000, order 1, additive matrix",
+    "rk4": "RK4",
+}
+"""Method of the reference -> how the name of its map begins."""
+SOLVERS = {"RK45": 1e-5, "DOP853": 1e-8, "LSODA": 1e-7}
+RESOLUTIONS = ("17", "9", "6", "4", "float32")
+OFF_BY = (0.0, 0.0, 1e-6, 1e-4, 1e-2, 1.0)
+DURATION_S, SAMPLES = 2.0, 201
+
+
+def scenario_of(name: str, folder: Path) -> Scenario:
+    """Return one of the scenes."""
+    path = folder / f"{name}.toml"
+    head = f'name = "{name}"\nduration_s = {DURATION_S}\nsamples = {SAMPLES}\n'
+    path.write_text(head + SCENES[name], encoding="utf-8")
+    return load_scenario(path)
+
+
+def solved(scene: Scene, solver: str, tolerance: float) -> Trajectory:
+    """Return the motion that a solver of SciPy gives, its dense output at the samples."""
+    inertia, mass = scene.body.inertia, scene.body.mass
+
+    def rates(t: float, y: Array) -> Array:
+        velocity, q, omega = y[3:6], y[6:10], y[10:13]
+        rotation = quaternion_to_matrix(q)
+        wrench = wrench_between(scene, t, t + 1e-9)
+        force = wrench.force_world + mass * scene.gravity + rotation @ wrench.force_body
+        torque = wrench.torque_body + rotation.T @ wrench.torque_world
+        for at, push in wrench.point_forces:
+            force, torque = force + push, torque + np.cross(at, rotation.T @ push)
+        turned = 0.5 * quaternion_product(q, np.r_[0.0, omega])
+        spun = np.linalg.solve(inertia, torque - np.cross(omega, inertia @ omega))
+        return np.concatenate([velocity, force / mass, turned, spun])
+
+    start = scene.initial
+    y = np.concatenate([start.position, start.velocity, normalised(start.quaternion), start.omega_body])
+    switches = [0.0, *scene.switches_before(scene.duration_s), scene.duration_s]
+    t_s, states = scene.sample_times, []
+    for index, (begin, end) in enumerate(pairwise(switches)):
+        last = index == len(switches) - 2
+        at = t_s[(t_s >= begin) & ((t_s < end) | last)]
+        found = solve_ivp(rates, (begin, end), y, solver, [*at, *([] if last else [end])],
+                          rtol=tolerance, atol=1e-2 * tolerance)  # fmt: skip
+        states.append(found.y.T[: len(at)])
+        y = found.y[:, -1]
+    made = np.concatenate(states)
+    return Trajectory(t_s, made[:, :3], made[:, 3:6], quaternion=made[:, 6:10], omega_body_rad_s=made[:, 10:])
+
+
+def written(path: Path, motion: Trajectory, resolution: str, *, translation: bool) -> float:
+    """Write a motion with so many digits; return the largest spacing of its numbers.
+
+    resolution: decimals, 17 for all digits, or float32.
+    """
+    columns: dict[str, Array] = {"t_s": motion.t_s}
+    if translation:
+        columns |= dict(zip(("x_m", "y_m", "z_m"), motion.position_m.T, strict=True))
+        columns |= dict(zip(("vx_m_s", "vy_m_s", "vz_m_s"), motion.velocity_m_s.T, strict=True))
+    if motion.quaternion is not None:
+        columns |= dict(zip(("qw", "qx", "qy", "qz"), motion.quaternion.T, strict=True))
+    else:
+        assert motion.rotation is not None
+        names = [f"r{i}{j}" for i in range(3) for j in range(3)]
+        columns |= dict(zip(names, motion.rotation.reshape(-1, 9).T, strict=True))
+    omega, axes = motion.omega_body_rad_s, "body"
+    if omega is None:
+        omega, axes = motion.omega_world_rad_s, "world"
+    assert omega is not None
+    columns |= {f"w{name}_{axes}_rad_s": part for name, part in zip("xyz", omega.T, strict=True)}
+    largest = max(float(np.max(np.abs(part))) for name, part in columns.items() if name != "t_s")
+    if resolution == "float32":
+        columns = {n: v if n == "t_s" else v.astype(np.float32).astype(float) for n, v in columns.items()}
+        spacing = float(np.spacing(np.float32(largest)))
+    else:
+        spacing = max(10.0 ** -int(resolution), float(np.spacing(largest)))
+    form = f".{resolution}f" if resolution in ("9", "6", "4") else ".17g"
+    lines = [",".join(columns)]
+    stacked = np.stack(list(columns.values()), axis=-1)
+    lines += [",".join([f"{row[0]:.10g}", *(format(v, form) for v in row[1:])]) for row in stacked.tolist()]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return spacing
+
+
+def explained(path: Path, scenario: Scenario, dt_s: float | None) -> Diagnosis | None:
+    """Return the diagnosis of a file."""
+    return explained_file(path, scenario, scenario.name, Cache.default(), read_map(()), dt_s).diagnosis
+
+
+def apart(one: Trajectory, other: Trajectory) -> float:
+    """Return the largest difference of two motions in any number that a file has."""
+    pairs = ((one.position_m, other.position_m), (one.velocity_m_s, other.velocity_m_s))
+    turned = (one.rotation_matrices, other.rotation_matrices)
+    return max(float(np.max(np.abs(a - b))) for a, b in (*pairs, turned, (one.omega_body, other.omega_body)))
+
+
+@dataclass(frozen=True)
+class HealthyTrial:
+    """A healthy recording and what was said about it."""
+
+    words: str
+    is_accused: bool
+    is_map: bool
+    is_named: bool
+    is_alone_as_it_should: bool
+
+
+def healthy_trial(draw: np.random.Generator, scenarios: Sequence[Scenario], path: Path) -> HealthyTrial:
+    """Write a healthy recording and explain it."""
+    scenario = scenarios[draw.integers(len(scenarios))]
+    made_by = [*MAPS, *SOLVERS][draw.integers(len(MAPS) + len(SOLVERS))]
+    resolution, off_by = RESOLUTIONS[draw.integers(len(RESOLUTIONS))], OFF_BY[draw.integers(len(OFF_BY))]
+    direction = draw.normal(size=3)
+    scene = scenario.scene
+    omega = scene.initial.omega_body + off_by * direction / np.linalg.norm(direction)
+    moved = replace(scene, initial=replace(scene.initial, omega_body=omega, exact_omega_world=None))
+    dt_s = float(draw.choice([0.01, 0.005])) if made_by in MAPS else None
+    motion = solved(moved, made_by, SOLVERS[made_by]) if dt_s is None else map_of(moved, made_by, dt_s)
+    spacing = written(path, motion, resolution, translation=bool(draw.integers(2)))
+    found = explained(path, scenario, dt_s)
+    assert found is not None
+    words = f"{scenario.name} {made_by} dt {dt_s} digits {resolution} off {off_by:g}: {found.sentence[:400]}"
+    if dt_s is None:
+        return HealthyTrial(words, found.verdict != "healthy", False, True, True)
+    names = [found.base, *found.equal_maps]
+    named = any(name.startswith(MAPS[made_by]) for name in names) or found.base == "exact"
+    others = [
+        name for name in MAPS if name != made_by and apart(motion, map_of(moved, name, dt_s)) > 30.0 * spacing
+    ]
+    wrongly = [name for name in others if MAPS[name] in names]
+    return HealthyTrial(words, found.verdict not in ("healthy", "lower-order"), True, named, not wrongly)
+
+
+def map_of(scene: Scene, method: str, dt_s: float) -> Trajectory:
+    """Return the motion of a method of the reference."""
+    found = record(Reference(), Case(scene, method, Setting(dt_s=dt_s))).trajectory
+    assert found is not None
+    return found
+
+
+def healthy(trials: int, seed: int, *, show: bool) -> bool:
+    """Print the figures of healthy recordings, and return whether they are as they should be."""
+    draw = np.random.default_rng(seed)
+    with tempfile.TemporaryDirectory() as folder:
+        scenarios = [scenario_of(name, Path(folder)) for name in SCENES]
+        found = []
+        for _ in range(trials):
+            one = healthy_trial(draw, scenarios, Path(folder) / "motion.csv")
+            found.append(one)
+            if show or one.is_accused or not one.is_named or not one.is_alone_as_it_should:
+                print("ACCUSED" if one.is_accused else "named" if one.is_named else "NOT NAMED", one.words,
+                      flush=True)  # fmt: skip
+    maps = [one for one in found if one.is_map]
+    accused, named = sum(one.is_accused for one in found), sum(one.is_named for one in maps)
+    alone = sum(one.is_alone_as_it_should for one in maps)
+    print(
+        f"{trials} healthy recordings: {accused} accused; {named} of {len(maps)} maps named or listed; "
+        f"{alone} without another map that differs by 30 resolutions"
+    )
+    return accused == 0 and named >= 0.95 * len(maps) and alone >= 0.95 * len(maps)
+
+
+def faulty_motion(
+    scene: Scene, base: Base, fault: Fault, values: Array, grid: Grid, at: FaultContext, *, reads: bool
+) -> Trajectory:
+    """Return the motion of a map with a fault; reads: whether readings are wrong at row 0, too."""
+    model = planted(at, grid.model(scene), [fault], values)
+    initial = scene.initial
+    attitude = normalised(initial.quaternion)
+    attitude = attitude if model.start is None else model.start(attitude)
+    now = States(
+        *(part[:, None, None] for part in (initial.position, initial.velocity, attitude, initial.omega_body))
+    )
+    rows = []
+    for sample in range(scene.samples):
+        before = now
+        late = None
+        if sample:
+            for step in range(grid.stride):
+                first = (sample - 1) * grid.stride + step
+                flow = Flow(
+                    [model], base, scene, grid.dt_s[:1], np.array([first]), np.array([first * grid.dt_s[0]])
+                )
+                before, now = now, flow.advance(now, 1)
+            if model.stale:
+                late = flow.step(before, 0, np.full((1, 1), (1.0 - model.lateness) * grid.dt_s[0]))
+        parts = {
+            name: getattr(late if late is not None and name in model.stale else now, name)[:, 0]
+            for name in "xvqw"
+        }
+        reading = Reading(parts["x"], parts["v"], parts["q"], parts["w"])
+        if sample or reads:
+            for misreading in model.misreadings:
+                reading = misreading.apply(reading)
+        rows.append([part[:, 0] for part in (reading.x, reading.v, reading.q, reading.w)])
+    x, v, q, w = (np.array([row[k] for row in rows]) for k in range(4))
+    return Trajectory(scene.sample_times, x, v, quaternion=q, omega_body_rad_s=w)
+
+
+@dataclass
+class Tally:
+    """Counts of the trial of faults at one resolution."""
+
+    counted: int = 0
+    named: int = 0
+    intervals: int = 0
+    inside: int = 0
+    widths: list[float] = field(default_factory=list)
+
+
+_SMALL_CHANGES = (0.3, 0.03, 0.003)
+
+
+def planted_values(fault: Fault, draw: np.random.Generator, at: FaultContext) -> Array:
+    """Return random values of the parameters of a fault, some of them its particular values."""
+    if fault.special and draw.random() < 0.25:
+        return np.array([fault.special[draw.integers(len(fault.special))][0]])
+    values = []
+    for parameter in fault.parameters:
+        if np.isinf(parameter.healthy):
+            (start,) = fault.starts(at)[0]
+            values.append(float(np.clip(start * draw.uniform(0.75, 0.95), parameter.low, parameter.high)))
+        elif parameter.low == 0.01:
+            values.append(float(draw.choice([0.3, 0.5, 1.0])))
+        else:
+            size = (
+                float(draw.choice(_SMALL_CHANGES)) * float(draw.choice([-1.0, 1.0])) * draw.uniform(0.7, 1.0)
+            )
+            values.append(parameter.healthy + size * (1.0 if len(fault.parameters) == 1 else 0.3))
+    return np.array(values)
+
+
+def faults(digits: Sequence[str], seed: int, names: Sequence[str] | None, *, show: bool) -> bool:
+    """Print the figures of faulty recordings, and return whether they are as they should be."""
+    draw = np.random.default_rng(seed)
+    tallies = {resolution: Tally() for resolution in digits}
+    with tempfile.TemporaryDirectory() as folder:
+        scenarios = [scenario_of(name, Path(folder)) for name in SCENES]
+        problems = {one.name: Problem.of(one, one.name, Cache.default()) for one in scenarios}
+        for fault in FAULTS:
+            if names and not any(fnmatchcase(fault.name, name) for name in names):
+                continue
+            for index in draw.permutation(len(scenarios)):
+                scenario = scenarios[index]
+                scene, base = scenario.scene, BASES[str(draw.choice(["m1", "rk4"]))]
+                grid = Grid.of(scene, 0.01)
+                right = faulty_motion(
+                    scene, base, _NONE, np.zeros(0), grid, _context(scene, problems, None), reads=True
+                )
+                at = _context(scene, problems, right)
+                if fault.could_change(at):
+                    break
+            else:
+                print(f"{fault.name}: applies to no scene")
+                continue
+            values = planted_values(fault, draw, at)
+            motion = faulty_motion(scene, base, fault, values, grid, at, reads=bool(draw.integers(2)))
+            if not np.all(np.isfinite(motion.attitude)):
+                print(f"{fault.name}: diverges")
+                continue
+            for resolution in digits:
+                path = Path(folder) / "motion.csv"
+                spacing = written(path, motion, resolution, translation=True)
+                if apart(right, motion) < 30.0 * spacing:
+                    continue
+                begin = time.process_time()
+                found = explained(path, scenario, 0.01)
+                assert found is not None
+                tally = tallies[resolution]
+                tally.counted += 1
+                listed = [{one.name for one in found.faults}, *(set(one) for one in found.alike_names)]
+                is_start = fault.name.endswith("-when-set") and found.start is not None
+                is_named = {fault.name} in listed or bool(is_start and found.start and found.start.meaning)
+                tally.named += is_named
+                if show or not is_named:
+                    word = "named" if is_named else "MISSED"
+                    start = found.start.meaning if found.start else ""
+                    took = time.process_time() - begin
+                    print(
+                        f"{word} {resolution} {scenario.name} {base.name} {fault.name} {values}: "
+                        f"{found.verdict} {found.base} {start} {found.sentence[:300]} ({took:.1f} s)",
+                        flush=True,
+                    )
+                if is_named and found.faults and found.faults[0].name == fault.name and len(values):
+                    _count_intervals(tally, found, values)
+    good = True
+    for resolution, tally in tallies.items():
+        width = float(np.median(tally.widths)) if tally.widths else float("nan")
+        print(
+            f"{resolution} digits: {tally.named} of {tally.counted} named or listed; {tally.inside} of "
+            f"{tally.intervals} intervals contain the parameter; median width {width:.2f} of Cramer and Rao"
+        )
+        good &= (
+            tally.named >= 0.95 * tally.counted and tally.inside >= 0.9 * tally.intervals and not width > 3.0
+        )
+    return good
+
+
+def _context(scene: Scene, problems: Mapping[str, Problem], motion: Trajectory | None) -> FaultContext:
+    problem = next(one for one in problems.values() if one.scenario.scene is scene)
+    path = problem.truth.trajectory if motion is None else motion
+    transitions = Transitions.of(scene, path, Grid.of(scene, 0.01), problem.scales, KNOWN)
+    return FaultContext(transitions, stepped=True)
+
+
+def _count_intervals(tally: Tally, found: Diagnosis, values: Array) -> None:
+    """Count the intervals that contain the planted values, and compare their widths."""
+    bound = None if found.fit is None else found.fit.smallest_half_widths
+    for index, (parameter, value) in enumerate(zip(found.faults[0].parameters, values, strict=True)):
+        if found.faults[0].sentence in [text for _, text in _fault(found.faults[0].name).special]:
+            continue
+        tally.intervals += 1
+        tally.inside += parameter.low <= value <= parameter.high
+        if bound is not None and np.isfinite(parameter.high) and bound[index] > 0.0:
+            tally.widths.append((parameter.high - parameter.low) / (2.0 * float(bound[index])))
+
+
+def _fault(name: str) -> Fault:
+    return next(fault for fault in FAULTS if fault.name == name)
+
+
+_NONE = Fault("none", "map", "", lambda *_: None)
+KNOWN = frozenset({"position", "velocity", "attitude", "omega"})
+
+
+def main() -> int:
+    """Print the figures and return the exit status."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    kinds = parser.add_subparsers(dest="kind", required=True)
+    for kind in ("healthy", "faults"):
+        one = kinds.add_parser(kind)
+        one.add_argument("--seed", type=int, default=1)
+        one.add_argument("--show", action="store_true", help="print each recording, not only the wrong ones")
+    kinds.choices["healthy"].add_argument("--trials", type=int, default=300)
+    kinds.choices["faults"].add_argument("--digits", nargs="+", default=["17", "9", "6"], choices=RESOLUTIONS)
+    kinds.choices["faults"].add_argument("--names", nargs="+", help="patterns of the names of faults")
+    given = parser.parse_args()
+    if given.kind == "healthy":
+        return int(not healthy(given.trials, given.seed, show=given.show))
+    return int(not faults(given.digits, given.seed, given.names, show=given.show))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
