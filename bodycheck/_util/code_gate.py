@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.untrusted import read_text
 
 
 def check_code(name: str, effect: str, *, allow_code: bool, file: Path | None = None) -> None:
@@ -26,8 +27,8 @@ def _place(name: str, file: Path) -> str:
     """Return FILE:LINE of the first line with the name, as text, or as a string of JSON or TOML."""
     spellings = {name, json.dumps(name)[1:-1]}
     try:
-        lines = file.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError):
+        lines = read_text(file).splitlines()
+    except InputError:
         lines = []
     found = (k for k, line in enumerate(lines, 1) if any(one in line for one in spellings))
     line = next(found, None)

@@ -5,15 +5,19 @@ That folder may belong to anybody. The environment and the user's own settings s
 
 from __future__ import annotations
 
+import glob
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bodycheck._util.untrusted import check_regular
+
 if TYPE_CHECKING:
-    from duckdb import DuckDBPyConnection
+    from duckdb import DuckDBPyConnection, DuckDBPyRelation
 
 _NUMBA_FILE, _MATPLOTLIB_FILE = ".numba_config.yaml", "matplotlibrc"
 
@@ -51,6 +55,14 @@ def matplotlib() -> Any:
     return found
 
 
+@cache
+def cma() -> Any:
+    """Import cma, which imports matplotlib; raises ImportError if it is not installed."""
+    with _without(_MATPLOTLIB_FILE):
+        import cma as found
+    return found
+
+
 def duckdb_connection() -> DuckDBPyConnection:
     """Return a database in memory that loads no extensions and writes nothing to the working directory."""
     import duckdb
@@ -62,3 +74,16 @@ def duckdb_connection() -> DuckDBPyConnection:
         "python_enable_replacements": "false",
     }
     return duckdb.connect(config=settings)
+
+
+def read_parquet(
+    database: DuckDBPyConnection, files: Sequence[Path], *, union_by_name: bool = False
+) -> DuckDBPyRelation:
+    """Return the rows of Parquet files; no part of their paths is a pattern, a column or an address.
+
+    Raises OSError and InputError as `check_regular` does.
+    """
+    for file in files:
+        check_regular(file)
+    escaped = [glob.escape(str(file.absolute())) for file in files]
+    return database.read_parquet(escaped, union_by_name=union_by_name, hive_partitioning=False)

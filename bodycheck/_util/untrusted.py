@@ -1,16 +1,18 @@
-"""Handle untrusted input: text for a terminal, JSON and TOML files, words of a shell command."""
+"""Handle untrusted input: files, text for a terminal, JSON and TOML, words of a shell command."""
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
 import shlex
+import stat
 import tomllib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from bodycheck._util.errors import BodycheckError, InputError
 
@@ -79,13 +81,62 @@ def from_outside(where: Path) -> Iterator[None]:
         raise InputError(f"{where}: cannot be used: {reason}") from error
 
 
+MAX_FILE_BYTES = 1 << 30
+_MAX_TEXT_BYTES = 1 << 26  # TOML and JSON need some twenty times their size in memory
+_KINDS = {
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFSOCK: "a socket",
+}
+
+
+def open_input(path: Path, max_bytes: int = MAX_FILE_BYTES) -> BinaryIO:
+    """Open a file that the user or another file names, for reading; all such files are opened here.
+
+    max_bytes: the largest size that the reader can hold in memory. Raises OSError if the file cannot be
+    opened, InputError if it is not a regular file, which could block or have no end, or is too large.
+    """
+    try:
+        check_regular(path)  # opening a device can have effects
+        file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY), "rb")
+    except ValueError as error:  # a NUL character in the path
+        raise InputError(f"{printable(str(path))}: cannot be read: {error}") from None
+    status = os.fstat(file.fileno())
+    fault = None if stat.S_ISREG(status.st_mode) else "is not a regular file"
+    if status.st_size > max_bytes:
+        fault = f"is too large: {status.st_size} bytes (limit: {max_bytes})"
+    if fault is not None:
+        file.close()
+        raise InputError(f"{path}: {fault}")
+    return file
+
+
+def check_regular(path: Path) -> None:
+    """Raise OSError if there is no such file, InputError if it is neither a regular file nor a folder."""
+    kind = stat.S_IFMT(path.stat().st_mode)
+    if kind == stat.S_IFDIR:
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if kind != stat.S_IFREG:
+        raise InputError(f"{path}: is {_KINDS.get(kind, 'something else')}, not a regular file")
+
+
+def read_bytes(path: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
+    """Return the content of a file; raises as `open_input` does."""
+    with open_input(path, max_bytes) as file:
+        content = file.read(max_bytes + 1)
+    if len(content) > max_bytes:  # it has grown, or its system does not know its size
+        raise InputError(f"{path}: is too large (limit: {max_bytes} bytes)")
+    return content
+
+
 def read_json(path: Path, *, escape: bool = True) -> Any:
     """Return the content of a JSON file; escape: whether to escape control characters in its strings.
 
     Raises FileNotFoundError if there is no file, InputError with one line if it cannot be read.
     """
     try:
-        content = json.loads(path.read_bytes().decode("utf-8"))
+        content = json.loads(read_bytes(path, _MAX_TEXT_BYTES).decode("utf-8"))
         return escaped(content) if escape else content
     except FileNotFoundError:
         raise
@@ -100,7 +151,7 @@ def read_json(path: Path, *, escape: bool = True) -> Any:
 def read_text(path: Path) -> str:
     """Read a UTF-8 text file, without a byte order mark; raise InputError if it cannot be read."""
     try:
-        return path.read_bytes().decode("utf-8-sig")
+        return read_bytes(path, _MAX_TEXT_BYTES).decode("utf-8-sig")
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError as error:

@@ -15,6 +15,7 @@ from bodycheck._util.distributions import installed
 from bodycheck._util.errors import InputError, UnavailableError, WorkerLostError
 from bodycheck._util.formatting import suggestion
 from bodycheck._util.shard import Shard
+from bodycheck._util.untrusted import read_bytes
 from bodycheck.adapters.engine_names import engine_fault, pin_of
 from bodycheck.adapters.importers import (
     ImportedLink,
@@ -108,7 +109,7 @@ def imported_audit(
     return Audit(
         str(model.path),
         model.format,
-        sha256(model.path.read_bytes()).hexdigest(),
+        sha256(read_bytes(model.path)).hexdigest(),
         tuple(one.column for one in imported),
         tuple(links),
         tuple(lint(model)),

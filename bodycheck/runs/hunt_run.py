@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from bodycheck._util.errors import InputError, StoppedError, UnavailableError
 from bodycheck._util.formatting import count
+from bodycheck._util.pinned_libraries import cma
 from bodycheck._util.untrusted import shell_join
 from bodycheck.adapters.batches import BatchAnswer
 from bodycheck.adapters.engine_names import with_method
@@ -217,7 +218,7 @@ def hunt(request: HuntRequest, make_progress: ProgressFactory) -> HuntResult:
     Raises InputError for wrong input, UnavailableError without cma.
     """
     try:
-        import cma  # noqa: F401 - an extra, checked before anything is run
+        cma()  # an extra, checked before anything is run
     except ImportError:
         raise UnavailableError("hunt needs cma: pip install 'bodycheck[hunt]'") from None
     ensemble, keys = request.checked()
@@ -252,10 +253,8 @@ def _evolve(
     search: _Search, ensemble: Ensemble, start_point: Array, budget: int, seed: int, progress: Progress
 ) -> None:
     """Search around a start, along the axes of the cube that change it, with so many evaluations at most."""
-    import cma
-
     active = _active(ensemble)
-    strategy = cma.CMAEvolutionStrategy(
+    strategy = cma().CMAEvolutionStrategy(
         start_point[active],
         _SPREAD,
         {"bounds": [0.0, 1.0], "popsize": _POPULATION, "seed": seed + 1, "verbose": -9},  # seed 0: the clock

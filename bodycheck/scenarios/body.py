@@ -29,6 +29,7 @@ from pydantic import (
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import suggestion
+from bodycheck._util.untrusted import read_bytes
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import MassProperties, Overlap, known_shape, primitive
 from bodycheck.reference_impl.scene import Link
@@ -258,7 +259,7 @@ def _link_of_file(folder: Traversable, file: str, kind: str, name: str | None) -
     derived = f"inertia {link.stated.derived}" if link.stated.derived else ""
     return LinkOfFile(
         name,
-        sha256(path.read_bytes()).hexdigest(),
+        sha256(read_bytes(path)).hexdigest(),
         float(body.mass),
         tuple(doubles(body.centre).tolist()),
         tuple(tuple(row) for row in tensor.tolist()),

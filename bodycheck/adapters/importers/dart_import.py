@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from bodycheck._util.untrusted import read_bytes
 from bodycheck.adapters.importers import (
     DEFAULT,
     RECOMMENDED,
@@ -59,7 +60,7 @@ def _read(file: str, request: ImportRequest) -> list[Any]:
 
 
 def _has_world(file: str) -> bool:
-    return b"<world" in re.sub(rb"<!--.*?-->", b"", Path(file).read_bytes(), flags=re.DOTALL)
+    return b"<world" in re.sub(rb"<!--.*?-->", b"", read_bytes(Path(file)), flags=re.DOTALL)
 
 
 def imported_links(request: ImportRequest) -> list[ImportedLink]:

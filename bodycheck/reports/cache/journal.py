@@ -11,6 +11,7 @@ from pathlib import Path
 from types import TracebackType
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.untrusted import check_regular, open_input
 from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reports.cache.disk_cache import Entry
 
@@ -26,6 +27,8 @@ class Journal:
         self._path, self._lock = path, threading.Lock()
         self._before: dict[str, Message] = {}
         try:
+            if path.exists():
+                check_regular(path)
             self._file = path.open("ab", buffering=0)
             try:
                 # until this process ends, however it ends
@@ -43,7 +46,7 @@ class Journal:
     def _read(self) -> int:
         """Load the intact entries; return the offset at which the last complete line ends."""
         end = 0
-        with self._path.open("rb") as file:
+        with open_input(self._path) as file:
             for line in file:
                 entry = Entry.read(line)
                 if entry is not None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.pinned_libraries import duckdb_connection
+from bodycheck._util.pinned_libraries import duckdb_connection, read_parquet
 from bodycheck._util.untrusted import escaped, from_outside, printable, read_json
 from bodycheck.reports.comparison.environment_diff import redefined
 from bodycheck.reports.history.archive import History
@@ -96,7 +96,7 @@ def _check_parquet(path: Path) -> None:
         raise InputError(f"{path}: is damaged")
     try:
         with duckdb_connection() as database:
-            database.read_parquet(str(path)).fetchall()
+            read_parquet(database, [path]).fetchall()
     except (duckdb.Error, ValueError, OverflowError) as error:
         raise InputError(f"{path}: is damaged: {printable(' '.join(str(error).split()), 200)}") from None
 

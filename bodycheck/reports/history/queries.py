@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.pinned_libraries import duckdb_connection
+from bodycheck._util.pinned_libraries import duckdb_connection, read_parquet
 from bodycheck._util.untrusted import escaped
 from bodycheck.reports.history.baseline import read_summary
 
@@ -41,7 +41,7 @@ def recorded_cases(runs: Sequence[Path]) -> pd.DataFrame:
     if not runs:
         return pd.DataFrame(columns=["run", *_CASE])
     with _connection() as database:
-        results = database.read_parquet(_files(runs, "results"), union_by_name=True)
+        results = read_parquet(database, _files(runs, "results"), union_by_name=True)
         return results.filter("outcome = 'ok'").project(f"run_id AS run, {', '.join(_CASE)}").df()
 
 
@@ -59,7 +59,7 @@ def query(runs: Sequence[Path], sql: str) -> pd.DataFrame:
             raise InputError(f"{sql!r}: must be one SELECT")
         database.register("nights", history_table(runs))
         for table in TABLES:
-            database.read_parquet(_files(runs, table), union_by_name=True).create_view(table)
+            read_parquet(database, _files(runs, table), union_by_name=True).create_view(table)
         table = database.sql(sql).df()
     for name in table.columns:
         if table[name].dtype == object or str(table[name].dtype) in ("str", "string"):
@@ -74,8 +74,8 @@ def history_table(runs: Sequence[Path]) -> pd.DataFrame:
     return pd.DataFrame([read_summary(run) for run in runs])
 
 
-def _files(runs: Sequence[Path], table: str) -> list[str]:
-    return [str(run / f"{table}.parquet") for run in runs]
+def _files(runs: Sequence[Path], table: str) -> list[Path]:
+    return [run / f"{table}.parquet" for run in runs]
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import glob
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from decimal import Decimal
@@ -13,8 +12,8 @@ import numpy as np
 
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.formatting import suggestion
-from bodycheck._util.pinned_libraries import duckdb_connection
-from bodycheck._util.untrusted import from_outside, printable
+from bodycheck._util.pinned_libraries import duckdb_connection, read_parquet
+from bodycheck._util.untrusted import check_regular, from_outside, open_input, read_bytes
 from bodycheck.reports.recordings.aem import BEGINS, read_aem
 from bodycheck.reports.recordings.recording import Recording
 from bodycheck.reports.recordings.text_table import read_text_table
@@ -40,7 +39,7 @@ def read_recording(path: Path, topic: str) -> Recording:
     try:
         reader = _READERS.get(path.suffix, _read_table)
         if reader is not _read_table:  # which opens the file itself, and only once
-            with path.open("rb"):
+            with open_input(path, MAX_BYTES):
                 pass
         found = _read_mcap(path, topic) if path.suffix == ".mcap" else reader(path)
     except OSError as error:
@@ -54,7 +53,7 @@ def read_recording(path: Path, topic: str) -> Recording:
 
 def _read_table(path: Path) -> Recording:
     """Return the columns of text; the formats that are read are named where an unknown one is no table."""
-    content = path.read_bytes()  # once, because it may be a pipe
+    content = read_bytes(path, MAX_BYTES)
     try:
         return read_aem(path, content) if content.startswith(BEGINS) else read_text_table(path, content)
     except InputError as error:
@@ -89,37 +88,114 @@ def _member(name: str, index: int, shape: tuple[int, ...]) -> str:
 
 
 def _read_parquet(path: Path) -> Recording:
+    """Return the columns of a file; those without parts are read when they are used."""
+    check_regular(path)
+    with from_outside(path), duckdb_connection() as database:
+        table = read_parquet(database, [path])
+        kinds = dict(zip(table.columns, table.types, strict=True))
+        nested = [name for name, kind in kinds.items() if kind.id in _NESTED]
+        ((rows,),) = table.aggregate("count(*)").fetchall()
+        _check_size(path, table, {name: kinds[name] for name in nested}, rows)
+        columns: dict[str, Any] = {}
+        if nested:
+            nested_rows = table.select(*map(_quoted_column, nested)).fetchall()
+            records = (dict(zip(nested, row, strict=True)) for row in nested_rows)
+            columns = _columns_of(path, map(_flat, records))
+    plain = {name: kind for name, kind in kinds.items() if name not in nested}
+    return Recording(path, _ParquetColumns(path, plain, columns, rows), rows)
+
+
+_NESTED = ("list", "array", "struct", "map", "union", "variant")
+
+
+class _ParquetColumns(Mapping[str, Any]):
+    """The columns of a Parquet file: plain ones are read on first use, those of nested ones were read."""
+
+    def __init__(self, path: Path, plain: Mapping[str, Any], nested: Mapping[str, Any], rows: int) -> None:
+        self._path, self._plain, self._nested, self._rows = path, plain, nested, rows
+        self._read: dict[str, Any] = {}
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(dict.fromkeys([*self._plain, *self._nested]))
+
+    def __len__(self) -> int:
+        return len(self._plain.keys() | self._nested.keys())
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._plain:
+            return self._nested[name]
+        if name not in self._read:
+            self._read[name] = self._column(name, self._plain[name])
+        return self._read[name]
+
+    def _column(self, name: str, kind: Any) -> Any:
+        with from_outside(self._path), duckdb_connection() as database:
+            table = read_parquet(database, [self._path])
+            _check_size(self._path, table, {name: kind}, self._rows)
+            column = f"epoch_ns({_quoted(name)})" if kind.id.startswith("timestamp") else _quoted(name)
+            rows = table.project(column).fetchall()
+        if kind.id.startswith("timestamp"):
+            return [ns if ns is None else Decimal(ns).scaleb(-9) for (ns,) in rows]
+        return _plain(rows)
+
+
+def _check_size(path: Path, table: Any, kinds: Mapping[str, Any], rows: int) -> None:
+    """Raise InputError where these columns exceed the limit as values in memory: packed, they may be tiny."""
+    sizes = [_size(_quoted(name), kind) for name, kind in kinds.items()]
+    total = rows * _DOUBLE_BYTES * len(kinds)
+    if total <= MAX_BYTES and any(size != str(_DOUBLE_BYTES) for size in sizes):
+        ((total,),) = table.aggregate(f"coalesce(sum(({' + '.join(sizes)})::HUGEINT), 0)").fetchall()
+    if total > MAX_BYTES:
+        listed = ", ".join(kinds)
+        raise InputError(f"{path}: {listed:.60}: {total} bytes, which exceeds the limit of {MAX_BYTES}")
+
+
+def _size(value: str, kind: Any, depth: int = 0) -> str:
+    """Return an SQL expression of the bytes of a value in memory, by its type."""
+    if depth > _DEEPEST:
+        raise ValueError("is nested too deeply")
+    match kind.id:
+        case "varchar":
+            return f"coalesce(strlen({value}), 0)"
+        case "blob":
+            return f"coalesce(octet_length({value}), 0)"
+        case "struct":
+            fields = [f"struct_extract({value}, {_text(name)})" for name, _ in kind.children]
+            sizes = [_size(one, child, depth + 1) for one, (_, child) in zip(fields, kind.children, strict=True)]
+            return f"({' + '.join(sizes)})"
+        case "list" | "array":
+            child = dict(kind.children)["child"]
+            element = f"x{depth}"
+            inner = _size(element, child, depth + 1)
+            return f"coalesce(list_sum(list_transform({value}::{child}[], lambda {element}: {inner})), 0)"
+        case "map":
+            keys, values = f"map_keys({value})", f"map_values({value})"
+            types = dict(kind.children)
+            both = ((keys, types["key"]), (values, types["value"]))
+            sums = []
+            for number, (part, child) in enumerate(both):
+                element = f"x{depth}_{number}"
+                inner = _size(element, child, depth + 1)
+                sums.append(f"coalesce(list_sum(list_transform({part}, lambda {element}: {inner})), 0)")
+            return f"({' + '.join(sums)})"
+    return str(_DOUBLE_BYTES)
+
+
+_DEEPEST = 50
+
+
+def _quoted(name: str) -> str:
+    return '"' + name.replace('"', '""') + '"'
+
+
+def _text(name: str) -> str:
+    return "'" + name.replace("'", "''") + "'"
+
+
+def _quoted_column(name: str) -> Any:
     import duckdb
 
-    try:
-        with duckdb_connection() as database:
-            table = database.read_parquet(glob.escape(str(path)))
-            nested = [
-                name
-                for name, kind in zip(table.columns, table.types, strict=True)
-                if kind.id in ("list", "array", "struct")
-            ]
-            ((rows,),) = table.aggregate("count(*)").fetchall()
-            if rows * len(table.columns) * _DOUBLE_BYTES > MAX_BYTES:
-                raise InputError(f"{path}: has {rows} rows, which exceeds the limit of {MAX_BYTES} bytes")
-            columns: dict[str, Any] = {}
-            for name, kind in zip(table.columns, table.types, strict=True):
-                column = duckdb.ColumnExpression(name)
-                if kind.id.startswith("timestamp"):
-                    stamps = table.select(duckdb.FunctionExpression("epoch_ns", column)).fetchall()
-                    columns[name] = [ns if ns is None else Decimal(ns).scaleb(-9) for (ns,) in stamps]
-                elif name not in nested:
-                    columns[name] = _plain(table.select(column).fetchall())
-            if nested:
-                nested_rows = table.select(*map(duckdb.ColumnExpression, nested)).fetchall()
-                records = (dict(zip(nested, row, strict=True)) for row in nested_rows)
-                columns |= _columns_of(path, map(_flat, records))
-    except (duckdb.Error, ValueError, OverflowError) as error:
-        if isinstance(error, InputError):
-            raise
-        why = printable(" ".join(str(error).split()), 200)
-        raise InputError(f"{path}: not a Parquet file: {why}") from None
-    return Recording(path, columns, rows)
+    return duckdb.ColumnExpression(name)
 
 
 def _plain(rows: Sequence[tuple[Any]]) -> Any:
@@ -134,13 +210,14 @@ def _read_json_lines(path: Path) -> Recording:
     numbers: list[int] = []
 
     def records() -> Iterator[dict[str, Any]]:
-        with path.open("rb") as file:
+        with open_input(path, MAX_BYTES) as file:
             for number, line in enumerate(file, 1):
                 if not line.strip():
                     continue
                 try:
                     text = line.decode("utf-8-sig" if number == 1 else "utf-8")
                     record = json.loads(text, parse_float=_written)
+                    flat = _flat(record) if isinstance(record, dict) else None
                 except RecursionError:
                     raise InputError(f"{path}: line {number}: is nested too deeply") from None
                 except json.JSONDecodeError as error:
@@ -148,10 +225,10 @@ def _read_json_lines(path: Path) -> Recording:
                     raise InputError(f"{path}: line {number}: is not JSON: {why}") from None
                 except ValueError as error:
                     raise InputError(f"{path}: line {number}: is not JSON: {error}") from None
-                if not isinstance(record, dict):
+                if flat is None:
                     raise InputError(f'{path}: line {number}: is not a JSON object, like {{"t_s": 0.0}}')
                 numbers.append(number)
-                yield _flat(record)
+                yield flat
 
     columns = _columns_of(path, records())
     return Recording(path, columns, len(numbers), lambda row: f"line {numbers[row]}")
@@ -190,7 +267,11 @@ def _columns_of(path: Path, records: Iterable[Mapping[str, Any]]) -> dict[str, l
     count = 0
     for count, record in enumerate(records, 1):
         for name, value in record.items():
-            column = columns.setdefault(name, [])
+            if name not in columns:
+                if not _is_text(name):
+                    raise InputError(f"{path}: {name!a:.60}: is not Unicode text, and names no column")
+                columns[name] = []
+            column = columns[name]
             column += [None] * (count - 1 - len(column))
             column.append(value)
         if len(columns) > _MAX_COLUMNS:
@@ -198,6 +279,15 @@ def _columns_of(path: Path, records: Iterable[Mapping[str, Any]]) -> dict[str, l
     for column in columns.values():
         column += [None] * (count - len(column))
     return columns
+
+
+def _is_text(name: str) -> bool:
+    """Whether a name can be printed: JSON can escape one half of a character."""
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _read_mcap(path: Path, topic: str) -> Recording:
@@ -211,7 +301,7 @@ def _read_mcap(path: Path, topic: str) -> Recording:
         raise UnavailableError(
             f"{path}: MCAP needs the package mcap: pip install 'bodycheck[mcap]'"
         ) from None
-    with path.open("rb") as file, from_outside(path):
+    with open_input(path, MAX_BYTES) as file, from_outside(path):
         reader = make_reader(file, validate_crcs=True)
         chosen = _topic_of(path, reader, topic)
         columns = _columns_of(path, _messages(path, reader, chosen))

@@ -17,6 +17,7 @@ from bodycheck._util.code_gate import check_code
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.formatting import setting
 from bodycheck._util.pinned_libraries import matplotlib
+from bodycheck._util.untrusted import check_regular
 from bodycheck.adapters.engine_names import is_named
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.measurement.case import CaseResult
@@ -158,6 +159,7 @@ def _style_of(style: Path, *, allow_code: bool) -> Any:
     logger.addHandler(handler)
     propagates, logger.propagate = logger.propagate, False
     try:
+        check_regular(style)
         found = matplotlib().rc_params_from_file(style, use_default_template=False)
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"--style {style}: cannot be read: {error}") from None

@@ -6,6 +6,7 @@ import csv
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import setting
-from bodycheck._util.untrusted import escaped
+from bodycheck._util.untrusted import escaped, open_input
 from bodycheck.adapters.contract import Build, Engine, Method, Setting
 from bodycheck.adapters.execution import Answer
 from bodycheck.reference_impl.arrays import Array
@@ -86,7 +87,7 @@ def read_sentinels(folder: Path) -> tuple[Sentinel, ...]:
     """Read the sentinels of a run; none where it has no sentinels.csv. Raises InputError if damaged."""
     path = folder / _TABLE
     try:
-        with path.open(encoding="utf-8", newline="") as file:
+        with TextIOWrapper(open_input(path), encoding="utf-8", newline="") as file:
             head, *rows = csv.reader(file, strict=True)
     except FileNotFoundError:
         return ()

@@ -6,6 +6,7 @@ import csv
 import json
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
+from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.pinned_libraries import duckdb_connection
-from bodycheck._util.untrusted import escaped
+from bodycheck._util.untrusted import escaped, open_input
 from bodycheck.reference_impl.truth.truth import QUANTITIES
 from bodycheck.reports.document import markdown_table
 from bodycheck.reports.measurement.measures import IDENTITY, MEASURES
@@ -213,7 +214,7 @@ def read_rows(path: Path, columns: tuple[str, ...], needed: tuple[str, ...]) -> 
     line that names the file and the fault.
     """
     try:
-        with path.open(encoding="utf-8", newline="") as file:
+        with TextIOWrapper(open_input(path), encoding="utf-8", newline="") as file:
             lines = list(csv.reader(file, strict=True))
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None

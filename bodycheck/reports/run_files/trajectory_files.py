@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias, cast
 import numpy as np
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.untrusted import open_input
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.trajectory import Trajectory
 
@@ -43,7 +44,7 @@ def read_npz(
     where the file cannot be read, and InputError with one line where it is not an npz of real numbers.
     """
     try:
-        with path.open("rb") as file, zipfile.ZipFile(file) as archive:
+        with open_input(path) as file, zipfile.ZipFile(file) as archive:
             left = min(MAX_BYTES, max(_ALWAYS_BYTES, _MAX_PACKED * path.stat().st_size))
             present = [name.removesuffix(".npy") for name in archive.NameToInfo if name.endswith(".npy")]
             arrays = {}

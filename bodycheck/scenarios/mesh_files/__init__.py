@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from importlib.resources.abc import Traversable
 from io import BufferedIOBase
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import TypeAlias, cast
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.untrusted import open_input
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
 from bodycheck.scenarios.mesh_files.obj import parse_obj
@@ -30,7 +30,6 @@ _PARSERS: dict[str, Parser] = {
 }
 MESH_SUFFIXES = tuple(_PARSERS)
 _COMPRESSED = (".gz", ".bz2", ".xz", ".zip", ".zst", ".7z")
-_MAX_BYTES = 1 << 30
 
 
 def open_mesh(path: Traversable) -> BufferedIOBase:
@@ -40,15 +39,9 @@ def open_mesh(path: Traversable) -> BufferedIOBase:
     """
     _parser(path)
     try:
-        file = cast(BufferedIOBase, path.open("rb"))
-        size = file.seek(0, os.SEEK_END)
-        file.seek(0)
+        return cast(BufferedIOBase, open_input(path) if isinstance(path, Path) else path.open("rb"))
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    if size > _MAX_BYTES:
-        file.close()
-        raise InputError(f"{path}: too large, {size} bytes (limit: {_MAX_BYTES})")
-    return file
 
 
 def read_polygons(path: Traversable, file: BufferedIOBase) -> Polygons:

@@ -9,6 +9,7 @@ from typing import Any
 
 from lxml import etree
 
+from bodycheck._util import untrusted
 from bodycheck._util.errors import InputError
 from bodycheck._util.untrusted import printable
 from bodycheck.scenarios.model_files.exact import finite
@@ -27,15 +28,9 @@ def parse_xml(path: Path) -> Any:
 def read_bytes(path: Path) -> bytes:
     """Return the content of a model file; raises InputError with one line if it cannot be read."""
     try:
-        if path.exists() and not path.is_file():
-            raise InputError(f"{path}: is not a regular file")
-        with path.open("rb") as file:
-            content = file.read(_MAX_BYTES + 1)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    if len(content) > _MAX_BYTES:
-        raise InputError(f"{path}: is too large (limit: {_MAX_BYTES} bytes)")
-    return content
+        return untrusted.read_bytes(path, _MAX_BYTES)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
 
 
 def repaired(content: bytes) -> bytes:
