@@ -105,7 +105,7 @@ def open_input(path: Path, max_bytes: int = MAX_FILE_BYTES) -> BinaryIO:
     status = os.fstat(file.fileno())
     fault = None if stat.S_ISREG(status.st_mode) else "is not a regular file"
     if status.st_size > max_bytes:
-        fault = f"is too large: {status.st_size} bytes (limit: {max_bytes})"
+        fault = f"too large, {status.st_size} bytes (limit: {max_bytes})"
     if fault is not None:
         file.close()
         raise InputError(f"{path}: {fault}")
@@ -126,7 +126,7 @@ def read_bytes(path: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
     with open_input(path, max_bytes) as file:
         content = file.read(max_bytes + 1)
     if len(content) > max_bytes:  # it has grown, or its system does not know its size
-        raise InputError(f"{path}: is too large (limit: {max_bytes} bytes)")
+        raise InputError(f"{path}: too large (limit: {max_bytes} bytes)")
     return content
 
 
@@ -156,6 +156,21 @@ def read_text(path: Path) -> str:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: is not UTF-8 text: {error.reason} at byte {error.start}") from None
+
+
+_NUMBER = re.compile(
+    r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[+-]?[0-9]+)?|inf|infinity|nan)", re.ASCII | re.IGNORECASE
+)
+
+
+def number_of(word: str) -> float:
+    """Return a decimal number; raises ValueError for digits of other scripts, 1_000 and blanks.
+
+    float() reads these, but no engine and no other program does.
+    """
+    if not _NUMBER.fullmatch(word):
+        raise ValueError(f"{word!r} is not a number")
+    return float(word)
 
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:

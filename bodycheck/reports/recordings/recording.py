@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.untrusted import printable
+from bodycheck._util.untrusted import number_of, printable
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.recordings.resolution import Stamp, are_doubles, iso_seconds, stamp_spacing
 from bodycheck.reports.run_files.trajectory_files import doubles
@@ -107,9 +107,10 @@ class Recording:
         return column, kind
 
     def _number(self, name: str, row: int, cell: Any) -> float:
-        if isinstance(cell, str) and "_" not in cell:  # float() takes 1_000
+        if isinstance(cell, str):
             with suppress(ValueError):
-                return float(cell if (since_1970 := iso_seconds(cell)) is None else since_1970)
+                since_1970 = iso_seconds(cell)
+                return number_of(cell.strip(" \t")) if since_1970 is None else float(since_1970)
         elif isinstance(cell, int | float | Decimal | np.number) and not isinstance(cell, bool):
             if not isinstance(cell, int) or abs(cell) <= EXACT:
                 return float(cell)
@@ -121,9 +122,10 @@ class Recording:
             return int(cell)
         if isinstance(cell, str) and (since_1970 := iso_seconds(cell)) is not None:
             return since_1970
-        if isinstance(cell, str | float | Decimal | np.number) and "_" not in str(cell):
-            with suppress(ArithmeticError):
-                exact = Decimal(str(cell).strip())
+        if isinstance(cell, str | float | Decimal | np.number):
+            with suppress(ArithmeticError, ValueError):
+                number_of(str(cell).strip(" \t"))
+                exact = Decimal(str(cell).strip(" \t"))
                 if exact.is_finite():
                     return exact
         raise self._not_a_number(name, row, cell)

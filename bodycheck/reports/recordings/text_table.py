@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.untrusted import number_of
 from bodycheck.reports.recordings.recording import Recording
 from bodycheck.reports.recordings.resolution import iso_seconds
 
@@ -159,7 +160,7 @@ def _is_row(cells: Sequence[str], separator: str) -> bool:
 
 def _is_number(cell: str) -> bool:
     try:
-        float(cell)
+        number_of(cell)
     except ValueError:
         return False
     return True

@@ -92,7 +92,10 @@ def _header(stream: BinaryIO, name: str, max_bytes: int) -> tuple[tuple[int, ...
     }.get(version)
     if read is None:
         raise ValueError(f"{name} has the unsupported npy version {version}")
-    shape, columns_first, dtype = read(stream)
+    try:
+        shape, columns_first, dtype = read(stream)
+    except Exception as error:  # a literal of Python, whose parser raises many errors
+        raise ValueError(f"{name} has a header that cannot be read: {type(error).__name__}") from None
     if dtype.kind not in "fiu":
         raise ValueError(f"{name} has type {dtype}, not real numbers")
     if dtype.itemsize > _DOUBLE_BYTES:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from array import array
 from collections.abc import Iterable, Iterator, Sequence
 from io import BufferedIOBase, TextIOWrapper
@@ -11,6 +12,8 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 
+_BLANK = re.compile(r"[ \t\r\n\v\f]+")
+_INTEGER = re.compile(r"[+-]?[0-9]{1,20}")
 UTF_16_NOTE = "the file is UTF-16 text"
 
 
@@ -45,7 +48,9 @@ def split_lines(file: BufferedIOBase, first: int = 1, comment: str = "") -> Iter
     lines = TextIOWrapper(cast(BinaryIO, file), encoding_of(file), errors="replace")
     try:
         for number, line in enumerate(lines, first):
-            words = (line.partition(comment)[0] if comment and comment in line else line).split()
+            text = line.partition(comment)[0] if comment and comment in line else line
+            # str.split() also splits at no-break spaces, unlike other readers
+            words = text.split() if text.isascii() else [word for word in _BLANK.split(text) if word]
             if words:
                 yield number, words
     finally:
@@ -55,7 +60,10 @@ def split_lines(file: BufferedIOBase, first: int = 1, comment: str = "") -> Iter
 
 def floats(words: Sequence[str], line: int) -> list[float]:
     """Return words as floats. Raises ValueError with the line number."""
+    text = "".join(words)
     try:
+        if not text.isascii() or "_" in text:  # float() reads digits of other scripts, and 1_000
+            raise ValueError(text)
         return [float(word) for word in words]
     except ValueError:
         hint = "; a decimal point is expected" if any("," in word for word in words) else ""
@@ -64,10 +72,9 @@ def floats(words: Sequence[str], line: int) -> list[float]:
 
 def integer(word: str, line: int) -> int:
     """Return a word as an integer of at most 31 bits. Raises ValueError with the line number."""
-    try:
-        value = int(word)
-    except ValueError:
-        raise ValueError(f"line {line}: {quoted([word])} is not an integer") from None
+    if not _INTEGER.fullmatch(word):
+        raise ValueError(f"line {line}: {quoted([word])} is not an integer")
+    value = int(word)
     if abs(value) >= 1 << 31:
         raise ValueError(f"line {line}: {quoted([word])} is out of range")
     return value

@@ -7,6 +7,7 @@ rounded to doubles, as every engine does.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import reduce
@@ -16,6 +17,7 @@ import numpy as np
 from mpmath import MPContext
 from numpy.typing import NDArray
 
+from bodycheck._util.untrusted import number_of
 from bodycheck.reference_impl.arrays import Array
 
 Exact: TypeAlias = NDArray[np.object_]
@@ -25,6 +27,7 @@ mp: Any = MPContext()
 mp.dps = 40
 
 _AXES = "xyz"
+_BLANK = re.compile(r"[ \t\r\n]+")
 
 
 def exact(values: Any) -> Exact:
@@ -183,10 +186,15 @@ def composite(parts: Iterable[ExactInertia]) -> ExactInertia:
     return ExactInertia(mass, centre, tensor)
 
 
+def words_of(text: str) -> list[str]:
+    """Return the words of an attribute; str.split() would also split at no-break spaces, unlike engines."""
+    return [word for word in _BLANK.split(text) if word]
+
+
 def finite(text: str, count: int | None = None) -> list[float]:
     """Return the numbers of an attribute; raises ValueError if they are not `count` finite numbers."""
     try:
-        values = [float(word) for word in text.split()]
+        values = [number_of(word) for word in words_of(text)]
     except ValueError:
         values = [math.nan]
     if not all(math.isfinite(value) for value in values) or (count is not None and len(values) != count):

@@ -33,6 +33,7 @@ from bodycheck.scenarios.model_files.exact import (
     rotation_of_euler,
     rotation_of_quaternion,
     rotation_to,
+    words_of,
 )
 from bodycheck.scenarios.model_files.mjcf_shapes import (
     SIZES,
@@ -68,7 +69,7 @@ def read_mjcf(root: Any, path: Path) -> ModelFile:
     reader.read_settings()
     for world in reader.sections("worldbody"):
         reader.body_content(world, None, Frame.of(), None, "")
-    links = _total_mass(reader.links, float(reader.compiler.get("settotalmass", "-1")))
+    links = _total_mass(reader.links, finite(reader.compiler.get("settotalmass", "-1"), 1)[0])
     return ModelFile(
         path, "mjcf", tuple(links), tuple(sorted(reader.reads)), tuple(reader.notes), dict(reader.compiler)
     )
@@ -567,10 +568,8 @@ def _overridden(before: dict[str, str], own: dict[str, str]) -> dict[str, str]:
     if any(name in own for name in _ALTERNATIVES):
         found = {name: value for name, value in found.items() if name not in _ALTERNATIVES}
     if "size" in own and "size" in found:
-        own = {
-            **own,
-            "size": " ".join([*own["size"].split(), *found["size"].split()[len(own["size"].split()) :]]),
-        }
+        sizes = words_of(own["size"])
+        own = {**own, "size": " ".join([*sizes, *words_of(found["size"])[len(sizes) :]])}
     return {**found, **own}
 
 

@@ -13,6 +13,8 @@ from typing import Any, Literal, TypeAlias
 from lxml import etree
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.untrusted import number_of
+from bodycheck.scenarios.model_files.exact import finite
 from bodycheck.scenarios.model_files.mjcf import expanded
 from bodycheck.scenarios.model_files.model_file import Format, ModelFile
 from bodycheck.scenarios.model_files.sdf import linked, named_models
@@ -64,7 +66,7 @@ def changed_text(model: ModelFile, change: Change) -> str:
 def _changed(name: str, value: str | None) -> str | None:
     """Return another number; the text itself if it is none, which the reader has not read either."""
     try:
-        return repr(2.0 * float(value or "") or float(name in _DIAGONAL))
+        return repr(2.0 * number_of(value or "") or float(name in _DIAGONAL))
     except ValueError:
         return value
 
@@ -109,7 +111,7 @@ def _with_absolute_meshes(root: Any, path: Path) -> None:
 
 
 def _mjcf_excerpt(model: ModelFile, name: str) -> str:
-    if float(model.settings.get("settotalmass", "-1")) > 0.0:
+    if finite(model.settings.get("settotalmass", "-1"), 1)[0] > 0.0:
         raise InputError("settotalmass scales each body by the masses of all bodies")
     root = expanded(parse_xml(model.path), model.path)
     found = next((body for body in root.iter("body") if body.get("name") == name), None)

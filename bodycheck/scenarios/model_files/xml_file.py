@@ -12,7 +12,7 @@ from lxml import etree
 from bodycheck._util import untrusted
 from bodycheck._util.errors import InputError
 from bodycheck._util.untrusted import printable
-from bodycheck.scenarios.model_files.exact import finite
+from bodycheck.scenarios.model_files.exact import finite, words_of
 
 _MAX_BYTES = 1 << 26
 _DECLARATION = re.compile(rb"\s*<\?xml\b[^>]*\?>")
@@ -159,7 +159,7 @@ class Node:
 
     def leading(self, name: str, count: int, default: str) -> list[float]:
         """Return the first `count` numbers, as engines do where there are more."""
-        words = self.text(name, default).split()
+        words = words_of(self.text(name, default))
         try:
             return finite(" ".join(words[:count]), count)
         except ValueError as error:
