@@ -13,9 +13,12 @@ from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.registry import registered
 from bodycheck.reference_impl.precompile import compile_kernels
 from bodycheck.reference_impl.scene import Scene
+from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.run_files.run_reader import read_run
 from bodycheck.scenarios.library import load_scenarios
 from tests.helpers.collection_order import pytest_collection_modifyitems as pytest_collection_modifyitems
 from tests.helpers.expected_messages import ExpectedMessage
+from tests.helpers.nightly_runs import store_nightly_runs, unchanged
 from tests.helpers.shared_folder import shared_folder
 
 # Bytecode is written even if the environment disables it: the tests start about a hundred processes, each of
@@ -119,6 +122,17 @@ def expected_message(request: pytest.FixtureRequest) -> ExpectedMessage:
 def stored_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of a run of a mesh, a shape and a tensor; its methods work or fail, with speeds."""
     return shared_folder(tmp_path_factory, "stored", store_run) / "run"
+
+
+@pytest.fixture(scope="session")
+def stored_history(stored_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a history of two nightly runs, which are the stored run."""
+
+    def store(folder: Path) -> None:
+        run = read_run(stored_run, allow_code=False, cache=Cache.default())
+        store_nightly_runs(run, folder / "nights", [unchanged, unchanged])
+
+    return shared_folder(tmp_path_factory, "history", store) / "nights"
 
 
 def store_run(folder: Path) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import number
+from bodycheck._util.untrusted import read_bytes
 from bodycheck.adapters.importers import ImportedLink
 from bodycheck.reports.audit.audit import SAME, SINGLE, Audit, Body, Column, Comparison, Difference, State
 from bodycheck.reports.audit.causes import body_causes, with_issue
@@ -53,7 +54,7 @@ def audit_against(path: Path, other_path: Path) -> Audit:
     return Audit(
         str(other.path),
         other.format,
-        sha256(other.path.read_bytes()).hexdigest(),
+        sha256(read_bytes(other.path)).hexdigest(),
         (column,),
         tuple(audited),
         tuple(lint(model)),

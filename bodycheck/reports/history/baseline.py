@@ -6,12 +6,13 @@ import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from io import BufferedReader
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.pinned_libraries import duckdb_connection, read_parquet
-from bodycheck._util.untrusted import escaped, from_outside, printable, read_json
+from bodycheck._util.untrusted import escaped, from_outside, open_input, printable, read_bytes, read_json
 from bodycheck.reports.comparison.environment_diff import redefined
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.levels import Levels, read_levels
@@ -89,7 +90,7 @@ def _check_parquet(path: Path) -> None:
     import duckdb
 
     try:
-        content = path.read_bytes()
+        content = read_bytes(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     if not (content.startswith(_PARQUET) and content.endswith(_PARQUET)):
@@ -102,8 +103,8 @@ def _check_parquet(path: Path) -> None:
 
 
 def _sum(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    with open_input(path) as file:
+        return hashlib.file_digest(cast(BufferedReader, file), "sha256").hexdigest()
 
 
 def _seal(summary: dict[str, Any]) -> str:

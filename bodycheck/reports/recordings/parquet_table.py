@@ -79,6 +79,7 @@ def _opened(path: Path) -> Iterator[DuckDBPyConnection]:
 
     try:
         with duckdb_connection() as database, from_outside(path):
+            database.execute("SET memory_limit = '1GB'")
             yield database
     except InputError as error:
         if isinstance(error.__cause__, duckdb.Error):

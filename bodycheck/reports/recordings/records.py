@@ -9,23 +9,29 @@ from typing import Any
 from bodycheck._util.errors import InputError
 
 MAX_COLUMNS = 10_000
+_DEEPEST = 50
 
 
-def flat(record: Mapping[str, Any], before: str = "") -> dict[str, Any]:
-    """Return nested objects and lists as one level: "pose.position.x", "q[0]"."""
+def flat(record: Mapping[str, Any], before: str = "", depth: int = 0) -> dict[str, Any]:
+    """Return nested objects and lists as one level: "pose.position.x", "q[0]".
+
+    Raises RecursionError for a record that is nested too deeply.
+    """
     found: dict[str, Any] = {}
     for key, value in record.items():
-        found |= _flat_value(f"{before}{key}", value)
+        found |= _flat_value(f"{before}{key}", value, depth)
     return found
 
 
-def _flat_value(name: str, value: Any) -> dict[str, Any]:
+def _flat_value(name: str, value: Any, depth: int) -> dict[str, Any]:
+    if depth > _DEEPEST:
+        raise RecursionError(f"{name[:_DEEPEST]}... is nested too deeply")
     if isinstance(value, Mapping):
-        return flat(value, f"{name}.")
+        return flat(value, f"{name}.", depth + 1)
     if isinstance(value, list | tuple):
         found: dict[str, Any] = {}
         for index, part in enumerate(value[: MAX_COLUMNS + 1]):
-            found |= _flat_value(f"{name}[{index}]", part)
+            found |= _flat_value(f"{name}[{index}]", part, depth + 1)
         return found
     return {name: value}
 

@@ -94,7 +94,7 @@ def _header(stream: BinaryIO, name: str, max_bytes: int) -> tuple[tuple[int, ...
         raise ValueError(f"{name} has the unsupported npy version {version}")
     try:
         shape, columns_first, dtype = read(stream)
-    except Exception as error:  # a literal of Python, whose parser raises many errors
+    except Exception as error:  # noqa: BLE001 - a literal of Python, whose parser raises many errors
         raise ValueError(f"{name} has a header that cannot be read: {type(error).__name__}") from None
     if dtype.kind not in "fiu":
         raise ValueError(f"{name} has type {dtype}, not real numbers")
