@@ -386,7 +386,7 @@ def test_page_marks_bad_links_and_links_issues() -> None:
     finding = Finding("triangle-inequality", "error", "certain", "robot.urdf", 2, "arm", "impossible tensor")
     page = audit_page(Audit("robot.urdf", "urdf", "", [column], links, [finding]))
     assert '<th scope="row" class="tint-bad">arm<br><small>line 2<br>error: triangle-inequality' in page
-    assert '<td class="tint-open"><strong>agrees, which no body has' in page
+    assert '<td class="tint-open" data-heading="dart:default"><strong>agrees, which no body has' in page
     assert 'as in <a href="https://github.com/a/b/issues/12">a/b#12</a> &amp; c' in page
 
 

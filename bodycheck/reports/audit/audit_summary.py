@@ -14,7 +14,7 @@ from bodycheck.reports.document import Sentence
 
 LEVELS: tuple[Severity, ...] = ("error", "warning", "note")
 TINTS = {"error": "bad", "warning": "open", "note": "none"}
-IMPOSSIBLE = ("not-positive", "triangle-inequality", "negative-mass", "zero-mass", "unreadable")
+IMPOSSIBLE = ("not-positive", "triangle-inequality", "negative-mass", "unreadable")
 """The rules whose errors mean that no body has the numbers of a link."""
 
 _DISCARDED = "tensor discarded"

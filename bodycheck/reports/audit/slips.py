@@ -285,18 +285,19 @@ def _wrong_moments(part: Part) -> Iterator[_Candidates]:
         yield _wrong_formulas(*part.sizes)
 
 
-_CHOICES = [
-    choice
-    for choice in product([(j, k) for j in range(3) for k in range(j, 3)], repeat=3)
-    if choice != ((1, 2), (0, 2), (0, 1))
-]
+_LENGTHS_OF = ((1, 2), (0, 2), (0, 1))
+"""The edges of a box whose squares make each moment."""
+_CHOICES = sorted(
+    set(product([(j, k) for j in range(3) for k in range(j, 3)], repeat=3)) - {_LENGTHS_OF},
+    key=lambda choice: sum(one != right for one, right in zip(choice, _LENGTHS_OF, strict=True)),
+)
 _PAIRS = np.array(_CHOICES)
 _WRONG_LENGTHS = [
     "with wrong lengths: "
     + ", ".join(
         f"{_NAMES[axis]} from {'xyz'[j]} and {'xyz'[k]}"
         for axis, (j, k) in enumerate(choice)
-        if (j, k) != ((1, 2), (0, 2), (0, 1))[axis]
+        if (j, k) != _LENGTHS_OF[axis]
     )
     for choice in _CHOICES
 ]
