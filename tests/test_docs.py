@@ -358,10 +358,17 @@ def check_options(line: str) -> None:
 )
 def test_steps_of_a_workflow_are_steps(block: Block) -> None:
     """Each step of a workflow runs something, and the bodycheck commands in it exist."""
-    for step in yaml.safe_load(block.text):
-        assert set(step) == {"run"}
-        if step["run"].startswith("bodycheck "):
-            check_options(step["run"].split(">>")[0])
+    content = yaml.safe_load(block.text)
+    steps = (
+        content
+        if isinstance(content, list)
+        else [s for job in content["jobs"].values() for s in job["steps"]]
+    )
+    for step in steps:
+        assert "run" in step or re.fullmatch(r"[\w-]+/[\w-]+@[0-9a-f]{40}", step["uses"])
+        for line in step.get("run", "").splitlines():
+            if line.strip().startswith("bodycheck "):
+                check_options(re.split(r">>|\|\|", line)[0])
 
 
 @pytest.mark.parametrize("line", [line for line in inline_commands() if not line.startswith("bodycheck ")])

@@ -158,9 +158,9 @@ def gate(
     results = check_gates(bounds, measured, requested)
     document = gate_output.results_document(results)
     answer(document, gate_output.results_data(results, str(gates), measured.run_id), as_json=json)
-    found = gate_output.alerts_of(results, gates, gate_lines(text, len(bounds)))
+    found = gate_output.alerts_of(results, measured, gates, gate_lines(text, len(bounds)))
     if github:
-        tell_github(found, document, as_json=json)
+        tell_github(found, "bodycheck gate", document, as_json=json)
     write_files(
         files,
         {

@@ -19,6 +19,7 @@ from bodycheck.cli.options import (
     Engines,
     EnginesFile,
     Files,
+    Github,
     HtmlFile,
     Jobs,
     Json,
@@ -35,6 +36,7 @@ from bodycheck.cli.options import (
     described,
     progress_of,
     refuse_others,
+    tell_github,
     thresholds_of,
     write_files,
 )
@@ -106,6 +108,7 @@ def nightly_(
         Path | None,
         typer.Option(help="With --shard: new or empty folder for this shard.", rich_help_panel=OUTPUT),
     ] = None,
+    github: Github = False,
     html: HtmlFile = None,
     markdown: MarkdownFile = None,
     engines: EnginesFile = None,
@@ -151,7 +154,7 @@ def nightly_(
         judged, run_folder = run_nightly(request, history, progress_of(quiet=quiet), levels)
     except KeyboardInterrupt:
         raise StoppedError("stopped; nothing was stored") from None
-    print_judgement(judged, run_folder, files, json=json, fail_on=fail_on)
+    print_judgement(judged, run_folder, files, json=json, github=github, fail_on=fail_on)
 
 
 def print_judgement(
@@ -160,16 +163,24 @@ def print_judgement(
     files: Files,
     *,
     json: bool,
+    github: bool = False,
     fail_on: Literal["open", "newly-worse"] = "open",
 ) -> None:
     """Print the judgement of a stored nightly run, write the files, and exit with its status."""
     from bodycheck.reports.document import answer, markdown
-    from bodycheck.reports.history.history_output import nightly_data, nightly_document, nightly_page
+    from bodycheck.reports.history.history_output import (
+        alerts_of,
+        nightly_data,
+        nightly_document,
+        nightly_page,
+    )
 
     document, data = nightly_document(judged), {**nightly_data(judged), "folder": run_folder}
     answer(document, data, as_json=json)
     if not json:
         print(run_folder / "night.html")
+    if github:
+        tell_github(alerts_of(judged), "bodycheck nightly", document, as_json=json)
     write_files(
         files,
         {

@@ -360,11 +360,11 @@ def progress_of(*, quiet: bool, label: str = "") -> ProgressFactory:
     return lambda cases_listed: LiveProgress(cases_listed, label)
 
 
-def tell_github(alerts: Sequence[Alert], document: Document, *, as_json: bool) -> None:
+def tell_github(alerts: Sequence[Alert], title: str, document: Document, *, as_json: bool) -> None:
     """Print alerts as annotations, on standard error where standard output is JSON, and add the summary."""
     from bodycheck.reports.alerts import add_job_summary, github_commands
 
-    for line in github_commands(alerts, document.title):
+    for line in github_commands(alerts, title):
         print(line, file=sys.stderr if as_json else sys.stdout)
     add_job_summary(document)
 

@@ -119,7 +119,8 @@ def compare(
     )
     answer(document, comparison_data(comparison), as_json=json)
     if github:
-        tell_github(alerts_of(comparison, FAIL_ON[fail_on]), document, as_json=json)
+        alerts = alerts_of(comparison, FAIL_ON[fail_on])
+        tell_github(alerts, "bodycheck compare", document, as_json=json)
     nothing = fail_on != "never" and not comparison.paired
     if nothing or comparison.of_status(*FAIL_ON[fail_on]):
         raise typer.Exit(_FAILED)

@@ -62,7 +62,7 @@ def parsed(line: str) -> tuple[str, dict[str, str], str]:
 
 def alerts(*engines: str) -> list[Alert]:
     """Return the alerts of the gates."""
-    return alerts_of(results(*engines), Path("gates.toml"), gate_lines(GATES, 3))
+    return alerts_of(results(*engines), RUN, Path("gates.toml"), gate_lines(GATES, 3))
 
 
 def test_failing_gate_is_annotated_at_its_table() -> None:

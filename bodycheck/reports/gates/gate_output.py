@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -15,6 +15,7 @@ from bodycheck.reports.alerts import Alert, badge
 from bodycheck.reports.document import Column, Document, Sentence, Span, Table
 from bodycheck.reports.gates.proposal import Change
 from bodycheck.reports.gates.verdict import Check, GateResult, distance
+from bodycheck.reports.run_files.run_tables import RunTables, StudyKey, study_key
 
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
@@ -177,12 +178,13 @@ def _counts(results: Sequence[GateResult]) -> str:
     return ", ".join(f"{ended[status]} {word}" for status, word in _ENDINGS.items() if ended[status])
 
 
-def alerts_of(results: Sequence[GateResult], file: Path, lines: Sequence[int]) -> list[Alert]:
+def alerts_of(results: Sequence[GateResult], run: RunTables, file: Path, lines: Sequence[int]) -> list[Alert]:
     """Return the gates that do not pass, each with the line of its table; lines: of all tables."""
+    causes = {study_key(row): row["diagnosis"] for row in run.diagnoses.to_dict("records")}
     return [
         Alert(
             "gate-failed" if result.status == "failed" else "gate-measured-nothing",
-            "\n".join(_alert_lines(result)),
+            "\n".join(_alert_lines(result, causes)),
             file=file,
             line=line,
         )
@@ -191,8 +193,8 @@ def alerts_of(results: Sequence[GateResult], file: Path, lines: Sequence[int]) -
     ]
 
 
-def _alert_lines(result: GateResult) -> Iterator[str]:
-    """Yield the worst case with its value and bound, the reason of the bound, and how to see it again."""
+def _alert_lines(result: GateResult, causes: Mapping[StudyKey, str]) -> Iterator[str]:
+    """Yield the worst case with value and bound, its cause, the reason of the bound, how to see it again."""
     worst = result.worst
     if worst is None or worst.passed:
         worst = next(iter(result.failed), None)
@@ -205,6 +207,8 @@ def _alert_lines(result: GateResult) -> Iterator[str]:
         others = len(result.failed) - 1
         more = f"; {count(others, 'more case')}" if others else ""
         yield f"{case}: {result.gate.measure} {obtained(worst)}, not {result.gate.bound}{beyond}{more}"
+        if cause := causes.get(study_key(vars(row))):
+            yield f"diagnosis: {cause}"
     yield f"reason of the bound: {result.gate.reason}"
     if worst is not None:
         yield f"reproduce: {worst.row.reproduce}"

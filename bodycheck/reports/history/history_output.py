@@ -11,6 +11,7 @@ import numpy as np
 
 from bodycheck._util.formatting import count, number
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reports.alerts import Alert
 from bodycheck.reports.comparison.describe import HEADINGS, change_tables, nothing, scope, searches
 from bodycheck.reports.comparison.headlines import headlines, lines_of
 from bodycheck.reports.document import MEDIA, Column, Command, Document, Medium, Sentence, Table, page
@@ -19,7 +20,7 @@ from bodycheck.reports.history.archive import started_at
 from bodycheck.reports.history.baseline import SUMMARY_KEYS, machine_class
 from bodycheck.reports.history.headline import headline
 from bodycheck.reports.history.nightly_files import versions_of
-from bodycheck.reports.history.open_regressions import open_lines
+from bodycheck.reports.history.open_regressions import OpenLine, open_lines
 from bodycheck.reports.history.regression import Judgement, Speeds
 from bodycheck.reports.history.step_detection import (
     MIN_AFTER,
@@ -183,9 +184,26 @@ def nightly_commands(judged: Judgement) -> list[Command]:
     found = [] if judged.comparison is None else searches(judged.comparison)
     if not judged.open:
         return found
-    first = open_lines(judged.open)[0].id
-    accept = ["bodycheck", "history", "accept", str(judged.history), "--change", first]
-    return [Command(f"{shlex.join(accept)} --reason TEXT", "To accept it"), *found]
+    first = open_lines(judged.open)[0]
+    return [Command(_accept_command(judged, first), "To accept it"), *found]
+
+
+def _accept_command(judged: Judgement, line: OpenLine) -> str:
+    accept = ["bodycheck", "history", "accept", str(judged.history), "--change", line.id]
+    return f"{shlex.join(accept)} --reason TEXT"
+
+
+def alerts_of(judged: Judgement) -> list[Alert]:
+    """Return one alert per open line, and one if nothing was measured."""
+    if judged.status == "nothing measured":
+        return [Alert("nothing-measured", headline(judged))]
+    return [
+        Alert(
+            "regression",
+            f"{one.text}\nworse since {one.duration}\nto accept it: {_accept_command(judged, one)}",
+        )
+        for one in open_lines(judged.open)
+    ]
 
 
 def _speed_sentence(judged: Judgement) -> str:
