@@ -20,6 +20,7 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import plan_steps
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.truths import known_truth
+from bodycheck.reports.diagnosis.diagnosis import obstacle
 from bodycheck.reports.diagnosis.explain import ExplainedCase
 from bodycheck.reports.diagnosis.quantity_resolution import Resolution
 from bodycheck.reports.diagnosis.recorded import diagnosed_recording
@@ -53,6 +54,7 @@ Start: TypeAlias = Literal["scenario", "first-sample"]
 FROM_START = "_from_start"
 """Suffix of an energy drift relative to the first sample of the file, instead of relative to the truth."""
 
+_TOO_MANY_STEPS = "there are too many steps between two samples"
 _SAME = 1e-9  # relative difference of two times that count as equal
 _REDUNDANT = 1e-3  # difference in rad, or relative, of what a file states twice: more than rounding of digits
 _PREFERRED = (ORIENTATION, "omega_error", "position_error", "velocity_error")
@@ -287,11 +289,20 @@ def explained_file(
     scene = _sampled_at(scenario.scene, t_s, resolution.stamp)
     if dt_s is not None:
         _check_step(scene, t_s, dt_s)
-    found = diagnosed_recording(scene, trajectory, problem.scales, dt_s, known=known, resolution=resolution)
+    found = diagnosed_recording(
+        scene,
+        trajectory,
+        truth.trajectory,
+        problem.scales,
+        dt_s,
+        known=known,
+        resolution=resolution,
+    )
     columns = {"scenario": scenario.name, "control": "none" if dt_s is None else "dt", "dt_s": dt_s}
     columns |= {"outcome": "ok", "message": ""}
     case = CaseResult({**columns, "engine": path.name, "method": ""}, MeasuredMotion(trajectory))
-    return ExplainedCase(problem, (path.name,), case, (), found)
+    reason = "" if found is not None else obstacle(scene, trajectory, known) or _TOO_MANY_STEPS
+    return ExplainedCase(problem, (path.name,), case, (), found, reason)
 
 
 def _sampled_at(scene: Scene, t_s: Array, resolution_s: float) -> Scene:

@@ -161,7 +161,7 @@ def diagnosed(
     quantities that the trajectory has. known_faults: names of faults that are tried first. Not examined are
     callback loads, gravity gradients about a pivot, and motions with too many steps between two samples.
     """
-    if not can_be_examined(scene, trajectory, known):
+    if obstacle(scene, trajectory, known) or "attitude" not in known:
         return None
     with np.errstate(all="ignore"):
         search = Search.of(scene, trajectory, scales, dt_s, known)
@@ -171,12 +171,26 @@ def diagnosed(
         return search.diagnosis(bases, known_faults, order)
 
 
-def can_be_examined(scene: Scene, trajectory: Trajectory, known: frozenset[str]) -> bool:
-    """Whether a motion can be diagnosed."""
-    about_pivot = scene.pivot is not None and any(isinstance(load, GravityGradient) for load in scene.loads)
-    if scene.has_callback_load or about_pivot or len(trajectory.t_s) < 2:
-        return False
-    return {"attitude", "omega"} <= known
+def obstacle(scene: Scene, trajectory: Trajectory, known: frozenset[str]) -> str:
+    """Return why a motion cannot be examined; "" where it can be.
+
+    The attitude may be missing where the rotation does not depend on it.
+    """
+    if len(trajectory.t_s) < 2:
+        return "a single sample"
+    if scene.has_callback_load:
+        return "the scenario has a load of kind callable"
+    if scene.pivot is not None and any(isinstance(load, GravityGradient) for load in scene.loads):
+        return "the scenario has a gravity gradient about a pivot"
+    if "omega" not in known:
+        return "there is no omega, and no other reading of the attitude brings it to the truth"
+    loads = Grid.between(scene, trajectory.t_s[:2], 1).loads
+    depends = bool(
+        loads.kinds & {"torque_world", "moment"} or scene.continuous_loads or scene.pivot is not None
+    )
+    if "attitude" not in known and depends:
+        return "there is no attitude, on which the loads of the scenario depend"
+    return ""
 
 
 @dataclass(frozen=True, eq=False)

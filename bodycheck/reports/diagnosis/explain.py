@@ -26,13 +26,17 @@ _FINEST_STRIDE = 40
 
 @dataclass(frozen=True, eq=False)
 class ExplainedCase:
-    """A case with the verdicts that count against its method, and its diagnosis."""
+    """A case with the verdicts that count against its method, and its diagnosis.
+
+    reason: why there is no diagnosis of a recording.
+    """
 
     problem: Problem
     key: tuple[str, ...]
     case: CaseResult
     wrong: tuple[QuantityVerdict, ...]
     diagnosis: Diagnosis | None
+    reason: str = ""
 
     @property
     def title(self) -> str:

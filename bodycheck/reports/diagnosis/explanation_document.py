@@ -154,7 +154,7 @@ def _facts(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
         text, tint = f"{outcome}: {one.case.columns['message']}", "bad" if outcome in FAULTS else "open"
         yield "outcome", Span(text, tint)
     if found is None:
-        reason = _NOT_EXAMINED.get(outcome, "no case of the method ended well")
+        reason = one.reason or _NOT_EXAMINED.get(outcome, "no case of the method ended well")
         yield "diagnosis", Span(f"not examined: {reason}", "open")
         return
     if found.start is not None:

@@ -123,6 +123,8 @@ class _LibrarySteps:
 
     def has_norm_of(self, one: OneStepMap, rule: str) -> bool:
         """Whether the norms of quaternions, or the matrices, are those that a map makes."""
+        if "attitude" not in self.transitions.known:
+            return True
         here, path = self.transitions, self.transitions.trajectory
         after = self._after(one, rule, self._starts)
         allowed = _SAME_NORM * here.resolution.attitude + _ROUND_OFF * here.grid.stride

@@ -14,7 +14,8 @@ from bodycheck.reference_impl.one_step_maps.one_step_map import Motion, Solid, s
 from bodycheck.reference_impl.rotations import normalised
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.diagnosis.diagnosis import Diagnosis, Search, bases_for, can_be_examined
+from bodycheck.reports.diagnosis.attitude_readings import attitude_diagnosis
+from bodycheck.reports.diagnosis.diagnosis import Diagnosis, Search, bases_for, obstacle
 from bodycheck.reports.diagnosis.flow import EXACT
 from bodycheck.reports.diagnosis.known_maps import KnownMap, maps_of
 from bodycheck.reports.diagnosis.quantity_resolution import Resolution
@@ -27,6 +28,7 @@ from bodycheck.reports.measurement.scales import Scales
 def diagnosed_recording(
     scene: Scene,
     trajectory: Trajectory,
+    truth: Trajectory,
     scales: Scales,
     dt_s: float | None,
     *,
@@ -35,12 +37,14 @@ def diagnosed_recording(
 ) -> Diagnosis | None:
     """Return what made a recording; None where it cannot be examined.
 
-    scene: with the samples of the recording. dt_s: the step of the program; None if it is unknown or there is
-    none: then the exact motion is tried, and maps with one step per sample. known: the quantities that the
-    recording has. Not examined are callback loads, gravity gradients about a pivot, and motions with too many
+    scene: with the samples of the recording. truth: at its times. dt_s: the step of the program; None if it
+    is unknown or there is none: then the exact motion is tried, and maps with one step per sample. known: the
+    quantities that the recording has. Not examined are recordings with an `obstacle`, and those with too many
     steps between two samples.
     """
-    if not can_be_examined(scene, trajectory, known):
+    if known & {"attitude", "omega"} == {"attitude"}:
+        return attitude_diagnosis(trajectory.attitude, truth.attitude, resolution.attitude)
+    if obstacle(scene, trajectory, known):
         return None
     at_start = trajectory.t_s[0] == 0.0
     start = start_difference(scene, trajectory, known, resolution, {}) if at_start else None
@@ -84,7 +88,7 @@ def _without_fault(
         return Diagnosis("healthy", first.text, words, within=within, equal_maps=names), first.one
     if search.fine is not None and search.fine.scene.pivot is None:
         omega = search.fine.of_quantities(frozenset({"omega"}))
-        rules = strapdown_rules(some)
+        rules = strapdown_rules(some) if "attitude" in known else []
         if rules and Search(None, omega).is_healthy(EXACT):
             words = f"{rules[0].name}, {rules[0].formula}, of order {rules[0].order}"
             names = tuple(rule.name for rule in rules[1:])

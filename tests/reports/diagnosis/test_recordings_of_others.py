@@ -174,3 +174,50 @@ def test_equal_diagnoses_are_always_listed_together(file: str) -> None:
         text in found.sentence
         for text in ("inertia is multiplied by 0.35355", "torques are multiplied by 2.8284")
     )
+
+
+SCALAR_LAST = "t_s=time, qw=q[0], qx=q[1], qy=q[2], qz=q[3]"
+
+
+def test_a_scalar_last_quaternion_is_recognised_without_omega() -> None:
+    """The attitude alone is compared with the truth: read as scalar last, it is the true one."""
+    (folder,) = CASES.glob("13-*")
+    wrong = runner.explain(folder / "xyzw.npz", "symmetric-top", column_map=SCALAR_LAST).diagnosis
+    assert wrong is not None
+    assert listed(wrong) == {("quaternion-order-when-read",)}
+    right = "t_s=time, qw=q[3], qx=q[0], qy=q[1], qz=q[2]"
+    found = runner.explain(folder / "xyzw.npz", "symmetric-top", column_map=right).diagnosis
+    assert found is not None
+    assert found.verdict == "healthy"
+
+
+def test_the_reason_why_nothing_is_examined_is_the_one_that_applies(
+    tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
+    """An attitude that no reading brings to the truth needs omega to be examined."""
+    t_s = np.linspace(0.0, 1.0, 11)
+    np.savez(tmp_path / "turned.npz", t_s=t_s, quaternion=np.tile([0.5, 0.5, -0.5, 0.5], (11, 1)))
+    one = runner.explain(tmp_path / "turned.npz", "symmetric-top")
+    assert one.diagnosis is None
+    expected_message(one.reason)
+
+
+@pytest.mark.parametrize("reversed_axis", [None, "y"])
+def test_a_log_of_gyro_rates_alone_is_examined(reversed_axis: str | None, tmp_path: Path) -> None:
+    """Free rates need no attitude; the flipped axis is named, and nothing that the file lacks."""
+    (folder,) = CASES.glob("02-*")
+    lines = (folder / "six-decimals.csv").read_text().splitlines()
+    rows = [[line.split(",")[k] for k in (0, 5, 6, 7)] for line in lines]
+    if reversed_axis == "y":
+        rows[1:] = [[t, x, str(-float(y)), z] for t, x, y, z in rows[1:]]
+    (tmp_path / "rates.csv").write_text("\n".join(",".join(row) for row in rows))
+    found = runner.explain(tmp_path / "rates.csv", folder / "top.toml", dt_s=0.01).diagnosis
+    assert found is not None
+    if reversed_axis is None:
+        assert found.verdict == "healthy"
+        assert "M1" in (found.base, *found.equal_maps)
+    else:
+        assert ("omega-y-reversed",) in listed(found)
+        assert found.start is not None
+        assert found.start.meaning == "its omega about y has the opposite sign"
+    assert "attitude" not in " ".join(fault.sentence for fault in found.faults)
