@@ -38,6 +38,8 @@ _SAME_EFFECT = 0.02  # relative difference of what two faults leave, below which
 _PARAMETER_COST = 0.1  # decades of the cost that a further parameter must gain
 _BETTER = 10.0  # a pair must reduce the cost of a single that explains the motion by this factor
 _PAIRED = 8
+_SETTLED, _SETTLED_PAIRS = 10, 4  # fits of a whole log that are fitted to the end, single and in pairs
+_NEAR = 3.0  # multiples of the limit, within which a fit is weighed by its own derivatives
 _INVOLVED = 1e-3  # length of the part of a direction that counts
 _COARSEST_TURN = 0.1  # rad, of a step of the exact flow
 _MAX_STEPS = 400  # between two samples
@@ -318,8 +320,26 @@ class Search:
         if starts is None:
             starts = [start for start in _starts(at) if start[0][0].is_general == general]
         fits = sorted(fitted(few, base, at, starts, sweeps=_FIRST_SWEEPS), key=lambda fit: fit.cost)
-        leaders: list[Start] = [(fit.faults, tuple(fit.values)) for fit in fits[:_LEADERS]]
-        return sorted([*fitted(few, base, at, leaders), *fits[_LEADERS:]], key=lambda fit: fit.cost)
+        return sorted(
+            [*self._settled(base, few, fits[:_LEADERS]), *fits[_LEADERS:]], key=lambda fit: fit.cost
+        )
+
+    def _settled(self, base: Base, few: Transitions, fits: Sequence[Fit]) -> list[Fit]:
+        """Return fits that are fitted to the end: where the whole log counts, to all of it.
+
+        Each is then weighed by the derivatives of its own map, if these could decide about it.
+        """
+        starts: list[Start] = [(fit.faults, tuple(fit.values)) for fit in fits]
+        if few.whitening is None:
+            return fitted(few, base, self._context(base, few), starts)
+        whole = self._subset(base, _FITTED)
+        at, healthy = self._context(base, whole), whole.grid.model(whole.scene)
+        found = fitted(whole, base, at, starts)
+        for index, fit in enumerate(found):
+            if whole.limit / _NEAR < fit.cost <= _NEAR * whole.limit:
+                own = whole.whitened_by(base, planted(at, healthy, fit.faults, fit.values))
+                (found[index],) = fitted(own, base, at, [(fit.faults, tuple(fit.values))])
+        return found
 
     def _healthy_cost(self, base: Base) -> float:
         few = self._subset(base, _FIRST_LOOK)
@@ -338,7 +358,7 @@ class Search:
     def _with_base(self, base: Base) -> Diagnosis:
         few, full = self._subset(base, _SCREENED), self._subset(base, _FITTED)
         at = self._context(base, few)
-        singles = sorted(fitted(few, base, at, _starts(at)), key=lambda fit: _score(fit, few))
+        singles = self._sorted(base, few, fitted(few, base, at, _starts(at)), _SETTLED)
         best = singles[0]
         pairs: list[Fit] = []
         is_exact = best.cost <= few.limit
@@ -346,12 +366,21 @@ class Search:
             # where a general fault explains all, two of fewer parameters say more
             ones = [fit for fit in singles if fit.complexity < best.complexity] if is_exact else singles
             starts = _pair_starts(ones, at, general=is_exact)
-            pairs = sorted(fitted(few, base, at, starts), key=lambda fit: _score(fit, few))
+            pairs = self._sorted(base, few, fitted(few, base, at, starts), _SETTLED_PAIRS)
             if specific := _specific(pairs[0], singles, at):
-                pairs = sorted([*pairs, *fitted(few, base, at, specific)], key=lambda fit: _score(fit, few))
+                more = self._sorted(base, few, fitted(few, base, at, specific), _SETTLED_PAIRS)
+                pairs = sorted([*pairs, *more], key=lambda fit: _score(fit, few))
             if substitutes := _substitutes(pairs[0], singles):
-                pairs += fitted(few, base, at, substitutes)
+                pairs += self._settled(base, few, fitted(few, base, at, substitutes))
         return self._conclusion(base, few, full, singles, pairs)
+
+    def _sorted(self, base: Base, few: Transitions, fits: Iterable[Fit], settled: int) -> list[Fit]:
+        """Return fits, the best first; settled: so many of them to the end, where the whole log counts."""
+        found = sorted(fits, key=lambda fit: _score(fit, few))
+        if few.whitening is not None:
+            found[:settled] = self._settled(base, few, found[:settled])
+            found.sort(key=lambda fit: _score(fit, few))
+        return found
 
     def _conclusion(
         self, base: Base, few: Transitions, full: Transitions, singles: Sequence[Fit], pairs: Sequence[Fit]
@@ -407,8 +436,7 @@ class Search:
 
     def _refitted(self, base: Base, full: Transitions, equivalent: Sequence[Fit]) -> list[Fit]:
         """Return the fits on more transitions, without those that these tell from the best one."""
-        starts: list[Start] = [(one.faults, tuple(one.values)) for one in equivalent]
-        found = fitted(full, base, self._context(base, full), starts)
+        found = self._settled(base, full, equivalent)
         if found[0].cost > full.limit:
             found.sort(key=lambda fit: _score(fit, full))
         return [found[0], *_equivalent(found[0], found[1:], full)]
@@ -534,6 +562,8 @@ def _described(fit: Fit) -> tuple[FittedFault, ...]:
     for fault, values in fit.parts:
         parameters = []
         free = fit.undetermined[:, first : first + len(values)]
+        own = widths[first : first + len(values)]
+        stated = np.where(np.isfinite(own) & (np.abs(values) <= own), 0.0, values)
         for parameter, value in zip(fault.parameters, values, strict=True):
             width = float(widths[first])
             first += 1
@@ -544,7 +574,7 @@ def _described(fit: Fit) -> tuple[FittedFault, ...]:
             FittedFault(
                 fault.name,
                 fault.kind,
-                fault.text(values),
+                fault.text(stated),
                 tuple(parameters),
                 fault.confirm,
                 tuple(tuple(row) for row in free.tolist() if np.linalg.norm(row) > _INVOLVED),

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from bodycheck._util.formatting import number
+from bodycheck._util.formatting import number, vector
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.diagnosis.diagnosis import Diagnosis, FittedParameter
 from bodycheck.reports.diagnosis.explain import ExplainedCase
@@ -79,8 +79,12 @@ def errors_over_time(found: Diagnosis) -> tuple[Array, Array, Array | None] | No
     parts = _differences(found)
     if parts is None:
         return None
-    times, before, after = parts
-    return times, np.max(np.abs(before), axis=0), None if after is None else np.max(np.abs(after), axis=0)
+    assert found.circumstances is not None
+    rows = found.circumstances.transitions.rows
+    times, *both = parts
+    before, after = (None if one is None else np.max(np.abs(one[rows]), axis=0) for one in both)
+    assert before is not None
+    return times, before, after
 
 
 def _differences(found: Diagnosis) -> tuple[Array, Array, Array | None] | None:
@@ -94,7 +98,7 @@ def _differences(found: Diagnosis) -> tuple[Array, Array, Array | None] | None:
     if found.fit is not None:
         models.append(planted(at, healthy, found.fit.faults, found.fit.values))
     with np.errstate(all="ignore"):
-        gaps = transitions.differences(models, base)
+        gaps = transitions.gaps(models, base)
     times = transitions.trajectory.t_s[transitions.indices + 1]
     return times, gaps[0], gaps[1] if len(gaps) > 1 else None
 
@@ -108,10 +112,9 @@ def evidence_of(found: Diagnosis) -> list[Evidence]:
     transitions = found.circumstances.transitions
     evidence = []
     for name, span in QUANTITIES.items():
-        if name in transitions.known and transitions.weights[span.start] > 0.0:
-            weight = transitions.weights[span.start]
-            largest = float(np.max(np.abs(before[span]))) / weight
-            rest = None if after is None else float(np.max(np.abs(after[span]))) / weight
+        if name in transitions.known:
+            largest = float(np.max(np.abs(before[span])))
+            rest = None if after is None else float(np.max(np.abs(after[span])))
             evidence.append(Evidence(name, largest, rest, float(transitions.noise[span.start])))
     return evidence
 
@@ -166,6 +169,11 @@ def _facts(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
     words = found.base_words
     yield "map", words if words.startswith(found.base) else f"{found.base}: {words}"
     for fault in found.faults:
+        for direction in fault.undetermined:
+            yield (
+                "not determined",
+                f"{fault.name} along {vector(direction)}: no change of it changes the motion",
+            )
         if fault.confirm:
             yield "to confirm", fault.confirm
 
@@ -186,6 +194,8 @@ def _parameter_table(found: Diagnosis, title: str) -> Table:
 
 
 def _interval(parameter: FittedParameter) -> str:
+    if np.isinf(parameter.high) and np.isinf(parameter.low):
+        return "not determined"
     return f"{number(parameter.low, 6)} to {number(parameter.high, 6)}"
 
 
