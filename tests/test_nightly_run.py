@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -11,14 +10,15 @@ from typing import Any, cast
 import pytest
 
 from bodycheck._util.errors import InputError
+from bodycheck.reports.cache.journal import Journal
 from bodycheck.reports.document import Document, Sentence
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import SUMMARY_KEYS, check_files, read_summary
 from bodycheck.runs import nightly_run
 from bodycheck.runs.directory import RunRequest
-from bodycheck.runs.manifest import Identity
-from bodycheck.runs.nightly_run import run_nightly, store_nightly
+from bodycheck.runs.nightly_run import resume_nightly, run_nightly, store_nightly
+from bodycheck.runs.run_options import no_progress
 from tests.helpers.expected_messages import ExpectedMessage
 
 EARLIER, TONIGHT = "20260101T000000Z-000001", "20260102T000000Z-000002"
@@ -39,6 +39,7 @@ def history(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> History:
         write_told(tmp_path / name)
     monkeypatch.setattr(nightly_run, "write_nightly_tables", lambda _, folder: write_told(folder))
     monkeypatch.setattr(nightly_run, "write_nightly_report", lambda *_: None)
+    monkeypatch.setattr(nightly_run, "write_trajectories", lambda *_: None)
     monkeypatch.setattr(nightly_run, "read_tables", lambda folder: folder.name)
     monkeypatch.setattr(nightly_run, "judge_run", lambda *words: words)
     monkeypatch.setattr(nightly_run, "write_judgement", lambda *_: None)
@@ -50,28 +51,48 @@ def history(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> History:
 RUN = cast(Any, SimpleNamespace(run_id=TONIGHT))
 
 
-def test_nightly_run_is_measured_without_a_journal(history: History, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The request's options and a progress bar for its cases are passed on; the judgement is returned."""
-    measured: list[tuple[tuple[Any, ...], dict[str, Any]]] = []
+def test_nightly_run_is_carried_out_with_a_journal_in_its_history(
+    history: History, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is stored under its own id, and an interruption names the command that continues it."""
+    begun: list[tuple[Any, ...]] = []
 
-    def run_selection(*words: object, **named: object) -> Any:
-        measured.append((words, named))
-        return RUN
+    def begin(*words: Any) -> Any:
+        begun.append(words)
+        return words[-1].store(RUN)
 
-    @contextmanager
-    def watching(cases: int) -> Any:
-        yield f"{cases} cases"
-
-    selection = SimpleNamespace(cases_listed=lambda: 7)
-    requested = cast(RunRequest, SimpleNamespace(selection=lambda: selection, options="the options"))
-    monkeypatch.setattr(nightly_run, "run_selection", run_selection)
-    (judged, run) = run_nightly(requested, history.folder, watching, Thresholds(0.25))
-    ((words, named),) = measured
-    assert words[:2] == (selection, "the options")
-    assert isinstance(words[2], Identity)
-    assert named == {"journal": None, "progress": "7 cases"}
+    monkeypatch.setattr(nightly_run, "begin", begin)
+    (judged, run) = run_nightly(cast(RunRequest, "a request"), history.folder, no_progress, Thresholds(0.25))
+    ((request, identity, out, progress, storage),) = begun
+    assert (request, progress) == ("a request", no_progress)
+    assert out == history.folder / identity.run_id
+    assert storage.again == ("nightly", "--history", str(history.folder), "--resume")
     assert cast(Any, judged) == (history, f".unfinished-{TONIGHT}", Thresholds(0.25))
     assert run == history.folder / TONIGHT
+
+
+def test_newest_interrupted_run_is_resumed(history: History, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Older ones are removed once it is stored, except one on which a process still works."""
+    with pytest.raises(InputError, match="has no interrupted nightly run"):
+        resume_nightly(history.folder, no_progress)
+    older, working, newest = (f"2026010{day}T00000{day}Z-00000{day}" for day in (1, 1, 2))
+    working = working.replace("000001Z", "000003Z")
+    for name in (older, working, newest):
+        (history.folder / f"{name}.partial").mkdir()
+        (history.folder / f"{name}.partial" / "request.json").write_text("{}")
+    resumed: list[tuple[Any, ...]] = []
+
+    def proceed(*words: Any, **named: Any) -> Any:
+        resumed.append((words[0], named))
+        return words[-1].store(RUN)
+
+    monkeypatch.setattr(nightly_run, "proceed", proceed)
+    with Journal(history.folder / f"{working}.partial" / "journal"):
+        _, run = resume_nightly(history.folder, no_progress, allow_code=True)
+    assert resumed == [(history.folder / newest, {"allow_code": True})]
+    assert run == history.folder / TONIGHT
+    left = sorted(path.name for path in history.folder.glob("*.partial"))
+    assert left == [f"{working}.partial", f"{newest}.partial"]
 
 
 def test_stored_run_has_its_pages_and_is_sealed(history: History) -> None:

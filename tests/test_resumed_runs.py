@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shutil
@@ -15,7 +14,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 import pandas as pd
 import pytest
 from typer.testing import CliRunner
@@ -272,21 +270,17 @@ def test_folder_without_a_request_is_replaced(command: Command, tmp_path: Path) 
 
 
 @pytest.mark.nightly
-def test_killed_run_keeps_its_laps(command: Command, tmp_path: Path) -> None:
-    """Speeds that were measured before the interruption are those of the resumed run, digit for digit."""
+def test_speeds_of_a_killed_run_stem_from_one_sitting(command: Command, tmp_path: Path) -> None:
+    """All are measured again unless all were measured; the motions are those before the interruption."""
     words = ["run", "mine.toml", "--engine", "reference:m1,reference:rk4,misbehaving:nan", *STEPS]
     stopped = command(*words, "--out", "out")
-    answered(stopped, tmp_path, 3, b"own_s")
+    answered(stopped, tmp_path, 9, b"trajectory")
     stopped.kill()
     finished(stopped)
-    lines = (tmp_path / "out.partial/journal").read_bytes().splitlines()
-    values = [json.loads(line.partition(b" ")[2])["value"] for line in lines]
-    laps = [value["own_s"] for value in values if "own_s" in value]
+    journal = tmp_path / "out.partial/journal"
+    assert b"own_s" not in journal.read_bytes()
     assert finished(command("run", "--resume", "out"))[0] == 0
-    measured = pd.read_csv(tmp_path / "out/results.csv")["cpu_s"].dropna().tolist()
-    assert len(measured) == 8
-    assert {float(np.quantile(lap, 0.5)) for lap in laps} <= set(measured)
-    assert len(laps) >= 3
+    assert len(pd.read_csv(tmp_path / "out/results.csv")["cpu_s"].dropna()) == 8
 
 
 @pytest.mark.slow

@@ -3,7 +3,9 @@
     python tools/night_trials.py --kills 50 --unchanged 20 --measured 31 --sequences 100 --seed 1
 
 Kills: `bodycheck nightly` is killed with all its workers at random moments; afterwards the history must be
-readable, earlier runs unchanged, and the next nightly run successful. Unchanged: this many nightly runs of a
+readable, earlier runs unchanged, and the next nightly run successful. Resumed: this many nightly runs, with
+speeds, are killed at random moments and resumed; their tables must be those of an undisturbed run, except for
+the times. Unchanged: this many nightly runs of a
 real engine, none of which may report a change of accuracy. Measured: this many successive nightly runs with
 speeds, of the smoke suite in all engines and the reference's rk4. No change of speed may be reported, neither
 in the measured order nor in any of the sequences of 30 runs drawn from them at random. If one engine takes a
@@ -25,6 +27,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from contextlib import suppress
 from pathlib import Path
 
@@ -38,9 +41,10 @@ from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.queries import history_table, query, recorded_cases
 from bodycheck.reports.history.regression import Speeds, speeds_of
 from bodycheck.reports.history.step_detection import MIN_AFTER, MIN_BEFORE, detect_steps, pooled_spread
-from tests.helpers.scenario_texts import SCENARIO
+from tests.helpers.scenario_texts import RUN_SPECIFIC_COLUMNS, SCENARIO
 
 _QUICK = ["tumble.toml", "--engine", "mujoco:euler,reference:rk4", "--no-speed"]
+_TIMED_RUN = ["tumble.toml", "--engine", "mujoco:euler,reference:rk4"]
 _SCENARIO = SCENARIO.replace("mine", "tumble").replace("samples = 11", "samples = 101")
 _CASE = ["engine", "method", "scenario", "control", "dt_s", "tolerance"]
 _TIMED = "mujoco,pybullet,dart,reference:rk4"
@@ -52,6 +56,7 @@ def main() -> int:
     """Run the requested trials; return the exit status."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--kills", type=int, default=50)
+    parser.add_argument("--resumed", type=int, default=20)
     parser.add_argument("--unchanged", type=int, default=20)
     parser.add_argument("--measured", type=int, default=20)
     parser.add_argument("--sequences", type=int, default=100)
@@ -65,6 +70,7 @@ def main() -> int:
         folder = Path(name)
         (folder / "tumble.toml").write_text(_SCENARIO)
         failed = killed(folder, requested.kills, requested.seed) if requested.kills else 0
+        failed += resumed(folder, requested.resumed, requested.seed) if requested.resumed else 0
         failed += unchanged(folder, requested.unchanged) if requested.unchanged else 0
         failed += crept(requested.creeping, requested.seed) if requested.creeping else 0
         if requested.measured:
@@ -73,6 +79,47 @@ def main() -> int:
             nights = measured_nights(kept)
             failed += as_they_came(nights) + simulated(nights, requested.sequences, requested.seed)
     return 1 if failed else 0
+
+
+def resumed(folder: Path, kills: int, seed: int) -> int:
+    """Kill nightly runs at random moments and resume them; return how many differ from an undisturbed one."""
+    history, chance, failed, stages = folder / "resumed", random.Random(seed), 0, Counter[str]()
+    for _ in range(2):  # the first one compiles
+        start = time.monotonic()
+        begin(folder, history, _TIMED_RUN).communicate()
+        length = time.monotonic() - start
+    expected = run_tables(History(history).runs()[-1])
+    for trial in range(kills):
+        known = set(History(history).runs())
+        process = begin(folder, history, _TIMED_RUN)
+        time.sleep(chance.uniform(0.0, length))
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+        requests = [*history.glob("*.partial/request.json")]
+        stored = set(History(history).runs()) - known
+        stages["stored before" if stored else "resumed" if requests else "not begun"] += 1
+        told = ""
+        if not stored:
+            process = begin(folder, history, ["--resume"] if requests else _TIMED_RUN)
+            told, _ = process.communicate()
+            stored = set(History(history).runs()) - known
+        left = [*history.glob("*.partial/request.json")]
+        if len(stored) != 1 or left or run_tables(stored.pop()) != expected:
+            failed += 1
+            print(f"resumed {trial}: status {process.returncode}, {len(stored)} stored\n{told}")
+    print(f"killed and resumed: {kills} ({dict(stages)}); other tables: {failed}", flush=True)
+    return failed
+
+
+def run_tables(run: Path) -> dict[str, str]:
+    """Return the tables of a nightly run as text, without what differs between equal runs."""
+    found = {}
+    for path in (*run.glob("*.csv"), *run.glob("accepted/*.csv")):
+        table = pd.read_csv(path, dtype=str)
+        table = table.drop(columns=[*RUN_SPECIFIC_COLUMNS, "compared_with"], errors="ignore")
+        found[path.relative_to(run).as_posix()] = table.to_csv(index=False)
+    return found
 
 
 def begin(folder: Path, history: Path, words: list[str]) -> subprocess.Popen[str]:

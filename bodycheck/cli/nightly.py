@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from bodycheck._util.errors import InputError, StoppedError
+from bodycheck._util.errors import InputError
 from bodycheck.cli.options import (
+    HOW,
     OUTPUT,
     WATCH,
     AllowCode,
@@ -71,6 +72,11 @@ _OF_A_SHARD = (
     "quiet",
 )
 
+_RESUMED = (
+    *("history", "threshold", "thresholds", "fail_on", "resume", "html", "markdown"),
+    *("engines", "allow_code", "json", "quiet"),
+)
+
 _Folder = Annotated[Path, typer.Argument(metavar="HISTORY", help="Folder of a history.")]
 
 
@@ -103,6 +109,14 @@ def nightly_(
     timeout_s: TimeoutS = TIMEOUT_S,
     no_speed: NoSpeed = False,
     commit: Commit = None,
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume",
+            help="Continue the newest interrupted run of the history, with its settings.",
+            rich_help_panel=HOW,
+        ),
+    ] = False,
     shard: ShardOption = None,
     out: Annotated[
         Path | None,
@@ -122,7 +136,7 @@ def nightly_(
     while one is open or if nothing was measured, and 3 if the history is insufficient to compare with.
     """
     from bodycheck.runs.directory import RunRequest, run_to_folder
-    from bodycheck.runs.nightly_run import SPEED_PASSES, run_nightly
+    from bodycheck.runs.nightly_run import SPEED_PASSES, resume_nightly, run_nightly
 
     levels = thresholds_of(threshold, thresholds)
     files = {"html": html, "markdown": markdown}
@@ -150,10 +164,11 @@ def nightly_(
         return
     if history is None or out is not None:
         raise InputError("--out: requires --shard" if out else "--history: required, the folder of a history")
-    try:
+    if resume:
+        refuse_others(context, "--resume: continues with the settings of the interrupted run", _RESUMED)
+        judged, run_folder = resume_nightly(history, progress_of(quiet=quiet), levels, allow_code=allow_code)
+    else:
         judged, run_folder = run_nightly(request, history, progress_of(quiet=quiet), levels)
-    except KeyboardInterrupt:
-        raise StoppedError("stopped; nothing was stored") from None
     print_judgement(judged, run_folder, files, json=json, github=github, fail_on=fail_on)
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Generic, TypeVar
 
 from pydantic import (
     AwareDatetime,
@@ -47,6 +47,8 @@ RUNS = Path("bodycheck-runs")
 """The default parent folder of runs."""
 
 _REQUEST = "request.json"
+_PARTIAL = ".partial"
+_Stored = TypeVar("_Stored")
 
 
 @dataclass(frozen=True)
@@ -143,6 +145,39 @@ def run_to_folder(request: RunRequest, out: Path | None, make_progress: Progress
     """
     identity = Identity.new()
     out = out or RUNS / identity.run_id
+    return begin(request, identity, out, make_progress, _storage(out))
+
+
+@dataclass(frozen=True)
+class Storage(Generic[_Stored]):
+    """What becomes of a run that is complete.
+
+    store: writes it to its folder, and returns what its caller needs. again: the command that continues the
+    run if it is interrupted.
+    """
+
+    store: Callable[[Run], _Stored]
+    again: tuple[str, ...]
+
+
+def _storage(out: Path) -> Storage[tuple[Run, Path]]:
+    def store(run: Run) -> tuple[Run, Path]:
+        return run, write_run(run, out, temp_dir=partial_of(out))
+
+    return Storage(store, ("run", "--resume", str(out)))
+
+
+def begin(
+    request: RunRequest,
+    identity: Identity,
+    out: Path,
+    make_progress: ProgressFactory,
+    storage: Storage[_Stored],
+) -> _Stored:
+    """Carry out a request with a journal in `out`.partial, and store the run.
+
+    Raises the errors of run_to_folder.
+    """
     _ = request.options  # checks them
     check_output(out)
     partial = partial_of(out)
@@ -154,7 +189,7 @@ def run_to_folder(request: RunRequest, out: Path | None, make_progress: Progress
         raise StoppedError("stopped before anything was measured") from None
     with request.connected() as options:
         _describe(partial, request, identity, selection, out)
-        return _run_journaled(request, selection, options, identity, out, make_progress)
+        return _run_journaled(request, selection, options, identity, out, make_progress, storage)
 
 
 def _describe(
@@ -185,6 +220,13 @@ def resume(out: Path, make_progress: ProgressFactory, *, allow_code: bool = Fals
     the request itself permits nothing. Raises InputError if there is no interrupted run or a scenario has
     changed, and the errors of run_to_folder.
     """
+    return proceed(out, make_progress, _storage(out), allow_code=allow_code)
+
+
+def proceed(
+    out: Path, make_progress: ProgressFactory, storage: Storage[_Stored], *, allow_code: bool
+) -> _Stored:
+    """Continue an interrupted run, and store it. Parameters and errors as for `resume`."""
     partial = partial_of(out)
     file = partial / _REQUEST
     try:
@@ -205,14 +247,14 @@ def resume(out: Path, make_progress: ProgressFactory, *, allow_code: bool = Fals
     try:
         selection = request.selection(file)
     except KeyboardInterrupt:
-        raise StoppedError(f"stopped; {_continue_hint(out, request)}") from None
+        raise StoppedError(f"stopped; {_continue_hint(storage.again, request)}") from None
     now = _definitions(selection)
     if changed := [name for name, was in description.definitions.items() if now.get(name) != was]:
         raise InputError(
             f"--resume {out}: changed since the run began: {names(changed)}; restore it, or remove {partial}"
         )
     with request.connected() as options:
-        return _run_journaled(request, selection, options, identity, out, make_progress)
+        return _run_journaled(request, selection, options, identity, out, make_progress, storage)
 
 
 def _description(path: Path) -> _Description:
@@ -234,7 +276,20 @@ def _run_id(out: Path) -> str | None:
 
 def partial_of(out: Path) -> Path:
     """Return the folder of a run until it is complete."""
-    return out.with_name(f"{out.name}.partial")
+    return out.with_name(f"{out.name}{_PARTIAL}")
+
+
+def interrupted_in(folder: Path) -> list[Path]:
+    """Return the folders, without .partial, of the interrupted runs in a folder, sorted by name."""
+    found = (path for path in folder.glob(f"*{_PARTIAL}") if (path / _REQUEST).exists())
+    return sorted(path.with_name(path.name.removesuffix(_PARTIAL)) for path in found)
+
+
+def remove_interrupted(out: Path) -> None:
+    """Remove what an interrupted run left, unless a process still works on it."""
+    partial = partial_of(out)
+    with suppress(InputError), Journal(partial / "journal"):
+        shutil.rmtree(partial, ignore_errors=True)
 
 
 def _run_journaled(
@@ -244,32 +299,33 @@ def _run_journaled(
     identity: Identity,
     out: Path,
     make_progress: ProgressFactory,
-) -> tuple[Run, Path]:
+    storage: Storage[_Stored],
+) -> _Stored:
     partial = partial_of(out)
     journal: Journal | None = None
     try:
         with Journal(partial / "journal") as journal, make_progress(selection.cases_listed()) as progress:
             measured = run_selection(selection, options, identity, journal=journal, progress=progress)
             progress.phase("writing the report")
-            report = write_run(measured, out, temp_dir=partial)
+            stored = storage.store(measured)
     except KeyboardInterrupt:
-        raise StoppedError(f"stopped; {_continue_hint(out, request)}") from None
+        raise StoppedError(f"stopped; {_continue_hint(storage.again, request)}") from None
     except InputError as error:
         if journal is not None and journal.is_empty:  # there is nothing to continue
             shutil.rmtree(partial, ignore_errors=True)
             raise
-        raise InputError(f"{error}; {_continue_hint(out, request)}") from None
+        raise InputError(f"{error}; {_continue_hint(storage.again, request)}") from None
     shutil.rmtree(partial, ignore_errors=True)
-    return measured, report
+    return stored
 
 
-def _continue_hint(out: Path, request: RunRequest) -> str:
+def _continue_hint(again: Sequence[str], request: RunRequest) -> str:
     names = [split_method(name)[0] for name in request.engines or ()]
     files = dict.fromkeys(str(file) for name in names if (file := program_file(name)) is not None)
-    words = [str(out), *(word for file in files for word in (ENGINES_FILE, file))]
+    words = [*again, *(word for file in files for word in (ENGINES_FILE, file))]
     if request.allow_code or request.cluster is not None or any(map(is_program, names)):
         words.append(ALLOW_CODE)
-    return f"continue with: bodycheck run --resume {shell_join(words)}"
+    return f"continue with: bodycheck {shell_join(words)}"
 
 
 def write_run(run: Run, out: str | Path, *, temp_dir: Path | None = None) -> Path:

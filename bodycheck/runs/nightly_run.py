@@ -9,9 +9,10 @@ from bodycheck._util.errors import InputError
 from bodycheck.reports.document import markdown
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.history.archive import History
-from bodycheck.reports.history.baseline import read_summary, readable_runs, seal_run
+from bodycheck.reports.history.baseline import TRAJECTORIES, read_summary, readable_runs, seal_run
 from bodycheck.reports.history.history_output import nightly_document, nightly_page
 from bodycheck.reports.history.nightly_files import (
+    remove_old_motions,
     write_feed,
     write_judgement,
     write_nightly_report,
@@ -21,10 +22,17 @@ from bodycheck.reports.history.nightly_files import (
 from bodycheck.reports.history.regression import Judgement, judge_run
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import Run
-from bodycheck.runs.directory import RunRequest
+from bodycheck.reports.run_files.writer import write_trajectories
+from bodycheck.runs.directory import (
+    RunRequest,
+    Storage,
+    begin,
+    interrupted_in,
+    proceed,
+    remove_interrupted,
+)
 from bodycheck.runs.manifest import Identity
 from bodycheck.runs.run_options import ProgressFactory
-from bodycheck.runs.runner import run_selection
 
 SPEED_PASSES = 10
 """How often a nightly run times every case; noise of a shared machine rarely disturbs every pass."""
@@ -39,13 +47,42 @@ def run_nightly(
     """Carry out a request, store it in a history, and return its judgement and its folder.
 
     folder: that of the history, created if it does not exist. thresholds: the size above which a change
-    counts. Raises InputError if the input is wrong or cannot be written; the history is then unchanged.
+    counts. Raises InputError if the input is wrong or cannot be written, and StoppedError if the user
+    interrupts the run; `resume_nightly` continues it.
     """
-    selection, options = request.selection(), request.options
-    history = History.at(folder)
-    with make_progress(selection.cases_listed()) as progress:
-        run = run_selection(selection, options, Identity.new(), journal=None, progress=progress)
-    return store_nightly(run, history, thresholds)
+    history, identity = History.at(folder), Identity.new()
+    out = history.folder / identity.run_id
+    return begin(request, identity, out, make_progress, _storage(history, thresholds))
+
+
+def resume_nightly(
+    folder: Path,
+    make_progress: ProgressFactory,
+    thresholds: Thresholds = DEFAULT_THRESHOLDS,
+    *,
+    allow_code: bool = False,
+) -> tuple[Judgement, Path]:
+    """Continue the newest interrupted nightly run of a history with its original settings.
+
+    Finished cases are not run again, but all speeds are measured in one sitting. Parameters and errors as for
+    `run_nightly`; raises InputError if there is no interrupted run.
+    """
+    interrupted = interrupted_in(folder)
+    if not interrupted:
+        raise InputError(f"--resume: {folder} has no interrupted nightly run")
+    storage = _storage(History.at(folder), thresholds)
+    return proceed(interrupted[-1], make_progress, storage, allow_code=allow_code)
+
+
+def _storage(history: History, thresholds: Thresholds) -> Storage[tuple[Judgement, Path]]:
+    def store(run: Run) -> tuple[Judgement, Path]:
+        stored = store_nightly(run, history, thresholds)
+        for earlier in interrupted_in(history.folder):
+            if earlier.name < run.run_id:
+                remove_interrupted(earlier)
+        return stored
+
+    return Storage(store, ("nightly", "--history", str(history.folder), "--resume"))
 
 
 def store_nightly(
@@ -66,11 +103,13 @@ def store_nightly(
             write_unjudged(run, folder)
             fault = error
         seal_run(folder)
+        write_trajectories(run, folder / TRAJECTORIES)
     stored_folder = history.folder / run.run_id
     if fault is not None:
         fault.add_note(f"the run is stored in {stored_folder}, but could not be judged")
         raise fault
     with history.locked():
+        remove_old_motions(history.runs())
         stored = [folder for folder in history.runs() if folder not in history.dated_in_future(run.run_id)]
         readable, _ = readable_runs(stored)
         try:

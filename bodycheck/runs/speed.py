@@ -78,15 +78,19 @@ def measure_speeds(
         for index, (row, result) in enumerate((result.columns, result) for result in cases)
         if result.ok
     }
-    found: dict[int, Message] = {}
+    pairs = [(one.engine, one.case) for one in timed.values()]
+    stored = answers.laps(pairs)
+    found: dict[int, Message] = {} if stored is None else dict(zip(timed, stored, strict=True))
     done = 0
-    for _ in range(passes):
-        for index, laps in _one_pass(timed, found, answers, clock, executor):
+    for _ in range(passes if stored is None else 0):
+        for index, laps in _one_pass(timed, found, clock, executor):
             found[index] = laps
             done += 1
             if done % passes == 0:
                 case_done()
-    for _ in range(len(cases) - len(timed)):
+    if stored is None:
+        answers.keep_laps(pairs, [found[index] for index in timed])
+    for _ in range(len(cases) - done // passes):
         case_done()
     measured = tuple(
         _with_speed(result, found[index]) if index in found else result for index, result in enumerate(cases)
@@ -137,13 +141,9 @@ def _reference_case(scenario: Scenario) -> Message:
 
 
 def _one_pass(
-    timed: Mapping[int, _Timed],
-    found: Mapping[int, Message],
-    answers: Answers,
-    clock: Clock,
-    executor: Executor | None,
+    timed: Mapping[int, _Timed], found: Mapping[int, Message], clock: Clock, executor: Executor | None
 ) -> Iterator[tuple[int, Message]]:
-    """Yield the laps of each case in all passes so far; the first pass takes those of this run's journal.
+    """Yield the laps of each case in all passes so far.
 
     found: the laps of the earlier passes.
     """
@@ -153,13 +153,9 @@ def _one_pass(
             return partial(clock.laps, one.request)
         return executor.submit(time_case, one.request).result
 
-    stored = {} if found else {index: answers.laps(one.engine, one.case) for index, one in timed.items()}
-    running = ((index, started(one)) for index, one in timed.items() if stored.get(index) is None)
+    running = ((index, started(one)) for index, one in timed.items())
     for index, laps in running if executor is None else list(running):
-        merged = _merged(found.get(index), laps())
-        answers.keep_laps(timed[index].engine, timed[index].case, merged)
-        yield index, merged
-    yield from ((index, laps) for index, laps in stored.items() if laps is not None)
+        yield index, _merged(found.get(index), laps())
 
 
 def _merged(before: Message | None, laps: Message) -> Message:

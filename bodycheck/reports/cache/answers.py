@@ -6,7 +6,7 @@ if the worker that gave it had loaded exactly that code.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache, lru_cache
 from pathlib import Path
@@ -176,15 +176,15 @@ class Answers:
         """Return the journal; None where a user's function may change before the run is resumed."""
         return None if case.scene.has_callback_load else self._journal
 
-    def laps(self, engine: Engine, case: Case) -> Message | None:
-        """Return the laps of a case that this run measured before it was interrupted, if any."""
-        journal = self._journal_of(case)
-        return journal.get(_key(engine, case, "laps")) if journal else None
+    def laps(self, timed: Sequence[tuple[Engine, Case]]) -> list[Message] | None:
+        """Return the laps of all these cases if this run measured them before it was interrupted."""
+        found = self._journal.get(_laps_key(timed)) if self._journal else None
+        return None if found is None else found["laps"]
 
-    def keep_laps(self, engine: Engine, case: Case, measured: Message) -> None:
-        """Store the laps of a case in the journal."""
-        if journal := self._journal_of(case):
-            journal.put(_key(engine, case, "laps"), measured)
+    def keep_laps(self, timed: Sequence[tuple[Engine, Case]], measured: Sequence[Message]) -> None:
+        """Store the laps of all cases in the journal at once, so that they stem from one sitting."""
+        if self._journal and not any(case.scene.has_callback_load for _, case in timed):
+            self._journal.put(_laps_key(timed), {"laps": list(measured)})
 
 
 class EngineClient:
@@ -243,6 +243,10 @@ def _is_repeatable(answer: Answer | StableStep) -> bool:
 def _key(engine: Engine, case: Case, kind: str, **within: float | None) -> str:
     setting = [case.method, vars(case.setting), scene_key(case.scene)]
     return key_of(kind=kind, protocol=protocol.VERSION, engine=_identity(engine), case=setting, **within)
+
+
+def _laps_key(timed: Sequence[tuple[Engine, Case]]) -> str:
+    return key_of(laps=[_key(engine, case, "laps") for engine, case in timed])
 
 
 def _identity(engine: Engine) -> list[str]:

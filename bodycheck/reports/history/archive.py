@@ -127,8 +127,13 @@ class History:
 
 
 def _settle(folder: Path) -> None:
-    """Flush a folder and its files to disk, so that a nightly run survives a loss of power."""
-    for path in (*(entry for entry in folder.iterdir() if entry.is_file()), folder):
+    """Flush a folder and its files to disk, so that a nightly run survives a loss of power.
+
+    Motions are left out: there are many, and each is checked against its row when it is read.
+    """
+    inside = [entry for entry in folder.iterdir() if not entry.name.startswith(".")]
+    levels = [path for entry in inside if entry.name == "accepted" for path in (*entry.iterdir(), entry)]
+    for path in (*(entry for entry in inside if entry.is_file()), *levels, folder):
         descriptor = os.open(path, os.O_RDONLY)
         try:
             os.fsync(descriptor)

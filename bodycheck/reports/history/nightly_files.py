@@ -2,27 +2,37 @@
 
 from __future__ import annotations
 
+import csv
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET
 
+from bodycheck._util.errors import InputError
 from bodycheck._util.files import write_file
 from bodycheck._util.formatting import count
+from bodycheck.reports.comparison.change import FAILING
 from bodycheck.reports.comparison.compare import unversioned
 from bodycheck.reports.comparison.describe import HEADINGS
 from bodycheck.reports.history.archive import started_at
-from bodycheck.reports.history.baseline import NOT_JUDGED, SUMMARY_FILE, SUMMARY_KEYS, machine_class
+from bodycheck.reports.history.baseline import (
+    NOT_JUDGED,
+    SUMMARY_FILE,
+    SUMMARY_KEYS,
+    TRAJECTORIES,
+    machine_class,
+)
 from bodycheck.reports.history.headline import headline
 from bodycheck.reports.history.levels import write_levels
 from bodycheck.reports.history.open_regressions import write_state
 from bodycheck.reports.history.regression import Judgement
 from bodycheck.reports.render.html import render_report
+from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.tables import as_csv, as_parquet
-from bodycheck.reports.run_files.writer import write_tables
+from bodycheck.reports.run_files.writer import trajectory_file, write_tables
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -66,6 +76,49 @@ def write_judgement(judged: Judgement, folder: Path) -> None:
     (folder / "changes.parquet").write_bytes(as_parquet(changes))
     write_levels(judged.levels, folder)
     write_state(judged.state, folder)
+
+
+_RUNS_WITH_ALL_MOTIONS = 7
+_THINNED = "thinned"  # an empty file in trajectories/: those of unchanged cases were removed
+
+
+def remove_old_motions(runs: Sequence[Path]) -> None:
+    """Remove the motions of unchanged cases from all but the newest nightly runs.
+
+    runs: their folders, the oldest first. A removed motion is computed again where it is needed.
+    """
+    for folder in runs[:-_RUNS_WITH_ALL_MOTIONS]:
+        motions = folder / TRAJECTORIES
+        if not motions.is_dir() or (motions / _THINNED).exists():
+            continue
+        try:
+            kept = {motions / file for file in _changed_motions(folder)}
+        except (InputError, OSError, KeyError):  # a damaged run keeps all of them
+            continue
+        (motions / _THINNED).touch()
+        for file in motions.glob("*/*.npz"):
+            if file not in kept:
+                file.unlink()
+
+
+def _changed_motions(folder: Path) -> Iterator[Path]:
+    """Yield the files of the cases that became worse, and those of methods that did, in trajectories/."""
+    with (folder / "changes.csv").open(encoding="utf-8", newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["status"] in FAILING]
+    studies = {(row["scenario"], row["engine"], row["method"]) for row in rows if not row["fineness"]}
+    cases = {
+        (row["scenario"], row["engine"], row["method"], float(row["fineness"]))
+        for row in rows
+        if row["fineness"]
+    }
+    tables = read_tables(folder)
+    names = unversioned(tables.manifest["engines"])
+    for case in tables.cases:
+        row = case.columns
+        study = row["scenario"], names.get(row["engine"], row["engine"]), row["method"]
+        if study in studies or (*study, case.setting.fineness) in cases:
+            yield trajectory_file(case)
+            yield trajectory_file(case).with_name("truth.npz")
 
 
 def versions_of(manifest: Mapping[str, Any]) -> dict[str, str]:

@@ -33,6 +33,7 @@ from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, SIGNED
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.probes.laws import LAW_VERDICTS
+from bodycheck.reports.run_files.removed_motions import motion_again
 from bodycheck.reports.run_files.run_tables import Run, study_key
 from bodycheck.reports.run_files.tables import (
     DIAGNOSIS_COLUMNS,
@@ -240,7 +241,10 @@ def read_run(folder: Path, *, allow_code: bool, cache: Cache | None) -> Run:
         stability=tables.stability,
         manifest=tables.manifest,
         problems=tuple(problems.values()),
-        cases=tuple(_with_motion(folder, problems[case.columns["scenario"]], case) for case in cases),
+        cases=tuple(
+            _with_motion(folder, problems[case.columns["scenario"]], case, cache, allow_code=allow_code)
+            for case in cases
+        ),
         probes=tables.probes,
         diagnoses=tables.diagnoses,
         fingerprints=tables.fingerprints,
@@ -255,6 +259,9 @@ def _problems(folder: Path, tables: Tables, cache: Cache | None, *, allow_code: 
         scenario = deserialized(facts, f"{file}: scenarios.{name}", allow_code=allow_code, file=file)
         problem = Problem.of(scenario, scenario_spec(commands.get(name, "")) or name, cache)
         path = folder / "trajectories" / file_name(name) / "truth.npz"
+        if not path.exists() and _is_nightly(folder):  # removed; it is the same as solved now or no case fits
+            yield problem
+            continue
         stored = read_arrays(path)
         if "quaternion" not in stored or len(stored["t_s"]) != len(problem.truth.trajectory.t_s):
             raise InputError(f"{path}: not a truth of {name}")
@@ -280,21 +287,36 @@ def _with_read_backs(folder: Path, cases: Iterable[CaseResult]) -> Iterator[Case
             raise InputError(f"{where}: not a valid read-back: {error!r}") from None
 
 
-def _with_motion(folder: Path, problem: Problem, case: CaseResult) -> CaseResult:
+def _is_nightly(folder: Path) -> bool:
+    """Whether a run is one of a history, which removes the motions of unchanged cases after some runs."""
+    return (folder / "night.json").exists()
+
+
+def _with_motion(
+    folder: Path, problem: Problem, case: CaseResult, cache: Cache | None, *, allow_code: bool
+) -> CaseResult:
     """Return a case whose motion is read when it is needed; the case itself if it has none."""
     path = folder / "trajectories" / trajectory_file(case)
-    if not case.ok and not path.exists():
+    if path.exists() or not _is_nightly(folder):
+        if not case.ok and not path.exists():
+            return case
+        return replace(case, motion=lambda: _motion(path, problem, case, _trajectory(path)))
+    if not case.ok:
         return case
-    return replace(case, motion=partial(_motion, path, problem, case))
+    again = partial(motion_again, path, problem, case, cache, allow_code=allow_code)
+    return replace(case, motion=lambda: _motion(path, problem, case, again()))
 
 
-def _motion(path: Path, problem: Problem, case: CaseResult) -> MeasuredMotion:
-    """Return the trajectory in a file, with its measures over time if the case ended well."""
+def _trajectory(path: Path) -> Trajectory:
     arrays = read_arrays(path)
     try:
-        trajectory = Trajectory(**arrays)
+        return Trajectory(**arrays)
     except (TypeError, ValueError) as error:
         raise InputError(f"{path}: not the trajectory of a case: {error}") from None
+
+
+def _motion(path: Path, problem: Problem, case: CaseResult, trajectory: Trajectory) -> MeasuredMotion:
+    """Return a trajectory, with its measures over time if the case ended well."""
     if not case.ok:
         return MeasuredMotion(trajectory)
     if not np.array_equal(trajectory.t_s, problem.truth.trajectory.t_s):

@@ -61,7 +61,7 @@ def write_files(run: Run, report: str, out: Path, *, temp_dir: Path | None = Non
     """
     with atomic_folder(out, temp_dir=temp_dir) as folder:
         write_tables(run, folder)
-        _write_trajectories(run, folder / "trajectories")
+        write_trajectories(run, folder / "trajectories")
         write_sentinels(run.sentinels, folder)
         (folder / "report.html").write_text(report, encoding="utf-8")
     return out / "report.html"
@@ -80,7 +80,8 @@ def write_tables(run: Run, folder: Path) -> None:
     (folder / "read_back.json").write_text(json.dumps(_read_backs(run)) + "\n", encoding="utf-8")
 
 
-def _write_trajectories(run: Run, trajectories: Path) -> None:
+def write_trajectories(run: Run, trajectories: Path) -> None:
+    """Write the motions of a run, and the truths of its scenarios, into a new folder."""
     for problem in run.problems:
         folder = trajectories / file_name(problem.scenario.name)
         folder.mkdir(parents=True)

@@ -331,10 +331,10 @@ def test_laps_are_stored_for_their_run_only(tmp_path: Path) -> None:
     """A speed is read by the run that measured it, and by no other."""
     cache, laps = Cache(tmp_path / "cache"), {"own_s": [1.0], "reference_s": [2.0]}
     with Journal(tmp_path / "journal") as journal:
-        Answers(journal, cache, 1.0).keep_laps(ENGINE, CASE, laps)
+        Answers(journal, cache, 1.0).keep_laps([(ENGINE, CASE)], [laps])
     with Journal(tmp_path / "journal") as journal:
-        assert Answers(journal, cache, 1.0).laps(ENGINE, CASE) == laps
-    assert Answers(None, cache, 1.0).laps(ENGINE, CASE) is None
+        assert Answers(journal, cache, 1.0).laps([(ENGINE, CASE)]) == [laps]
+    assert Answers(None, cache, 1.0).laps([(ENGINE, CASE)]) is None
     assert not list(tmp_path.glob("cache/*"))
 
 
@@ -474,6 +474,6 @@ def test_answer_with_a_user_function_is_not_stored(tmp_path: Path) -> None:
         with Journal(tmp_path / "journal") as journal:
             answers = Answers(journal, Cache(tmp_path), 1.0)
             assert answers.ask(engine_pool, ENGINE, CALLING).outcome == "ok"
-            assert answers.laps(ENGINE, CALLING) is None
-            answers.keep_laps(ENGINE, CALLING, {"cpu_s": [0.5]})
+            assert answers.laps([(ENGINE, CALLING)]) is None
+            answers.keep_laps([(ENGINE, CALLING)], [{"cpu_s": [0.5]}])
     assert engine_pool.requested == 2
