@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.files import write_file
 from bodycheck.reports.document import markdown
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.history.archive import History
@@ -20,6 +21,8 @@ from bodycheck.reports.history.nightly_files import (
     write_unjudged,
 )
 from bodycheck.reports.history.regression import Judgement, judge_run
+from bodycheck.reports.history.trends import FILE as TRENDS
+from bodycheck.reports.history.trends import trends_page
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.writer import write_trajectories
@@ -114,8 +117,9 @@ def store_nightly(
         readable, _ = readable_runs(stored)
         try:
             write_feed(history.folder, map(read_summary, readable))
+            write_file(history.folder / TRENDS, trends_page(judged).encode())
         except InputError as error:  # the run is stored and judged
-            print(f"{error}; the feed lacks this run", file=sys.stderr)
+            print(f"{error}; the feed and the trends lack this run", file=sys.stderr)
     return judged, stored_folder
 
 

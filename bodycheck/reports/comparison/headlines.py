@@ -25,7 +25,8 @@ Direction: TypeAlias = Literal["worse", "improved", "moved"]
 _MAX_LINES = 6
 _FARTHER_DECADES = 1.0  # a measure that changed by this much more than the orientation is named as well
 _DIGITS_BELOW = 1e-3  # a smaller relative change is reported as a digit, a larger one in percent
-_BROKEN: tuple[Kind, ...] = ("case", "outcome", "verdict")
+BROKEN: tuple[Kind, ...] = ("case", "outcome", "verdict")
+"""The kinds of a failing change that make the method's improvements worthless."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class Line:
     def weight(self) -> tuple[bool, float]:
         """The sort key, the gravest last: changes without a size outweigh any factor."""
         sizes = [abs(one.decades) for one in self.changes if one.decades is not None]
-        return any(one.kind in _BROKEN for one in self.changes), max(sizes, default=0.0)
+        return any(one.kind in BROKEN for one in self.changes), max(sizes, default=0.0)
 
     @property
     def subject(self) -> str:
@@ -94,7 +95,7 @@ def lines_of(comparison: Comparison) -> list[Line]:
         failing = [one for one in changes if one.status in FAILING]
         better = [one for one in changes if one.status == "improved"]
         identity = [one for one in changes if one.kind in ("fingerprint", "law")]
-        broken = any(one.kind in _BROKEN for one in failing)
+        broken = any(one.kind in BROKEN for one in failing)
         directions: list[tuple[Direction, list[Change]]] = [
             ("worse", failing),
             ("improved", [] if broken else better),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -31,18 +31,29 @@ _CASE = (
 )
 
 
-def recorded_cases(runs: Sequence[Path]) -> pd.DataFrame:
+def recorded_cases(runs: Sequence[Path], measures: Iterable[str] = ()) -> pd.DataFrame:
     """Return one row per case that ended well: its run, its identity, its speed and its error.
 
-    runs: folders of nightly runs. Raises InputError if a file cannot be read.
+    runs: folders of nightly runs. measures: further columns, empty if no run has them. Raises InputError if a
+    file cannot be read.
     """
     import pandas as pd
 
+    columns = dict.fromkeys((*_CASE, *measures))
     if not runs:
-        return pd.DataFrame(columns=["run", *_CASE])
+        return pd.DataFrame(columns=["run", *columns])
     with _connection() as database:
         results = read_parquet(database, _files(runs, "results"), union_by_name=True)
-        return results.filter("outcome = 'ok'").project(f"run_id AS run, {', '.join(_CASE)}").df()
+        present = [name for name in columns if name in results.columns]
+        found = results.filter("outcome = 'ok'").project(f"run_id AS run, {', '.join(present)}").df()
+    return found.reindex(columns=["run", *columns])
+
+
+def recorded_changes(runs: Sequence[Path]) -> pd.DataFrame:
+    """Return one row per change of each run, with its run; raises InputError if a file cannot be read."""
+    with _connection() as database:
+        changes = read_parquet(database, _files(runs, "changes"), union_by_name=True)
+        return changes.project("*, run_id AS run").df()
 
 
 def query(runs: Sequence[Path], sql: str) -> pd.DataFrame:

@@ -18,7 +18,7 @@ from bodycheck.reports.comparison.compare import (
     renamed,
     unversioned,
 )
-from bodycheck.reports.comparison.headlines import new_causes, releases
+from bodycheck.reports.comparison.headlines import BROKEN, new_causes, releases
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.history.acceptances import Acceptance, read_acceptances, with_acceptances
 from bodycheck.reports.history.archive import History
@@ -113,6 +113,7 @@ def judge_run(history: History, newest: Tables, thresholds: Thresholds = DEFAULT
     changes.sort(key=lambda change: -change.size)
     why = new_causes(former, aligned), releases(former, aligned)
     open_now = tuple(next_regressions(before.regressions, changes, aligned, thresholds, *why))
+    changes = _without_gains_of_broken(changes, open_now)
     still = {one.change.key for one in open_now}
     levels, improved = _next_levels(known, aligned, comparison.redefined, changes, open_now, before)
     own = {names.get(name, name): name for name in engines}
@@ -180,6 +181,17 @@ def _compared(former: Tables, levels: Levels, newest: Tables, thresholds: Thresh
         again = compare(replace(before, cases=tuple(well)), mine, thresholds)
         changes += [one for one in again.changes if one.kind == "accuracy"]
     return replace(comparison, changes=tuple(changes))
+
+
+def _without_gains_of_broken(changes: Iterable[Change], open_now: Iterable[Regression]) -> list[Change]:
+    """Return changes in which a method that no longer converges or ends well improves nothing."""
+    broken = {(one.change.engine, one.change.method) for one in open_now if one.change.kind in BROKEN}
+    return [
+        replace(one, status="moved")
+        if one.status == "improved" and (one.engine, one.method) in broken
+        else one
+        for one in changes
+    ]
 
 
 def _next_levels(
