@@ -146,17 +146,25 @@ def test_wrong_input_is_refused_in_one_line(folder: Path, words: tuple[str, ...]
 
 
 @pytest.mark.slow
-def test_interrupted_nightly_run_stores_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ctrl-C prints one line and leaves the history unchanged."""
+def test_interrupted_nightly_run_is_resumed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C prints the command that continues the run, and leaves the history unchanged."""
 
     def stopped(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("bodycheck.runs.runner.compile_kernels", stopped)
-    done = run()
+    with monkeypatch.context() as patched:
+        patched.setattr("bodycheck.runs.runner.compile_kernels", stopped)
+        done = run()
     assert isinstance(done.exception, StoppedError)
-    assert str(done.exception) == "stopped; nothing was stored"
-    assert not list(folder.glob("kept/2*"))
+    command = str(done.exception).removeprefix("stopped; continue with: bodycheck ")
+    assert command == "nightly --history kept --resume"
+    assert not list(folder.glob("kept/2*Z-??????"))
+    with registered(Turned(0.0)):
+        refused = bodycheck(*command.split(), "--engine", "turned")
+        assert "does not apply" in str(refused.exception)
+        resumed = bodycheck(*command.split())
+    assert resumed.exit_code == 3, resumed.output
+    assert len(list(folder.glob("kept/2*"))) == 1
 
 
 REQUESTS: dict[str, tuple[list[str], dict[str, Any]]] = {

@@ -40,6 +40,7 @@ def history(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> History:
     monkeypatch.setattr(nightly_run, "write_nightly_tables", lambda _, folder: write_told(folder))
     monkeypatch.setattr(nightly_run, "write_nightly_report", lambda *_: None)
     monkeypatch.setattr(nightly_run, "write_trajectories", lambda *_: None)
+    monkeypatch.setattr(nightly_run, "trends_page", lambda _: "the trends")
     monkeypatch.setattr(nightly_run, "read_tables", lambda folder: folder.name)
     monkeypatch.setattr(nightly_run, "judge_run", lambda *words: words)
     monkeypatch.setattr(nightly_run, "write_judgement", lambda *_: None)
@@ -132,7 +133,10 @@ def test_feed_that_cannot_be_written_loses_no_run(
     assert run.is_dir()
     printed = capsys.readouterr()
     assert printed.out == ""
-    assert printed.err == "feed.xml: cannot be written: No space left on device; the feed lacks this run\n"
+    assert (
+        printed.err
+        == "feed.xml: cannot be written: No space left on device; the feed and the trends lack this run\n"
+    )
 
 
 def test_run_that_cannot_be_judged_is_stored_and_raised(

@@ -73,7 +73,7 @@ _OF_A_SHARD = (
 )
 
 _RESUMED = (
-    *("history", "threshold", "thresholds", "fail_on", "resume", "html", "markdown"),
+    *("history", "threshold", "thresholds", "fail_on", "resume", "html", "markdown", "github"),
     *("engines", "allow_code", "json", "quiet"),
 )
 

@@ -340,6 +340,10 @@ def report(
     from bodycheck.reports.render.html import render_report
     from bodycheck.reports.render.progress import status_line
 
+    if (run / "night.json").exists():
+        raise InputError(
+            f"{run}: is a nightly run, which is not changed; its report is {run / 'report.html'}"
+        )
     page = run / "report.html"
     with status_line("measuring the stored motions again"):
         rendered = render_report(read_run(run, allow_code=allow_code, cache=Cache.default()))

@@ -34,17 +34,13 @@ class History:
 
     @classmethod
     def at(cls, folder: Path) -> History:
-        """Return the history in a folder, creating the folder if needed; call this before anything is run.
+        """Return the history in a folder, which is created when it is first needed.
 
-        Raises InputError if nothing can be stored there.
+        Call this before anything is run. Raises InputError if nothing can be stored there.
         """
         if (folder / "manifest.json").exists():
             raise InputError(f"--history {folder}: is the folder of a run, not of a history")
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            check_folder(f"--history {folder}", folder)
-        except OSError as error:
-            raise InputError(f"--history {folder}: cannot be written: {error.strerror or error}") from None
+        check_folder(f"--history {folder}", folder)
         return cls(folder)
 
     @classmethod
@@ -79,6 +75,7 @@ class History:
 
         Remove the unfinished folders of killed processes: while the lock is held, nobody writes to them.
         """
+        self.folder.mkdir(parents=True, exist_ok=True)
         with (self.folder / _LOCK).open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             for abandoned in self.folder.glob(f"{_UNFINISHED}*"):
