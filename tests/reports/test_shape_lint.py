@@ -166,6 +166,31 @@ def test_unit_slip_states_a_density_that_no_material_has(
     assert all(("kg/m^3" in one.message) == (one.rule == "unit-slip") for one in found)
 
 
+@pytest.mark.parametrize(
+    ("mass", "factor", "size", "rule", "severity", "proposed"),
+    [
+        (10, 1.7, 1, "shape-ratio", "note", True),
+        (7.3, 1 / 7.3, 1, "shape-slip", "warning", True),
+        (1e4, 1e-3, 1, "unit-slip", "warning", False),
+        (10, 1e-6, 1000, "unit-slip", "warning", False),
+    ],
+    ids=["of another mass", "mass missing", "mass in g", "shapes in mm"],
+)
+def test_factor_of_all_moments_is_of_the_tensor_only_if_mass_and_shapes_are_plausible(
+    mass: float, factor: float, size: float, rule: str, severity: str, proposed: bool, tmp_path: Path
+) -> None:
+    """Where the mass or the shapes need a density that no material has, no tensor is proposed."""
+    edges = np.array([0.6, 0.4, 0.2]) * size
+    moments = tuple((factor * mass / 12.0 * (edges @ edges - edges**2)).tolist())
+    box = _shape(f'box size="{edges[0]} {edges[1]} {edges[2]}"')
+    (found,) = _lint(_inertial(mass, moments) + box, tmp_path)
+    assert (found.rule, found.severity) == (rule, severity)
+    assert (found.inertia_kg_m2 is not None) == proposed
+    if proposed:
+        right = (mass / 60, 0, 0, mass / 30, 0, 0.52 * mass / 12)
+        assert found.inertia_kg_m2 == pytest.approx(right, rel=1e-8)
+
+
 def test_forgotten_centre_of_mass_is_named(tmp_path: Path) -> None:
     """The tensor is that of the box about its middle, but the centre of mass is at the link's origin."""
     box = _shape('box size="0.6 0.4 0.2"', 'xyz="0.3 0 0"')

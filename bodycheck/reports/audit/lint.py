@@ -17,7 +17,8 @@ from bodycheck._util.formatting import number, vector
 from bodycheck.reference_impl.dynamics import parallel_axis_tensor
 from bodycheck.reports.audit.audit import Body, Confidence, Finding, Severity
 from bodycheck.reports.audit.mesh_lint import weighed_meshes
-from bodycheck.reports.audit.shape_lint import against_shapes, fits_shapes, is_placeholder, slip_of
+from bodycheck.reports.audit.shape_lint import against_shapes, fits_shapes, slip_of
+from bodycheck.reports.audit.shaped_link import is_placeholder
 from bodycheck.scenarios.model_files.exact import doubles
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, triangle_excess
 from bodycheck.scenarios.model_files.shape_sizes import half_extents, uniform

@@ -33,8 +33,8 @@ _FACTORS = {
     1e-9: "in g mm^2",
     1e-6: "with lengths in mm in place of m",
     1e-4: "with lengths in cm in place of m",
-    1e-3: "in the wrong unit of mass: g in place of kg, or t",
-    1e3: "in the wrong unit of mass: g in place of kg",
+    1e-3: "with the mass in t in place of kg",
+    1e3: "with the mass in g in place of kg",
     1e4: "with lengths in cm in place of m",
     1e6: "with lengths in mm in place of m",
     1e9: "in g mm^2",
@@ -46,6 +46,7 @@ _FACTORS = {
     0.5: "times 1/2",
 }
 """Factors of all moments that slips make. 5/3 is none: a thin spherical shell has that."""
+NO_MASS = "that of 1 kg: the mass is missing"
 _COEFFICIENTS = {
     2.4: "12/5",
     5.0 / 12.0: "5/12",
@@ -224,7 +225,7 @@ def _about_other_points(
 def _scaled(W: Array, mass: float, parts: Sequence[Part]) -> _Candidates:
     volume = sum(part.solid.mass for part in parts if part.solid is not None)
     found = {
-        "that of 1 kg: the mass is missing": 1.0 / mass,
+        NO_MASS: 1.0 / mass,
         "multiplied by the mass twice": mass,
         "that at a density of 1 kg/m^3, not of this mass": volume / mass,
         "that at a density of 1000 kg/m^3, not of this mass": 1000.0 * volume / mass,
