@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeAlias, cast
 
@@ -145,6 +145,27 @@ class Scene:
     def is_off_centre(self) -> bool:
         """Whether the body is free and the engine's own frame lies off its centre of mass."""
         return self.pivot is None and self.link is not None and bool(self.link.offset.any())
+
+    def in_time_unit(self, exponent: int) -> Scene | None:
+        """Return the scene in a unit of time of 2^exponent s, unrounded; None if a load has no units."""
+        loads = [load.in_time_unit(exponent) for load in self.loads]
+        known = tuple(load for load in loads if load is not None)
+        if len(known) < len(loads):
+            return None
+        unit, start = 2.0**exponent, self.initial
+        exact = start.exact_omega_world
+        return replace(
+            self,
+            initial=replace(
+                start,
+                velocity=start.velocity * unit,
+                omega_body=start.omega_body * unit,
+                exact_omega_world=None if exact is None else exact * unit,
+            ),
+            loads=known,
+            gravity=self.gravity * unit**2,
+            duration_s=self.duration_s / unit,
+        )
 
     @property
     def has_callback_load(self) -> bool:

@@ -30,6 +30,7 @@ CASES = {
     "satellite-libration": (8.0, 1.0),
     "self-excited": (2.0, 1 / 4),
     "detumbling": (1.5, 1 / 6),
+    "swirl-drag": (1.5, 1 / 6),
     "spring-pendulum": (1.0, 1 / 10),
     "sine-torque": (1.5, 1 / 6),
     "damped-fall": (1.5, 1 / 6),
@@ -40,7 +41,14 @@ CASES = {
 }
 """The time up to which forty digits follow each scene, and steps within which no load switches."""
 
-OWN_KERNEL = {"detumbling", "satellite-libration", "sine-torque", "spring-pendulum", "torsion-spring"}
+OWN_KERNEL = {
+    "detumbling",
+    "swirl-drag",
+    "satellite-libration",
+    "sine-torque",
+    "spring-pendulum",
+    "torsion-spring",
+}
 """Scenes whose kernels take up to 10 s to compile; test_taylor.py covers their loads at each push."""
 
 

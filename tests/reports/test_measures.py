@@ -688,6 +688,7 @@ FAULTS = [
     ("angular_momentum_drift", damped, "free"),
     ("angular_momentum_drift", off_diagonal_wrong, "free"),
     ("angular_momentum_drift", wrong_axes, "free"),
+    ("angular_momentum_direction_error_rad", off_diagonal_wrong, "free"),
     ("linear_momentum_drift", damped, "free"),
     ("linear_momentum_drift", clamped, "free"),
     ("linear_momentum_drift", wrong_step, "free"),
@@ -708,6 +709,11 @@ FAULTS = [
     ("velocity_error", clamped, "free"),
     ("velocity_error", damped, "free"),
 ]
+
+
+def test_each_measure_can_fail() -> None:
+    """A measure that no fault changes could be one that does nothing."""
+    assert measures.MEASURES.keys() - {measure for measure, _, _ in FAULTS} == set()
 
 
 @pytest.mark.parametrize(("measure", "fault", "name"), FAULTS)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
+from itertools import count
 from types import FunctionType
 from typing import Any
 
@@ -17,9 +18,12 @@ from bodycheck.adapters.contract import Engine, Precision, Setting, read_back_mi
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.step_function import StepFunction
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.dynamics import angular_acceleration
 from bodycheck.reference_impl.integrators import INTEGRATORS, SINGLE_PRECISION
 from bodycheck.reference_impl.kernels.jit import in_single_precision
 from bodycheck.reference_impl.loads.kinds.drag import Drag
+from bodycheck.reference_impl.rotations import exp_quaternion, quaternion_product
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.case import CaseResult, measured_by
 from bodycheck.reports.measurement.convergence import Criteria, Point, convergence_of
@@ -117,10 +121,10 @@ def test_read_back_is_compared_in_the_precision_of_the_method() -> None:
     assert "step" in str(read_back_mismatch(scene, 2e-3, late, "float32"))
 
 
-def free_probe(stage: int | None, part: str, *, of_rate: bool) -> Trajectory:
-    """Return the free probe at its finest step, by an rk4 with one stage rounded to float32."""
+def free_probe(stage: int | None, part: str, *, of_rate: bool, place: int = -1) -> Trajectory:
+    """Return the free probe at its finest step, or another one, by an rk4 with a stage rounded to float32."""
     probe = built_in_probes()[1]
-    step = probe.steps_s[-1]
+    step = probe.steps_s[place]
     scene = replace(probe.scene, samples=round(probe.scene.duration_s / step) + 1)
     engine = StepFunction(rk4_with_a_single_stage(scene, stage, part, of_rate=of_rate))
     found = record(engine, Case(scene, "step", Setting(dt_s=step))).trajectory
@@ -141,9 +145,112 @@ CASTS = [
 @pytest.mark.parametrize(("stage", "part", "of_rate"), CASTS)
 def test_a_cast_in_one_stage_is_detected(stage: int, part: str, of_rate: bool) -> None:
     """A float64 rk4 with one stage rounded to float32 is inconsistent."""
-    found = precision_finding(free_probe(stage, part, of_rate=of_rate), "float64")
+    paths = (free_probe(stage, part, of_rate=of_rate, place=place) for place in (-1, -3))
+    found = precision_finding(next(paths), "float64", next(paths))
     assert found.verdict == "inconsistent"
     assert "not all of the arithmetic is float64" in found.message
+
+
+def euler_step(state: StepState, h: float, *, turn_first: bool) -> StepState:
+    """Return the state after a symplectic Euler step of a free body, or after its adjoint."""
+    omega, turned = state.omega_body, state.omega_body
+    omega = omega + h * angular_acceleration(state.body.inertia, omega, np.zeros(3))
+    turn = exp_quaternion(h * (turned if turn_first else omega))
+    velocity = state.velocity + h * np.array([1.2, -2.3, -9.4])
+    position = state.position + h * (state.velocity if turn_first else velocity)
+    quaternion = quaternion_product(state.quaternion, turn)
+    return replace(state, position=position, velocity=velocity, quaternion=quaternion, omega_body=omega)
+
+
+def every(period: int) -> Callable[[], Callable[[StepState, float], StepState]]:
+    """Return what makes a method that takes the adjoint step in each of these periods."""
+
+    def make() -> Callable[[StepState, float], StepState]:
+        made = count()
+
+        def step(state: StepState, h: float) -> StepState:
+            return euler_step(state, h, turn_first=next(made) % period == 0)
+
+        return step
+
+    return make
+
+
+def two_step() -> Callable[[StepState, float], StepState]:
+    """Return Adams-Bashforth 2 in omega, started by an Euler step."""
+    before: list[Array] = []
+
+    def step(state: StepState, h: float) -> StepState:
+        rate = angular_acceleration(state.body.inertia, state.omega_body, np.zeros(3))
+        old = before[0] if before else rate
+        before[:] = [rate]
+        moved = euler_step(state, h, turn_first=False)
+        omega = state.omega_body + h * (1.5 * rate - 0.5 * old)
+        turn = exp_quaternion(0.5 * h * (state.omega_body + omega))
+        return replace(moved, omega_body=omega, quaternion=quaternion_product(state.quaternion, turn))
+
+    return step
+
+
+def own_steps() -> Callable[[StepState, float], StepState]:
+    """Return a method with steps of 0.37 h of its own: two in some steps, three in others."""
+    made = count(1)
+
+    def step(state: StepState, h: float) -> StepState:
+        number = next(made)
+        lengths = math.floor(number / 0.37) - math.floor((number - 1) / 0.37)
+        for _ in range(lengths):
+            state = euler_step(state, h / lengths, turn_first=False)
+        return state
+
+    return step
+
+
+@pytest.mark.parametrize(
+    ("make", "verdict"),
+    [
+        pytest.param(every(2), "consistent", id="a map and its adjoint"),
+        pytest.param(every(3), "consistent", id="two steps of a map and one of its adjoint"),
+        pytest.param(every(5), "consistent", id="a period of five"),
+        pytest.param(two_step, "consistent", id="a multistep method and its start"),
+        pytest.param(own_steps, "not-measured", id="an irregular number of substeps"),
+    ],
+)
+def test_a_method_without_one_smooth_map_is_not_accused(
+    make: Callable[[], Callable[[StepState, float], StepState]], verdict: str
+) -> None:
+    """In double precision its round-off is measured, or the probe states that it cannot tell."""
+    probe = built_in_probes()[1]
+    paths = []
+    for step in probe.steps_s:
+        scene = replace(probe.scene, samples=round(probe.scene.duration_s / step) + 1)
+        found = record(StepFunction(make()), Case(scene, "step", Setting(dt_s=step))).trajectory
+        assert found is not None
+        paths.append(found)
+    result = precision_finding(paths[-1], "float64", paths[-3])
+    assert result.verdict == verdict
+    assert bool(result.message) == (verdict == "not-measured")
+
+
+def test_a_cast_in_an_alternating_method_is_detected() -> None:
+    """A splitting and its adjoint, with omega rounded to float32 before each step."""
+    probe = built_in_probes()[1]
+    paths = []
+    for dt_s in probe.steps_s:
+        made = count()
+
+        def step(state: StepState, h: float, made: Iterator[int] = made) -> StepState:
+            omega = state.omega_body.astype(np.float32).astype(np.float64)
+            turned = euler_step(replace(state, omega_body=omega), h, turn_first=next(made) % 2 == 0)
+            return replace(turned, omega_body=turned.omega_body + (state.omega_body - omega))
+
+        scene = replace(probe.scene, samples=round(probe.scene.duration_s / dt_s) + 1)
+        found = record(StepFunction(step), Case(scene, "step", Setting(dt_s=dt_s))).trajectory
+        assert found is not None
+        paths.append(found)
+    result = precision_finding(paths[-1], "float64", paths[-3])
+    assert result.verdict == "inconsistent"
+    assert "not all of the arithmetic is float64" in result.message
 
 
 def test_a_statement_that_the_numbers_contradict_is_inconsistent() -> None:

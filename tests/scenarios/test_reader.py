@@ -523,7 +523,7 @@ LIBRARY = (
     *("sphere", "symmetric-top", "intermediate-axis", "tumbling", "full-tensor", "near-separatrix"),
     *("body-torque", "world-torque", "thruster", "boxes", "free-body", "pulsed-torque"),
     *("t-handle", "torus-spin-up", "free-flight", "powered-flight", "fast-flight"),
-    "off-centre-link",
+    *("off-centre-link", "fast-rotor"),
 )
 FORCED = suites()["forcings"]
 HARD = suites()["hard"]

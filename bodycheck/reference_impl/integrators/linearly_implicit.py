@@ -6,7 +6,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators.evaluated_loads import with_zero_order_hold
 from bodycheck.reference_impl.integrators.facts import Integrator, exact_step_angle
 from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque, gyroscopic
-from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.jit import kernel, merged_kernel
 from bodycheck.reference_impl.kernels.small_vectors import (
     Mat,
     Vec,
@@ -40,7 +40,7 @@ def _newton_matrix(inertia: Mat, omega: Vec, dt: float) -> Mat:
     )
 
 
-@kernel
+@merged_kernel
 def advance_linearised(
     state: Array, body: Array, load: Array, dt: float, steps: int, torque_inside: bool
 ) -> None:

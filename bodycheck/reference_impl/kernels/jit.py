@@ -132,6 +132,16 @@ def inlined_kernel(function: Callable[..., Any]) -> Any:
     return Kernel(function, fastmath={"contract"}, inline="always")
 
 
+def merged_kernel(function: Callable[..., Any]) -> Any:
+    """Compile a long function that several kernels share, force-inlined into each of them.
+
+    Otherwise each of them has a copy, which LLVM optimises separately. The process that compiles them runs
+    the copy that it linked first, and every later one the copy in the file of the kernel that it loads: the
+    last bits of the results would depend on that.
+    """
+    return Kernel(function, fastmath={"contract"}, forceinline=True)
+
+
 def exact_kernel(function: Callable[..., Any]) -> Any:
     """Compile a function exactly as written, each operation rounded: for error-free arithmetic."""
     # explicit, because a function without the flag inherits it from the first kernel that calls it

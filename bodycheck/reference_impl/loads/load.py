@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, TypeAlias, get_type_hints
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self, TypeAlias, get_type_hints
 
 import numpy as np
 
@@ -32,12 +32,15 @@ class Key(NamedTuple):
     """One key of a load's table, as an annotation of the field that it sets.
 
     name: ends with the unit. form: the allowed values, one of KeyForm; a damping matrix is 3x3, or a number
-    times the identity, and dissipates energy. omitted: the default value.
+    times the identity, and dissipates energy. omitted: the default value. seconds: the power of the second in
+    the unit, such as -2 for N and -1 for rad/s; None where it is unknown, so that no truth of a scene with
+    the load can be solved in another unit of time.
     """
 
     name: str
     form: KeyForm
     omitted: Any = REQUIRED
+    seconds: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +91,18 @@ class Load(ABC):
             for note in getattr(hint, "__metadata__", ())
             if isinstance(note, Key)
         }
+
+    def in_time_unit(self, exponent: int) -> Self | None:
+        """Return the load in a unit of time of 2^exponent s, rounding nothing; None where that is unknown."""
+        keys = {name: key for name, key in self.keys().items() if key.form != "axes"}
+        if not keys or any(key.seconds is None for key in keys.values()):
+            return None
+        changed = {
+            name: getattr(self, name) * 2.0 ** (-exponent * key.seconds)
+            for name, key in keys.items()
+            if key.seconds
+        }
+        return replace(self, **changed)  # type: ignore[type-var]  # every load is a dataclass
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,6 +73,14 @@ _LOST = {
 _STEPS_PER_CALL = 10_000
 """Steps after which compiled code returns, because a process handles Ctrl-C and SIGTERM only in between."""
 
+_MOST_STEPS = 1e7
+"""Of one solution, if the last ones go on; a hundred microseconds each in double-doubles."""
+
+
+class TooManyStepsError(ValueError):
+    """A motion that would take hours to follow."""
+
+
 Forcings: TypeAlias = tuple[tuple[float, float, Forcing], ...]
 """Consecutive intervals (begin in s, end in s, forcing) without gaps."""
 
@@ -141,6 +149,7 @@ def _advance(
     rows, series = _working_space(forcing, resolution)
     (t, end), due, steps = span, 0, 0
     while True:
+        before = t
         made, t = integrate(
             state,
             series,
@@ -166,6 +175,11 @@ def _advance(
         steps = made if made < 0 else steps + made
         if not t < end:
             break
+        needed = steps + made * (end - t) / (t - before)
+        if needed > _MOST_STEPS:
+            raise TooManyStepsError(
+                f"the motion takes about {needed:.0e} steps, and no more than {_MOST_STEPS:.0e} are made"
+            )
         due = int(np.searchsorted(times, t, side="right"))
     if forcing.on_parabola:
         follow_parabola(state, numbers.translational, times, *span, out)

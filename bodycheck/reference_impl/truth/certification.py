@@ -24,6 +24,7 @@ from bodycheck.reference_impl.taylor.solution import (
     Forcings,
     Resolution,
     Solution,
+    TooManyStepsError,
     follow_scene,
     forcings_of,
     packed_state,
@@ -43,6 +44,9 @@ NUDGE = 1e-7  # rad, or relative to max |omega|: the size of the perturbations t
 _PROPORTIONAL = 1e-2  # rad, or relative: the distance up to which nudges grow in proportion to their size
 _FINE_NUDGE = 1e-15  # of those nudges: double-doubles still resolve this to nine digits
 _MARGIN = 10.0
+_PLAIN_EXPONENT = 20  # of two: a truth up to a time within 2^-20 s to 2^20 s is solved in seconds
+_FARTHEST = 400  # so that the squares of the units are doubles
+_NORM_ROUNDING = 1e-15  # of a quaternion of four doubles
 _EPS = float(np.finfo(np.float64).eps)
 _EPS_PAIR = 2.0**-104  # of double-double arithmetic
 _TRUSTED = 1e-10  # rad, or relative: the largest bound with which the motion may serve as the reference
@@ -129,18 +133,77 @@ def certified_truth(scene: Scene, t_s: Array) -> Truth:
 
     t_s (n,) in s, ascending. For any scene without callback loads, including scenes with a closed form. The
     half ulp is that of every returned number: some 3e-16 rad. Raises ValueError as `solve_truth` does.
+
+    Where the last time is far from 1 s, the scene is solved in a unit of time near it: in seconds, terms of a
+    series would overflow, or underflow, which looks like convergence. If that overflows, the motion makes so
+    many turns that the unit is that of a turn.
     """
+    refused: ValueError | None = None
+    for exponent in _units(scene, t_s):
+        other = scene.in_time_unit(exponent) if exponent else scene
+        if other is not None:
+            try:
+                return _in_seconds(_solved_twice(other, np.ldexp(t_s, -exponent), t_s), t_s, exponent)
+            except TooManyStepsError as error:
+                raise ValueError(f"there is no truth at t = {float(t_s[-1])!r} s: {error}") from None
+            except ValueError as error:
+                refused = refused or error
+    assert refused is not None  # seconds are always tried
+    raise refused
+
+
+def _units(scene: Scene, t_s: Array) -> Iterator[int]:
+    """Yield the units of time in which a scene is solved, as exponents of two, the best first."""
+    last = math.frexp(float(t_s[-1]))[1] if len(t_s) else 0
+    if abs(last) > _PLAIN_EXPONENT:
+        yield max(-_FARTHEST, min(last, _FARTHEST))
+        turn = -math.frexp(largest_norm(scene.initial.omega_body[None]))[1]
+        if abs(turn) > _PLAIN_EXPONENT:
+            yield max(-_FARTHEST, min(turn, _FARTHEST))
+    yield 0
+
+
+def _in_seconds(truth: Truth, t_s: Array, exponent: int) -> Truth:
+    """Return a truth that was solved in a unit of time of 2^exponent s."""
+    motion = truth.trajectory
+    rates = {"velocity_m_s": motion.velocity_m_s, "omega_body_rad_s": motion.omega_body}
+    slower = {name: np.ldexp(values, -exponent) for name, values in rates.items()}
+    bounds = {
+        name: np.ldexp(getattr(truth, name), -exponent)
+        for quantity in ("omega_rad_s", "m_s")
+        for name in (f"bound_{quantity}", f"round_off_{quantity}")
+    }
+    until_s = math.ldexp(truth.trusted_until_s, exponent)
+    return replace(truth, trajectory=replace(motion, t_s=t_s, **slower), trusted_until_s=until_s, **bounds)
+
+
+def _solved_twice(scene: Scene, t_s: Array, shown_s: Array) -> Truth:
+    """Return the certified truth of a scene; shown_s (n,): its times in seconds, for messages."""
     forcings = forcings_of(scene, float(t_s[-1]) if len(t_s) else 0.0)
     fine, check = (
         follow_scene(scene, forcings, packed_state(scene.initial), t_s, resolution)
         for resolution in (_FINE, _CHECK)
     )
     motion = trajectory_of(t_s, fine.high)  # the nearest double to high + low is high
-    _check_finite(motion, fine.lost)
+    _check_finite(replace(motion, t_s=shown_s), fine.lost)
     growths = _certified_growths(scene, forcings, motion, fine)
     gaps = small_distances(scene, motion, (check.high - fine.high) + (check.low - fine.low))
     noise = _EPS_PAIR * growths * (1 + max(fine.steps, check.steps))
-    return _bounded(scene, motion, "certified", gaps + noise, growths)
+    truth = _bounded(scene, motion, "certified", gaps + noise, growths)
+    _check_norm(truth, shown_s)
+    return truth
+
+
+def _check_norm(truth: Truth, shown_s: Array) -> None:
+    """Raise ValueError where |q| leaves 1 by more than the bound: two resolutions may agree on nonsense."""
+    norm = np.linalg.norm(truth.trajectory.attitude, axis=1)
+    wrong = np.abs(norm - 1.0) > truth.bound_rad + _NORM_ROUNDING
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise ValueError(
+            f"there is no truth at t = {float(shown_s[k])!r} s: the norm of q is {norm[k]:.17g}, which "
+            f"differs from 1 by more than the bound of {truth.bound_rad[k]:.2g} rad"
+        )
 
 
 def _halved(scene: Scene, t_s: Array) -> Truth:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -125,14 +125,8 @@ class Flow:
     @cached_property
     def _features(self) -> dict[str, tuple[Indices, Array]]:
         """The candidates (k,) that have a number of a name, and the numbers (k, 1)."""
-        names = (
-            *("damping_v", "damping_w", "damping_v_speed", "damping_w_speed", "largest_turn", "energy_pull"),
-            *("body_velocity", "world_turn", "old_velocity", "inertia_in_world", "asleep"),
-            *("single_stage", "single_state", "slowed_v", "slowed_w"),
-            *("force_body_by", "force_world_by", "torque_body_by", "torque_world_by", "moment_by"),
-        )
         found = {}
-        for name in names:
+        for name in (one.name for one in fields(Model) if one.default == 0.0):
             values = self._numbers(name)
             rows = np.flatnonzero(values)
             if len(rows):

@@ -3,6 +3,10 @@
 The numbers that a method holds after each step show whether it computes in the precision that it states: an
 exact motion has smooth samples, whose eighth differences, of order (omega h)^8, are far below round-off.
 What is left is the round-off of single steps, also where only one stage of a step is rounded to float32.
+A method may alternate between maps, as a splitting and its adjoint, so that only every second sample, or
+every third, lies on a smooth motion: the smallest round-off of any such period counts. What falls with the
+step as no round-off does is another irregularity of the map, such as substeps of its own: the probe cannot
+tell.
 """
 
 from __future__ import annotations
@@ -32,21 +36,29 @@ _DIFFERENCE_NORM = float(np.sqrt(12870.0))  # of an eighth difference of indepen
 _EPS, _SINGLE_EPS = float(np.finfo(np.float64).eps), float(np.finfo(np.float32).eps)
 _MAX_DOUBLE = 16.0 * _EPS  # healthy methods stay below one, a float32 stage is above 70
 _MIN_SINGLE = 1e-3 * _SINGLE_EPS
+_PERIODS = range(1, 7)  # of maps that alternate: longer ones leave too few samples
+_ALTERNATES = 10.0  # ratio of the round-off of every sample to that of the samples of a period
+_FALLS = 1.5  # power of the step; round-off of the state has 0, that of one stage 1, that of a map 2 or more
 
 
-def precision_finding(path: Trajectory, stated: Precision) -> Finding:
+def precision_finding(path: Trajectory, stated: Precision, coarser: Trajectory | None = None) -> Finding:
     """Return the largest round-off of one step, relative, against the stated precision.
 
     path: of a free motion, one sample after each step; the steps are not dyadic, so that double precision
-    leaves no number that fits into float32.
+    leaves no number that fits into float32. coarser: the same at a longer step [default: not compared].
     """
-    found = max(_round_off(values) for values in _states(path))
+    found, period = min((_round_off_of(path, period), period) for period in _PERIODS)
+    if _ALTERNATES * found > _round_off_of(path, 1):
+        period = 1  # no period makes the motion smooth
     single = is_single(path)
     message = ""
     if stated == "float64":
         if single:
             message = "every number fits into float32: the state is not held in float64"
         elif found > _MAX_DOUBLE:
+            if coarser is not None and _falls(path, coarser, period):
+                reason = "the motion is not smooth from step to step, so that round-off cannot be measured"
+                return Finding("precision", message=reason)
             message = f"steps are rounded at {found:.1e} of the state: not all of the arithmetic is float64"
         deviation = 1.0 if single else found
         return Finding("precision", found, 0.0, deviation, _MAX_DOUBLE, message)
@@ -54,6 +66,12 @@ def precision_finding(path: Trajectory, stated: Precision) -> Finding:
     if wrong:
         message = f"steps are rounded at {found:.1e} of the state: it is held in float64"
     return Finding("precision", found, _SINGLE_EPS, float(wrong), 0.0, message)
+
+
+def _falls(path: Trajectory, coarser: Trajectory, period: int) -> bool:
+    """Whether what looks like round-off falls with the step faster than any round-off."""
+    ratio = float((coarser.t_s[1] - coarser.t_s[0]) / (path.t_s[1] - path.t_s[0]))
+    return _round_off_of(coarser, period) > ratio**_FALLS * _round_off_of(path, period)
 
 
 def is_single(path: Trajectory) -> bool:
@@ -80,6 +98,11 @@ def _continuous(quaternion: Array) -> Array:
     jumps = np.sum(quaternion[1:] * quaternion[:-1], axis=-1) < 0.0
     signs = np.cumprod(np.where(np.concatenate([[False], jumps]), -1.0, 1.0))
     return quaternion * signs[:, np.newaxis]
+
+
+def _round_off_of(path: Trajectory, period: int) -> float:
+    """Return the largest round-off of any quantity, from samples a period of steps apart."""
+    return max(_round_off(values[::period]) for values in _states(path))
 
 
 def _round_off(values: Array) -> float:
@@ -201,7 +224,8 @@ def _free_findings(free: _Probed, loaded: _Probed) -> Iterator[Finding]:
             yield gravity_finding(free.motions, free.resolution)
         yield from reading_findings(free.motions, free.resolution)
     if free.method.control == "dt":
-        yield precision_finding(free.motions[-1].trajectory, free.method.precision)
+        coarser, _, finest = (motion.trajectory for motion in free.motions[-3:])
+        yield precision_finding(finest, free.method.precision, coarser)
 
 
 def _read_back(check: str, probed: _Probed) -> Iterator[Finding]:

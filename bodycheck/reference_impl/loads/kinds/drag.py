@@ -27,8 +27,8 @@ class Drag(ContinuousLoad):
     kind: ClassVar[str] = "drag"
     couples_translation: ClassVar[bool] = False
 
-    linear: Annotated[float, Key("linear_n_s_m", "not negative", 0.0)]
-    angular: Annotated[Array, Key("angular_n_m_s", "damping matrix", (_ZERO, _ZERO, _ZERO))]
+    linear: Annotated[float, Key("linear_n_s_m", "not negative", 0.0, seconds=-1)]
+    angular: Annotated[Array, Key("angular_n_m_s", "damping matrix", (_ZERO, _ZERO, _ZERO), seconds=-1)]
 
     def wrench(self, scene: Scene, at: Instants) -> tuple[Array, Array]:
         """Return the formulas above, in world axes."""

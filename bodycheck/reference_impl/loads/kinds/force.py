@@ -25,10 +25,10 @@ class PointForce(Load):
     kind: ClassVar[str] = "force"
 
     axes: Annotated[Axes, Key("axes", "axes")]
-    value: Annotated[Array, Key("value_n", "vector")]
-    at: Annotated[Array, Key("at_m", "vector", (0.0, 0.0, 0.0))]
-    from_s: Annotated[float, Key("from_s", "number", 0.0)] = 0.0
-    until_s: Annotated[float, Key("until_s", "number", math.inf)] = math.inf
+    value: Annotated[Array, Key("value_n", "vector", seconds=-2)]
+    at: Annotated[Array, Key("at_m", "vector", (0.0, 0.0, 0.0), seconds=0)]
+    from_s: Annotated[float, Key("from_s", "number", 0.0, seconds=1)] = 0.0
+    until_s: Annotated[float, Key("until_s", "number", math.inf, seconds=1)] = math.inf
 
     def wrench(self, scene: Scene, at: Instants) -> tuple[Array, Array]:
         """Return force and torque within the interval."""

@@ -25,7 +25,7 @@ class GravityGradient(ContinuousLoad):
     depends_on_velocity: ClassVar[bool] = False
     couples_translation: ClassVar[bool] = False
 
-    rate: Annotated[float, Key("orbit_rate_rad_s", "positive")]
+    rate: Annotated[float, Key("orbit_rate_rad_s", "positive", seconds=-1)]
 
     def wrench(self, scene: Scene, at: Instants) -> tuple[Array, Array]:
         """Return zero force, and the torque above."""

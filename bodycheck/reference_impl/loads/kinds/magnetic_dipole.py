@@ -28,8 +28,8 @@ class MagneticDipole(ContinuousLoad):
     depends_on_velocity: ClassVar[bool] = False
     couples_translation: ClassVar[bool] = False
 
-    moment: Annotated[Array, Key("moment_a_m2", "vector")]
-    field: Annotated[Array, Key("field_t", "vector")]
+    moment: Annotated[Array, Key("moment_a_m2", "vector", seconds=0)]
+    field: Annotated[Array, Key("field_t", "vector", seconds=-2)]
 
     def wrench(self, scene: Scene, at: Instants) -> tuple[Array, Array]:
         """Return zero force, and the torque above."""

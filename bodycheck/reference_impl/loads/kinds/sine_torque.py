@@ -26,9 +26,9 @@ class SineTorque(ContinuousLoad):
     couples_translation: ClassVar[bool] = False
 
     axes: Annotated[Axes, Key("axes", "axes")]
-    amplitude: Annotated[Array, Key("amplitude_n_m", "vector")]
-    rate: Annotated[float, Key("rate_rad_s", "number")]
-    phase: Annotated[float, Key("phase_rad", "number", 0.0)]
+    amplitude: Annotated[Array, Key("amplitude_n_m", "vector", seconds=-2)]
+    rate: Annotated[float, Key("rate_rad_s", "number", seconds=-1)]
+    phase: Annotated[float, Key("phase_rad", "number", 0.0, seconds=0)]
 
     def wrench(self, scene: Scene, at: Instants) -> tuple[Array, Array]:
         """Return zero force, and the torque above."""

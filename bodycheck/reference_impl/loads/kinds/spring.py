@@ -28,10 +28,10 @@ class Spring(ContinuousLoad):
     potential_needs: ClassVar[frozenset[str]] = frozenset({"position", "attitude"})
     depends_on_velocity: ClassVar[bool] = False
 
-    anchor: Annotated[Array, Key("anchor_m", "vector")]
-    at: Annotated[Array, Key("at_m", "vector", (0.0, 0.0, 0.0))]
-    stiffness: Annotated[float, Key("stiffness_n_m", "positive")]
-    rest_length: Annotated[float, Key("rest_length_m", "not negative", 0.0)]
+    anchor: Annotated[Array, Key("anchor_m", "vector", seconds=0)]
+    at: Annotated[Array, Key("at_m", "vector", (0.0, 0.0, 0.0), seconds=0)]
+    stiffness: Annotated[float, Key("stiffness_n_m", "positive", seconds=-2)]
+    rest_length: Annotated[float, Key("rest_length_m", "not negative", 0.0, seconds=0)]
 
     def wrench(self, scene: Scene, at: Instants) -> tuple[Array, Array]:
         """Return the force above, and its moment."""

@@ -22,9 +22,9 @@ class Torque(Load):
     kind: ClassVar[str] = "torque"
 
     axes: Annotated[Axes, Key("axes", "axes")]
-    value: Annotated[Array, Key("value_n_m", "vector")]
-    from_s: Annotated[float, Key("from_s", "number", 0.0)] = 0.0
-    until_s: Annotated[float, Key("until_s", "number", math.inf)] = math.inf
+    value: Annotated[Array, Key("value_n_m", "vector", seconds=-2)]
+    from_s: Annotated[float, Key("from_s", "number", 0.0, seconds=1)] = 0.0
+    until_s: Annotated[float, Key("until_s", "number", math.inf, seconds=1)] = math.inf
 
     def wrench(self, scene: Scene, at: Instants) -> tuple[Array, Array]:
         """Return zero force and the torque within the interval."""

@@ -28,7 +28,7 @@ class TorsionSpring(ContinuousLoad):
     depends_on_velocity: ClassVar[bool] = False
     couples_translation: ClassVar[bool] = False
 
-    stiffness: Annotated[float, Key("stiffness_n_m", "positive")]
+    stiffness: Annotated[float, Key("stiffness_n_m", "positive", seconds=-2)]
 
     def wrench(self, scene: Scene, at: Instants) -> tuple[Array, Array]:
         """Return zero force, and the torque above."""
