@@ -22,10 +22,13 @@ from bodycheck.reports.measurement.problem import Problem
 from bodycheck.scenarios.library import load_scenario
 
 STEPS = {
-    **{"full-tensor": 1e-2, "powered-flight": 2e-2, "off-grid-torque": 0.025},
-    **{"heavy-top": 1e-2, "spring-pendulum": 1e-2},
+    "full-tensor": 1e-2,
+    "powered-flight": 2e-2,
+    "off-grid-torque": 0.025,
+    "heavy-top": 1e-2,
+    "spring-pendulum": 1e-2,
 }
-"""Scenes without loads, with every kind of constant load, loads that switch, a pivot and a continuous load; their steps."""
+"""Steps of scenes without loads, with all constant loads, switches, a pivot, and a continuous load."""
 
 SPECIAL = ("tilted gravity", "half a radian per step", "a body that stands still")
 """Variants of powered-flight without which a few faults have no effect."""
