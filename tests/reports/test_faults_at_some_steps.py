@@ -33,7 +33,8 @@ class AtSomeSteps:
         "one": (4e-3, 7e-3),
         "coarsest": (0.015, 1.0),
     }
-    methods: Mapping[str, Method] = {name: replace(RK4, name=name) for name in damped}
+    others = ("reversed-torque", "long-calls")
+    methods: Mapping[str, Method] = {name: replace(RK4, name=name) for name in (*damped, *others)}
 
     def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract
         """Refuse what the base does not support."""
@@ -42,10 +43,25 @@ class AtSomeSteps:
     def build(self, scene: Scene, method: str, dt_s: float) -> FaultySimulation:
         """Return a simulation that is damped at some steps."""
         model = Model.of(scene)
-        low, high = self.damped[method]
+        low, high = self.damped.get(method, (0.0, 0.0))
         if low < dt_s < high:
             model.angular_damping = 0.03
-        return FaultySimulation(model, 4, dt_s)
+        if method == "reversed-torque":
+            model.wrench = lambda wrench, _: replace(
+                wrench, torque_body=wrench.torque_body * np.array([-1.0, 1.0, 1.0])
+            )
+        made = WrongInLongCalls if method == "long-calls" else FaultySimulation
+        return made(model, 4, dt_s)
+
+
+class WrongInLongCalls(FaultySimulation):
+    """Loses a ten-thousandth of omega in each call of more than 60 steps."""
+
+    def advance(self, steps: int) -> None:
+        """Make the steps."""
+        super().advance(steps)
+        if steps > 60:
+            self._state[6:9] *= 1.0 - 1e-4
 
 
 SPIN = """
@@ -154,6 +170,26 @@ def test_fault_at_one_listed_step_is_a_finding_of_that_case() -> None:
     assert cell("coarsest").largest_at == "dt 0.02 s"
     (overview,) = (one for one in overviews(summary_cells(run)) if one.method == "at-some-steps:one")
     assert overview.largest_error[1] == "dt 0.005 s"
+
+
+@pytest.mark.slow
+def test_diagnosis_is_of_the_case_of_the_finding_and_of_the_engine() -> None:
+    """A fault at one step is named from that step; one that the run refutes is named for its scene only.
+
+    Beside a finding there is never "no fault", although the single steps of most cases are right.
+    """
+    adapter = AtSomeSteps()
+    with registered(adapter):
+        run = bodycheck.run(["free-flight", "powered-flight"], engines=[adapter.name], speed=False)
+    found = {(row["method"], row["scenario"]): row for row in run.diagnoses.to_dict("records")}
+    damped = found["one", "powered-flight"]
+    assert (damped["dt_s"], damped["verdict"], damped["value"]) == (5e-3, "explained", pytest.approx(0.03))
+    reversed_torque = found["reversed-torque", "powered-flight"]
+    assert reversed_torque["verdict"] == "this-scene-only"
+    assert "free-flight" in reversed_torque["diagnosis"]
+    assert found["long-calls", "powered-flight"]["verdict"] != "explained"
+    assert not any(row["verdict"] == "healthy" for row in found.values())
+    assert {method for method, _ in found} == {"one", "reversed-torque", "long-calls"}
 
 
 @pytest.mark.slow

@@ -77,7 +77,8 @@ class Diagnosis:
 
     verdict: explained, healthy (the motion is that of the map, without a fault), lower-order (the same, but
     the map is of a lower order than the method), strapdown (the attitude is integrated from an omega that is
-    right), or unexplained. base: the map that the faults change.
+    right), this-scene-only (faults explain it, but another scene of the run refutes them), elsewhere (the
+    steps are right, although the method is wrong), or unexplained. base: the map that the faults change.
     faults: one or two. share: of the differences from the map, over one sample interval, that the faults
     explain. alike: other faults that this scene cannot distinguish from them. nearly: the best single fault
     of an unexplained motion. before, after: root mean square of the differences, over their scales;
@@ -85,7 +86,7 @@ class Diagnosis:
     verdict is lower-order. start: how a recording begins off its scenario. equal_maps: other known maps that
     make the same motion, to the digits of a recording. within: these digits in words. per_sample: the largest
     difference from the exact motion over one sample interval, of an exact motion that is not exact to the
-    digits.
+    digits. refuted_by: the scene in which the faults would act, and do not.
     """
 
     verdict: str
@@ -104,6 +105,7 @@ class Diagnosis:
     equal_maps: tuple[str, ...] = ()
     within: str = ""
     per_sample: float | None = None
+    refuted_by: str = ""
     fit: Fit | None = field(default=None, repr=False, compare=False)
     circumstances: FaultContext | None = field(default=None, repr=False, compare=False)
 
@@ -121,9 +123,14 @@ class Diagnosis:
         if self.verdict == "lower-order":
             orders = f"of order {BASES[self.base].order}, not {self.order}"
             return f"the method is {orders}: the motion is that of {self.base_words}"
-        if self.verdict != "explained":
+        if self.verdict == "elsewhere":
+            steps = f"the single steps of this case are right, those of {self.base_words}"
+            return f"{steps}: the cause acts at other steps, or within many steps that one call makes"
+        if self.verdict not in ("explained", "this-scene-only"):
             return "unexplained: no known fault, and no pair of them, makes this motion"
         named = "; or ".join(["; and ".join(fault.sentence for fault in self.faults), *self.alike])
+        if self.verdict == "this-scene-only":
+            return f"explains this scene only: {named}; {self.refuted_by} refutes it for the engine"
         return f"{named} (explains {_percent(self.share)} of the error)"
 
 

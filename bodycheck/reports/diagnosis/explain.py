@@ -13,7 +13,9 @@ import numpy as np
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import setting, suggestion
 from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.diagnosis.consistency import is_refuted
 from bodycheck.reports.diagnosis.diagnosis import Diagnosis, diagnosed
+from bodycheck.reports.diagnosis.flow import BASES
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measures import IDENTITY
 from bodycheck.reports.measurement.problem import Problem
@@ -22,6 +24,8 @@ from bodycheck.reports.run_files.run_tables import MethodKey, Run, cases_by_meth
 
 _FINEST_STRIDE = 40
 """Steps between two samples of the finest case that is diagnosed: few enough for a quick answer."""
+_MAX_STRIDE = 400  # of the case of a finding
+_SAME_STEP = 1e-9  # relative
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,15 +61,26 @@ def wrong_verdicts(
     return {pair: verdicts for pair, verdicts in found.items() if verdicts}
 
 
-def diagnosed_case(cases: Iterable[CaseResult], interval_s: float) -> CaseResult | None:
-    """Return the case of a method that is diagnosed: the finest with at most 40 steps between samples.
+def diagnosed_cases(
+    cases: Iterable[CaseResult], interval_s: float, wrong: Sequence[QuantityVerdict] = ()
+) -> list[CaseResult]:
+    """Return the cases of a method to diagnose, in order; none if none ended well.
 
-    interval_s: between two samples. None where no case ended well.
+    That of a finding at one step alone; otherwise the finest one with at most 40 steps between samples, and
+    then that of the finding, in which a fault may act that this one does not show. interval_s: between two
+    samples. wrong: the findings, the most severe first.
     """
     ended = [case for case in cases if case.ok and case.trajectory is not None]
     by_step = sorted(ended, key=lambda case: case.setting.fineness or 0.0)
-    quick = (case for case in by_step if case.dt_s is None or interval_s / case.dt_s <= _FINEST_STRIDE)
-    return next(quick, by_step[-1] if by_step else None)
+
+    def within(stride: int) -> list[CaseResult]:
+        return [case for case in by_step if case.dt_s is None or interval_s / case.dt_s <= stride]
+
+    found = [c for one in wrong[:1] for c in within(_MAX_STRIDE) if c.setting.fineness == one.fineness]
+    if found and wrong[0].ratio is not None:
+        return found
+    first = (within(_FINEST_STRIDE) or by_step[-1:])[:1]
+    return [*first, *(case for case in found if case not in first)]
 
 
 def explained(
@@ -112,12 +127,18 @@ def explained_cases(
         for (scenario, key), verdicts in wrong.items():
             if scenario != problem.scenario.name:
                 continue
-            chosen = diagnosed_case(by_method.get(scenario, {}).get(key, ()), scene.sample_interval_s)
-            if chosen is None:
-                continue
+            own = by_method.get(scenario, {}).get(key, ())
             names = known.setdefault(key, [])
-            one = explained(problem, chosen, order=orders.get(key), wrong=verdicts, known_faults=names)
-            found.append(one)
+            one = None
+            for case in diagnosed_cases(own, scene.sample_interval_s, verdicts):
+                again = explained(problem, case, order=orders.get(key), wrong=verdicts, known_faults=names)
+                if one is None or _names_a_fault(again):
+                    one = again
+                if again.diagnosis is None or again.diagnosis.verdict != "healthy":
+                    break
+            if one is None:
+                continue
+            found.append(_with_cause_elsewhere(one))
             if one.diagnosis is not None and one.diagnosis.verdict == "explained":
                 name = _names(one.diagnosis)
                 known[key] = [name, *(other for other in names if other != name)]
@@ -125,7 +146,51 @@ def explained_cases(
     for one in found:
         if one.diagnosis is not None and one.diagnosis.faults and not one.diagnosis.alike:
             certain.setdefault(one.key, []).append(_names(one.diagnosis))
-    return [_separated(one, certain.get(one.key, ()), orders) for one in found]
+    separated = (_separated(one, certain.get(one.key, ()), orders) for one in found)
+    return [_tested(one, problems, by_method) for one in separated]
+
+
+def _names_a_fault(one: ExplainedCase) -> bool:
+    return one.diagnosis is not None and bool(one.diagnosis.faults or one.diagnosis.verdict == "lower-order")
+
+
+def _with_cause_elsewhere(one: ExplainedCase) -> ExplainedCase:
+    """Return a case with a finding without the statement that there is no fault."""
+    if one.diagnosis is None or one.diagnosis.verdict != "healthy" or one.wrong[0].state == "lower-order":
+        return one
+    return replace(one, diagnosis=replace(one.diagnosis, verdict="elsewhere"))
+
+
+def _tested(
+    one: ExplainedCase,
+    problems: Sequence[Problem],
+    by_method: Mapping[str, Mapping[MethodKey, Sequence[CaseResult]]],
+) -> ExplainedCase:
+    """Return the case, marked if its faults are not those of its method in another scene of the run."""
+    found = one.diagnosis
+    if found is None or found.fit is None or found.verdict != "explained":
+        return one
+    for problem in problems:
+        scenario = problem.scenario.name
+        own = by_method.get(scenario, {}).get(key_of(one.case.columns), ())
+        case = None if scenario == one.problem.scenario.name else _comparable(own, one, problem)
+        if case is None or case.trajectory is None:
+            continue
+        if is_refuted(found.fit, BASES[found.base], problem, case.trajectory, case.dt_s):
+            return replace(one, diagnosis=replace(found, verdict="this-scene-only", refuted_by=scenario))
+    return one
+
+
+def _comparable(cases: Sequence[CaseResult], one: ExplainedCase, problem: Problem) -> CaseResult | None:
+    """Return the case of another scene in which the same fault would act.
+
+    A fault at one step alone acts at that step; any other is looked for where it would be diagnosed.
+    """
+    if one.wrong and one.wrong[0].ratio is not None:
+        at_s = one.case.dt_s or 0.0
+        same = (c for c in cases if c.ok and abs((c.dt_s or 0.0) - at_s) <= _SAME_STEP * at_s)
+        return next(same, None)
+    return next(iter(diagnosed_cases(cases, problem.scenario.scene.sample_interval_s)), None)
 
 
 def _names(found: Diagnosis) -> tuple[str, ...]:
@@ -262,7 +327,6 @@ def _named(run: Run, pattern: _CasePattern) -> Iterator[ExplainedCase]:
     for problem in run.problems:
         name = problem.scenario.name
         for key, cases in by_method.get(name, {}).items():
-            chosen = diagnosed_case(cases, problem.scenario.scene.sample_interval_s)
-            if chosen is not None:
+            for chosen in diagnosed_cases(cases, problem.scenario.scene.sample_interval_s)[:1]:
                 verdicts = wrong.get((name, key), ())
                 yield explained(problem, chosen, order=orders.get(key), wrong=verdicts)
