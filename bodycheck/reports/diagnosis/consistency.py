@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.diagnosis.diagnosis import ALL_QUANTITIES, Search, can_be_examined
+from bodycheck.reports.diagnosis.diagnosis import ALL_QUANTITIES, Search, obstacle
 from bodycheck.reports.diagnosis.faults.fault import FaultContext
 from bodycheck.reports.diagnosis.fit import Fit, planted
 from bodycheck.reports.diagnosis.flow import EXACT, Base
@@ -34,7 +34,7 @@ def is_refuted(fit: Fit, base: Base, problem: Problem, motion: Trajectory, dt_s:
     units = {parameter.unit for fault in fit.faults for parameter in fault.parameters}
     of_body = any(fault.kind == "body" and fault.is_general for fault in fit.faults)  # such as a whole tensor
     scene = problem.scenario.scene
-    if of_body or units & _OF_THE_SCENE or not can_be_examined(scene, motion, ALL_QUANTITIES):
+    if of_body or units & _OF_THE_SCENE or obstacle(scene, motion, ALL_QUANTITIES):
         return False
     with np.errstate(all="ignore"):
         search = Search.of(scene, motion, problem.scales, dt_s, ALL_QUANTITIES)
