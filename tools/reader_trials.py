@@ -166,9 +166,9 @@ def _trajectories(sound: Path) -> list[Reader]:
     cache = Cache.default()
 
     def judged(path: Path) -> None:
-        from bodycheck.reports.judge import judge_files
+        from bodycheck.reports.judge import judge_files, read_files
 
-        judge_files([path], mine, "mine.toml", cache, ColumnMap(), None)
+        judge_files([path], read_files([path], ColumnMap(), None), mine, "mine.toml", cache, None)
 
     return [
         Reader("judged .csv", sound / "judged.csv", judged, "csv", csv_cell, 0.2),

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from bodycheck._util.errors import InputError
 from bodycheck.cli._app import run_app
 from bodycheck.cli.audit_command import auditing
 from bodycheck.cli.engine_commands import adapter_commands, identity_commands
@@ -19,6 +19,7 @@ from bodycheck.cli.nightly import nightly
 from bodycheck.cli.options import (
     HOW,
     MEASURE,
+    OUTPUT,
     WATCH,
     WHAT,
     AllowCode,
@@ -45,6 +46,9 @@ from bodycheck.cli.options import (
 from bodycheck.cli.stored_runs import questions
 from bodycheck.cli.versions_command import environment_commands, versioning
 from bodycheck.runs.run_options import TIMEOUT_S
+
+if TYPE_CHECKING:
+    from bodycheck.scenarios.given_motion import GivenMotion
 
 app = typer.Typer(
     name="bodycheck",
@@ -213,14 +217,14 @@ def truth(
 
 
 @app.command(
-    short_help="Measure trajectories from any program.",
+    short_help="Judge trajectories from any program.",
     **described(
         MEASURE,
-        "bodycheck judge motion.csv --scenario symmetric-top",
+        "bodycheck judge sim.csv --inertia-kg-m2 40,60,85 --html sim.html",
+        "bodycheck judge motion.csv --scenario symmetric-top --dt 0.01",
         "bodycheck judge Atmos_02_sim_05.csv --like nesc",
         "bodycheck judge log.csv --scenario top.toml --map 't_s=time, wx_body_rad_s=p*deg, ignore=*'",
         "bodycheck judge a.csv b.csv c.csv d.csv --scenario boxes --dt 8e-3,4e-3,2e-3,1e-3",
-        "bodycheck judge motion.csv --scenario symmetric-top --explain --dt 0.01",
     ),
 )
 def judge(
@@ -237,6 +241,36 @@ def judge(
             help="A built-in scenario or a .toml file.",
             show_default="the one that --like knows for the file",
             autocompletion=complete_scenarios,
+            rich_help_panel=WHAT,
+        ),
+    ] = None,
+    inertia_kg_m2: Annotated[
+        str | None,
+        typer.Option(
+            help="Instead of a scenario: the principal moments in kg m^2 of a body that starts at the first "
+            "row, like 40,60,85, or the 9 numbers of its tensor.",
+            show_default=False,
+            rich_help_panel=WHAT,
+        ),
+    ] = None,
+    mass_kg: Annotated[
+        float | None,
+        typer.Option(help="Mass of that body in kg.", show_default="1", rich_help_panel=WHAT),
+    ] = None,
+    torque_body_n_m: Annotated[
+        str | None,
+        typer.Option(
+            help="Constant torque on it in N m, in body axes, like 0,0,0.1.",
+            show_default="none",
+            rich_help_panel=WHAT,
+        ),
+    ] = None,
+    gravity: Annotated[
+        str | None,
+        typer.Option(
+            help="Its gravity in m/s^2, in world axes, like 0,0,-9.81.",
+            show_default="none",
+            rich_help_panel=WHAT,
         ),
     ] = None,
     map_: Annotated[
@@ -247,6 +281,7 @@ def judge(
             help="What the columns are: KEY=VALUE, ..., each quantity a product of a column, numbers and "
             "units, or a .toml file of these. May be given several times.",
             show_default="the columns of docs/recordings.md",
+            rich_help_panel=HOW,
         ),
     ] = None,
     like: Annotated[
@@ -254,74 +289,120 @@ def judge(
         typer.Option(
             help="Use the map of a known source: aem, euroc, jsbsim, kitti, mcap, nesc or tum.",
             show_default="none",
+            rich_help_panel=HOW,
         ),
     ] = None,
     dt: Annotated[
         str | None,
         typer.Option(
-            help="The step of each file in s, like 1e-2,5e-3; orders are then fitted.", show_default="none"
+            help="The step of each file in s, like 1e-2,5e-3; from four files on, orders are fitted.",
+            show_default="none",
+            rich_help_panel=HOW,
         ),
     ] = None,
-    explain: Annotated[
-        bool, typer.Option("--explain", help="Also print which fault explains each error, if one does.")
-    ] = False,
     start: Annotated[
-        Literal["scenario", "first-sample"],
-        typer.Option(help="Where the truth starts: at the start of the scenario, or at the first sample."),
-    ] = "scenario",
+        Literal["scenario", "first-sample"] | None,
+        typer.Option(
+            help="Where the truth starts: at the start of the scenario, or at the first sample.",
+            show_default="scenario",
+            rich_help_panel=HOW,
+        ),
+    ] = None,
     resolution: Annotated[
         str | None,
         typer.Option(
-            help="The resolution of the quantities for --explain, in SI units: 1e-3, or "
+            help="The resolution of the quantities for the diagnosis, in SI units: 1e-3, or "
             "omega=1e-3, attitude=1e-5.",
             show_default="that of the digits in the file",
+            rich_help_panel=HOW,
+        ),
+    ] = None,
+    explain: Annotated[
+        bool,
+        typer.Option(
+            "--explain",
+            help="Also print the evidence for the likely cause, and diagnose each of several files.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = False,
+    html: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write a page with the motion, drifts and errors over time, and the diagnosis.",
+            show_default="none",
+            rich_help_panel=OUTPUT,
         ),
     ] = None,
     allow_code: AllowCode = False,
     json: Json = False,
 ) -> None:
-    """Measure trajectories against the truth of a scenario: one measure per line, or a ranking of several.
+    """Print what is conserved, how far a motion is from the truth, and the likely cause; rank several files.
 
-    An energy drift is relative to the truth, and with the suffix _from_start relative to the file's first
-    sample.
+    The truth is that of a scenario, or of a body that starts at the first row. An energy drift is relative to
+    the truth, and with the suffix _from_start relative to the file's first sample.
     """
+    from bodycheck._util.files import check_file, write_file
     from bodycheck.reports.document import answer
-    from bodycheck.reports.judge import judgement_document
+    from bodycheck.reports.judge import explained_motion
+    from bodycheck.reports.judge_document import conclusion, is_true, judgement_document
     from bodycheck.reports.render.progress import status_line
     from bodycheck.runs import runner
 
+    if html is not None:
+        check_file("--html", html)
     steps_s = numbers(dt, "--dt")
-    with status_line(f"solving the truth of {scenario or like}"):
+    body = _given_motion(inertia_kg_m2, mass_kg, torque_body_n_m, gravity)
+    if body is not None and start is not None:
+        raise InputError("--start: a body of --inertia-kg-m2 always starts at the first sample")
+    with status_line(f"solving the truth of {scenario or like or 'the body'}"):
         ranking = runner.rank(
             trajectories,
             scenario,
             steps_s,
             column_map=map_ or (),
             like=like,
-            start=start,
+            start=start or "scenario",
+            body=body,
             allow_code=allow_code,
         )
+        is_alone = len(ranking.motions) == 1 and not is_true(ranking.motions[0])
+        diagnosed = explain or html is not None or is_alone
         cases = [
-            runner.explain(
-                path,
-                scenario,
-                dt_s=None if steps_s is None else steps_s[index],
-                column_map=map_ or (),
-                like=like,
-                resolution=resolution,
-                allow_code=allow_code,
-            )
-            for index, path in enumerate(trajectories if explain else ())
+            explained_motion(motion, row.get("dt_s"), resolution)
+            for motion, row in zip(ranking.motions if diagnosed else (), ranking.rows, strict=False)
         ]
-    if not cases:
-        answer(judgement_document(ranking), ranking.data, as_json=json)
-        return
-    from bodycheck.reports.diagnosis.explanation_document import explanation_data, explanation_document
+    document = judgement_document(ranking, cases, evidence=explain)
+    if html is not None:
+        from bodycheck.reports.judge_page import judgement_page
 
-    judged = judgement_document(ranking)
-    parts = (*judged.parts, *explanation_document(cases).parts)
-    data = {**ranking.data, "explanations": explanation_data(cases)}
-    answer(replace(judged, parts=parts), data, as_json=json)
+        write_file(html, judgement_page(ranking, cases).encode())
+    data = ranking.data
+    if cases:
+        from bodycheck.reports.diagnosis.explanation_document import explanation_data
+
+        sentences = [
+            conclusion(motion, case).text for motion, case in zip(ranking.motions, cases, strict=True)
+        ]
+        data = {"conclusions": sentences, **data, "explanations": explanation_data(cases)}
+    answer(document, data, as_json=json)
+    if html is not None and not json:
+        print(html)
+
+
+def _given_motion(
+    inertia_kg_m2: str | None, mass_kg: float | None, torque_body_n_m: str | None, gravity: str | None
+) -> GivenMotion | None:
+    """Return the body of the options; raises InputError where its inertia is missing."""
+    from bodycheck.scenarios.given_motion import GivenMotion
+
+    inertia = numbers(inertia_kg_m2, "--inertia-kg-m2")
+    given = {"--mass-kg": mass_kg, "--torque-body-n-m": torque_body_n_m, "--gravity": gravity}
+    if inertia is None:
+        if lone := [option for option, value in given.items() if value is not None]:
+            raise InputError(f"{lone[0]}: needs --inertia-kg-m2; a scenario has its own body and loads")
+        return None
+    torque, acceleration = numbers(torque_body_n_m, "--torque-body-n-m"), numbers(gravity, "--gravity")
+    return GivenMotion(inertia, 1.0 if mass_kg is None else mass_kg, torque, acceleration)
 
 
 @app.command(

@@ -7,56 +7,33 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 import numpy as np
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.formatting import number, scientific, step
-from bodycheck.reference_impl.arrays import Array, largest_norm
-from bodycheck.reference_impl.rotations import geodesic_angle, matrix_to_quaternion, project_to_so3, rotate
+from bodycheck._util.untrusted import printable
+from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
-from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import plan_steps
 from bodycheck.reports.cache.disk_cache import Cache
-from bodycheck.reports.cache.truths import known_truth
 from bodycheck.reports.diagnosis.diagnosis import obstacle
 from bodycheck.reports.diagnosis.explain import ExplainedCase
-from bodycheck.reports.diagnosis.quantity_resolution import Resolution
 from bodycheck.reports.diagnosis.recorded import diagnosed_recording
-from bodycheck.reports.document import Column, Document, Sentence, Table
-from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion, stable_motion
+from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion
 from bodycheck.reports.measurement.convergence import Convergence, Criteria, Point, convergence_of
-from bodycheck.reports.measurement.invariants import invariants_of, worst_drift
 from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS
-from bodycheck.reports.measurement.measures import (
-    MEASURES,
-    ORIENTATION,
-    QUANTITIES,
-    SCALES,
-    Compared,
-    Motion,
-    departures_of,
-    reduced,
-    series_of,
-)
+from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, QUANTITIES
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.measurement.scales import Scales
 from bodycheck.reports.measurement.study import limit
 from bodycheck.reports.recordings.column_map import ColumnMap
 from bodycheck.reports.recordings.conversion import RecordedMotion, recorded_motion
-from bodycheck.reports.recordings.first_sample import start_bound_rad, started_at_first_sample
+from bodycheck.reports.recordings.judged_motion import JudgedMotion, Start, judged_motion, quantities_of
+from bodycheck.scenarios.given_motion import GivenMotion
 from bodycheck.scenarios.model import Scenario
-
-Start: TypeAlias = Literal["scenario", "first-sample"]
-"""Where the truth of a recording starts: at the start of the scenario, or at the first row of the file."""
-
-FROM_START = "_from_start"
-"""Suffix of an energy drift relative to the first sample of the file, instead of relative to the truth."""
 
 _TOO_MANY_STEPS = "there are too many steps between two samples"
 _SAME = 1e-9  # relative difference of two times that count as equal
-_REDUNDANT = 1e-3  # difference in rad, or relative, of what a file states twice: more than rounding of digits
 _PREFERRED = (ORIENTATION, "omega_error", "position_error", "velocity_error")
 
 
@@ -66,12 +43,14 @@ class Ranking:
 
     rows: file, dt_s where given, outcome, message and measures, like a row of results.csv, and the last time
     in s that was compared, `compared_until_s`. quantity: the measure that they are ranked by, "" where they
-    have none in common. orders: measure -> its convergence over the steps.
+    have none in common. orders: measure -> its convergence over the steps. motions: what was measured, in the
+    order of the rows.
     """
 
     rows: tuple[dict[str, Any], ...]
     quantity: str
     orders: Mapping[str, Convergence]
+    motions: tuple[JudgedMotion, ...]
 
     @property
     def data(self) -> dict[str, Any]:
@@ -91,41 +70,78 @@ class Ranking:
         ]
 
 
+def read_files(
+    paths: Sequence[Path], column_map: ColumnMap, steps_s: Sequence[float] | None
+) -> list[RecordedMotion]:
+    """Return what each file has of a motion; steps_s: the intervals between rows of files without times.
+
+    Raises InputError where a file is invalid.
+    """
+    intervals = [None] * len(paths) if steps_s is None else steps_s
+    return [recorded_motion(path, column_map, dt_s) for path, dt_s in zip(paths, intervals, strict=True)]
+
+
+def of_given_body(
+    paths: Sequence[Path], recordings: Sequence[RecordedMotion], body: GivenMotion
+) -> tuple[list[RecordedMotion], Scenario]:
+    """Return the recordings without what has no start, and the scenario of a body that starts at their rows.
+
+    A position is left out if there is no velocity to start with. Raises InputError where a file has a single
+    row, or no angular velocity.
+    """
+    kept = []
+    for path, recorded in zip(paths, recordings, strict=True):
+        arrays = dict(recorded.arrays)
+        if len(arrays["t_s"]) < 2:
+            raise InputError(f"{path}: has a single row, so nothing to judge")
+        if "omega" not in quantities_of(arrays):
+            raise InputError(
+                f"{path}: has no angular velocity at which the motion of a body could start; "
+                "--scenario gives the start"
+            )
+        if "velocity_m_s" not in arrays:
+            arrays.pop("position_m", None)
+        kept.append(replace(recorded, arrays=arrays))
+    ends_s = [float(one.arrays["t_s"][-1]) for one in kept]
+    name = printable(paths[0].stem, 80).replace("/", "-").strip() or "recording"
+    return kept, body.scenario(name, max(ends_s), len(kept[0].arrays["t_s"]))
+
+
 def judge_files(
     paths: Sequence[Path],
+    recordings: Sequence[RecordedMotion],
     scenario: Scenario,
     scenario_spec: str,
     cache: Cache | None,
-    column_map: ColumnMap,
     steps_s: Sequence[float] | None,
     start: Start = "scenario",
 ) -> Ranking:
     """Judge several files of one scenario and rank them by the first error that all of them have.
 
-    steps_s: the step of each file, from which orders are fitted. start: where the truth starts.
-    Raises InputError where a file is invalid, has nothing to compare, or has times outside the scenario's
-    duration, where two steps are the same, and where the files end at different times.
+    recordings: what was read of each. steps_s: the step of each file, from which orders are fitted. start:
+    where the truth starts. Raises InputError where a file has nothing to compare, or has times outside the
+    scenario's duration, where two steps are the same, and where the files end at different times.
     """
     if steps_s is not None and (twice := [one for one, times in Counter(steps_s).items() if times > 1]):
         raise InputError(f"--dt: the step {twice[0]!r} is given twice")
-    intervals = [None] * len(paths) if steps_s is None else steps_s
-    recordings = {
-        str(path): recorded_motion(path, column_map, dt_s)
-        for path, dt_s in zip(paths, intervals, strict=True)
-    }
     problem = Problem.of(scenario, scenario_spec, cache)
-    rows = [
-        {"file": str(path), **_judged(path, recordings[str(path)], problem, cache, start)} for path in paths
+    motions = [
+        judged_motion(path, recorded, problem, cache, start)
+        for path, recorded in zip(paths, recordings, strict=True)
     ]
-    if steps_s is not None:
-        rows = [{"file": row["file"], "dt_s": dt_s, **row} for row, dt_s in zip(rows, steps_s, strict=True)]
-    ended = [row for row in rows if row["outcome"] == "ok"]
-    _check_spans({row["file"]: float(recordings[row["file"]].arrays["t_s"][-1]) for row in ended})
-    common = [name for name in (*_PREFERRED, *MEASURES) if ended and all(name in row for row in ended)]
+    steps = [{}] * len(motions) if steps_s is None else [{"dt_s": dt_s} for dt_s in steps_s]
+    judged = [
+        ({"file": str(motion.path), **step_s, **motion.row}, motion)
+        for motion, step_s in zip(motions, steps, strict=True)
+    ]
+    ended = [(row, motion) for row, motion in judged if row["outcome"] == "ok"]
+    _check_spans({row["file"]: float(motion.problem.truth.trajectory.t_s[-1]) for row, motion in ended})
+    common = [name for name in (*_PREFERRED, *MEASURES) if ended and all(name in row for row, _ in ended)]
     quantity = next(iter(common), "")
-    ranked = sorted(rows, key=lambda row: (row["outcome"] != "ok", _resolved(row, quantity)))
-    orders = {} if steps_s is None else _orders(rows, common, problem)
-    return Ranking(tuple(ranked), quantity, orders)
+    judged.sort(key=lambda one: (one[0]["outcome"] != "ok", _resolved(one[0], quantity)))
+    rows, ranked = zip(*judged, strict=True)
+    orders = {} if steps_s is None or len(paths) < 2 else _orders(rows, common, ranked[0].problem)
+    return Ranking(rows, quantity, orders, ranked)
 
 
 def _resolved(row: Mapping[str, Any], quantity: str) -> float:
@@ -158,151 +174,37 @@ def _orders(
     return found
 
 
-def _judged(
-    path: Path, recorded: RecordedMotion, problem: Problem, cache: Cache | None, start: Start
-) -> dict[str, Any]:
-    arrays = recorded.arrays
-    scenario = _started(problem.scenario, arrays, start, cache)
-    scene, t_s, available = scenario.scene, arrays["t_s"], _quantities(arrays)
-    if not available:
-        raise InputError(
-            f"{path}: omega in world axes needs an attitude to be compared: qw, qx, qy, qz, or r00 to r22"
-        )
-    if t_s[0] < 0.0 or t_s[-1] > scenario.duration_s * (1.0 + 1e-12):
-        fits = t_s[-1] - t_s[0] <= scenario.duration_s
-        raise InputError(
-            f"{path}: t_s must lie between 0 and the duration, {scenario.duration_s!r} s, but goes from "
-            f"{float(t_s[0])!r} to {float(t_s[-1])!r}"
-            + "; --map time_origin=first-sample subtracts the first time"
-            * bool(fits)
-        )
-    scales = problem.scales
-    truth = known_truth(scene, t_s, cache)
-    trusted = t_s < truth.trusted_until_s
-    if not trusted[0]:
-        raise InputError(f"{path}: the truth ends before the first time in t_s: {truth.end_reason}")
-    bound_rad = truth.bound_rad
-    if start == "first-sample":
-        bound_rad = bound_rad + start_bound_rad(scene, t_s, Resolution.of(recorded.resolution), cache)
-    columns: dict[str, Any] = {
-        "scenario": scenario.name,
-        "outcome": "ok",
-        "message": "",
-        "truth": truth.kind,
-        "truth_bound_rad": float(bound_rad[trusted].max()),
-    }
-    if stamp_spacing_s := float(recorded.resolution["t_s"]):
-        columns["stamp_spacing_s"] = stamp_spacing_s
-        columns["truth_bound_rad"] += stamp_spacing_s * largest_norm(truth.trajectory.omega_body[trusted])
-    trajectory = _completed(arrays, truth.trajectory)
-    true = Motion.of(scene, truth.trajectory)
-    motion = stable_motion(scene, trajectory, true)
-    if isinstance(motion, str):
-        return {**columns, "outcome": "unstable", "message": motion}
-    _check_redundant(path, trajectory)
-    if not trusted.all():
-        until = f"t = {truth.trusted_until_s:.6g} s"
-        columns["message"] = f"compared until {until}, where the truth ends: {truth.end_reason}"
-    columns["compared_until_s"] = float(t_s[trusted][-1])
-    invariants = [one for one in invariants_of(scene) if one.needs <= available]
-    compared = Compared(
-        scene, truth.trajectory, true, trajectory, motion, invariants, until=int(np.count_nonzero(trusted))
-    )
-    departures = departures_of(compared)
-    if "quaternion" in recorded.computed:
-        departures.pop("quaternion_norm_error", None)
-    series = series_of(compared, departures)
-    measurable = {
-        name: values[: compared.until]
-        for name, values in series.items()
-        if MEASURES[name].needs(scene) <= available
-    }
-    worst = worst_drift(compared.invariant_drifts)
-    own = _drifts_from_start(measurable, departures, compared.until, scales)
-    return columns | reduced(measurable, departures, scales) | own | (worst.columns if worst else {})
-
-
-def _started(scenario: Scenario, arrays: dict[str, Array], start: Start, cache: Cache | None) -> Scenario:
-    """Return the scenario, started at the first sample where that is asked for."""
-    if start == "scenario":
-        return scenario
-    truth = known_truth(scenario.scene, arrays["t_s"], cache).trajectory
-    return started_at_first_sample(scenario, _completed(arrays, truth), frozenset(_quantities(arrays)))
-
-
-def _check_redundant(path: Path, trajectory: Trajectory) -> None:
-    """Raise InputError where a file states a quantity twice, differently: only one of them is measured."""
-    differences = {}
-    if trajectory.quaternion is not None and trajectory.rotation is not None:
-        of_matrix = matrix_to_quaternion(project_to_so3(trajectory.rotation))
-        differences["quaternion and rotation"] = geodesic_angle(trajectory.quaternion, of_matrix)
-    if trajectory.omega_body_rad_s is not None and trajectory.omega_world_rad_s is not None:
-        rotated = rotate(trajectory.attitude, trajectory.omega_body_rad_s)
-        scale = max(largest_norm(rotated), largest_norm(trajectory.omega_world_rad_s)) or 1.0
-        off = np.linalg.norm(rotated - trajectory.omega_world_rad_s, axis=-1)
-        differences["omega in body and in world axes"] = off / scale
-    for what, difference in differences.items():
-        contradictory = trajectory.t_s[difference > _REDUNDANT]
-        if len(contradictory):
-            at = f"t = {number(float(contradictory[0]))} s"
-            raise InputError(f"{path}: {what} contradict each other at {at}; leave one of them out")
-
-
-def _drifts_from_start(
-    measurable: Iterable[str], departures: Mapping[str, Array], until: int, scales: Scales
-) -> dict[str, float]:
-    """Return max |(E - E*) - (E - E*)(0)| over the scale: max |E - E(0)| where the energy is conserved.
-
-    In other scenes, it is the energy gained since the first sample, compared with the gain of the truth.
-    """
-    found = {}
-    for name in ("energy_drift", "rotational_energy_drift"):
-        scale = getattr(scales, SCALES[name])
-        if name in measurable and scale > 0.0:
-            departure = departures[name][:until, 0]
-            found[f"{name}{FROM_START}"] = float(np.max(np.abs(departure - departure[0]))) / scale
-    return found
-
-
-def explained_file(
-    path: Path,
-    scenario: Scenario,
-    scenario_spec: str,
-    cache: Cache | None,
-    column_map: ColumnMap,
-    dt_s: float | None,
-    resolution_text: str | None = None,
+def explained_motion(
+    motion: JudgedMotion, dt_s: float | None, resolution_text: str | None = None
 ) -> ExplainedCase:
-    """Return the diagnosis of the trajectory in a file, which starts from its own rows.
+    """Return the diagnosis of a judged recording, which starts from its own rows.
 
     dt_s: the step of the program that wrote it, None if unknown. resolution_text: what is known of its
-    resolution (Resolution.with_given). Raises InputError as `judge_files` does, and where the step does not
-    fit the times.
+    resolution (Resolution.with_given). Raises InputError where the step does not fit the times.
     """
-    recorded = recorded_motion(path, column_map, dt_s)
-    arrays, resolution = recorded.arrays, Resolution.of(recorded.resolution)
+    problem, resolution, trajectory = motion.problem, motion.resolution, motion.case.trajectory
+    assert trajectory is not None
     if resolution_text is not None:
         resolution = resolution.with_given(resolution_text)
-    problem, t_s = Problem.of(scenario, scenario_spec, cache), arrays["t_s"]
-    truth = known_truth(scenario.scene, t_s, cache)
-    trajectory, known = _completed(arrays, truth.trajectory), frozenset(_quantities(arrays))
-    scene = _sampled_at(scenario.scene, t_s, resolution.stamp)
+    scene = _sampled_at(problem.scenario.scene, trajectory.t_s, resolution.stamp)
     if dt_s is not None:
-        _check_step(scene, t_s, dt_s)
-    found = diagnosed_recording(
-        scene,
-        trajectory,
-        truth.trajectory,
-        problem.scales,
-        dt_s,
-        known=known,
-        resolution=resolution,
-    )
-    columns = {"scenario": scenario.name, "control": "none" if dt_s is None else "dt", "dt_s": dt_s}
-    columns |= {"outcome": "ok", "message": ""}
-    case = CaseResult({**columns, "engine": path.name, "method": ""}, MeasuredMotion(trajectory))
-    reason = "" if found is not None else obstacle(scene, trajectory, known) or _TOO_MANY_STEPS
-    return ExplainedCase(problem, (path.name,), case, (), found, reason)
+        _check_step(scene, trajectory.t_s, dt_s)
+    found, reason = None, "the motion is not finite"
+    finite = (trajectory.position_m, trajectory.velocity_m_s, trajectory.attitude, trajectory.omega_body)
+    if all(np.isfinite(values).all() for values in finite):
+        found = diagnosed_recording(
+            scene,
+            trajectory,
+            problem.truth.trajectory,
+            problem.scales,
+            dt_s,
+            known=motion.known,
+            resolution=resolution,
+        )
+        reason = "" if found is not None else obstacle(scene, trajectory, motion.known) or _TOO_MANY_STEPS
+    setting = {"control": "none" if dt_s is None else "dt", "dt_s": dt_s}
+    case = CaseResult({**motion.case.columns, **setting}, MeasuredMotion(trajectory))
+    return ExplainedCase(problem, (motion.path.name,), case, (), found, reason)
 
 
 def _sampled_at(scene: Scene, t_s: Array, resolution_s: float) -> Scene:
@@ -322,69 +224,3 @@ def _check_step(scene: Scene, t_s: Array, dt_s: float) -> None:
         plan_steps(scene, dt_s)
     except ValueError as error:
         raise InputError(f"--dt {dt_s}: {error}") from None
-
-
-def _quantities(arrays: dict[str, Array]) -> set[str]:
-    """Return which of position, velocity, attitude and omega (in body axes) a trajectory has."""
-    available = {name for name in ("position", "velocity") if any(key.startswith(name) for key in arrays)}
-    if "quaternion" in arrays or "rotation" in arrays:
-        available.add("attitude")
-    if "omega_body_rad_s" in arrays or ("omega_world_rad_s" in arrays and "attitude" in available):
-        available.add("omega")
-    return available
-
-
-def _completed(arrays: dict[str, Array], truth: Trajectory) -> Trajectory:
-    """Fill missing quantities with the truth; the measures that depend on them are dropped later."""
-    filled = dict(arrays)
-    filled.setdefault("position_m", truth.position_m)
-    filled.setdefault("velocity_m_s", truth.velocity_m_s)
-    if "quaternion" not in filled and "rotation" not in filled:
-        filled["quaternion"] = truth.attitude
-    if "omega_body_rad_s" not in filled and "omega_world_rad_s" not in filled:
-        filled["omega_body_rad_s"] = truth.omega_body
-    return Trajectory(**filled)
-
-
-def judgement_document(ranking: Ranking) -> Document:
-    """Return the measures of a single file, or the files by rank with their main measures and orders."""
-    if len(ranking.rows) == 1 and not ranking.orders:
-        lines = tuple((name, str(value)) for name, value in ranking.data.items())
-        return Document("bodycheck judge", (Table((Column("", "fixed"), Column("")), lines),))
-    energies = ("energy_drift", "rotational_energy_drift")
-    energy = next((name for name in energies if any(name in row for row in ranking.rows)), energies[0])
-    measures = dict.fromkeys(filter(None, (ranking.quantity, energy, f"{energy}{FROM_START}")))
-    steps = ["dt_s"] if "dt_s" in ranking.rows[0] else []
-    columns = (
-        Column("#", "number"),
-        Column("file", "name"),
-        *(Column(name.replace("_", " "), "number") for name in (*steps, *measures)),
-        Column("outcome"),
-    )
-    rows = tuple(
-        (
-            "" if rank is None else str(rank),
-            row["file"],
-            *(step(row[name]) for name in steps),
-            *(scientific(row[name]) if name in row else "" for name in measures),
-            row["outcome"] + f": {row['message']}" * bool(row["message"]),
-        )
-        for rank, row in zip(ranking.ranks, ranking.rows, strict=True)
-    )
-    by = f"ranked by {ranking.quantity}" if ranking.quantity else "not ranked: no measure in common"
-    head = Sentence(f"{ranking.rows[0]['scenario']}: {len(rows)} files, {by}")
-    orders = Table(
-        (Column("measure", "fixed"), Column("verdict"), Column("order", "number"), Column("95 %", "fixed")),
-        tuple(
-            (name, found.verdict, number(found.order, 3), _interval(found))
-            for name, found in ranking.orders.items()
-        ),
-        title="Order over the steps",
-    )
-    return Document("bodycheck judge", (head, Table(columns, rows), orders))
-
-
-def _interval(found: Convergence) -> str:
-    if found.order is None:
-        return ""
-    return f"{number(found.order_low, 3)} to {number(found.order_high, 3)}"

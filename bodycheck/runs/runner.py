@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,11 +22,12 @@ from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.reports.cache.truths import is_known, known_truth
 from bodycheck.reports.diagnosis.explain import ExplainedCase, diagnosis_row, explained_cases, wrong_verdicts
-from bodycheck.reports.judge import Ranking, Start, explained_file, judge_files
+from bodycheck.reports.judge import Ranking, explained_motion, judge_files, of_given_body, read_files
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.study import Study
 from bodycheck.reports.probes.examination import identified
 from bodycheck.reports.recordings.column_map import ColumnMap, MapSpec, read_map, scenario_of
+from bodycheck.reports.recordings.judged_motion import Start
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.tables import (
     DIAGNOSIS_COLUMNS,
@@ -42,6 +44,7 @@ from bodycheck.runs.motions import run_motions
 from bodycheck.runs.run_options import NULL_PROGRESS, TIMEOUT_S, Progress, RunOptions, reuse_of
 from bodycheck.runs.selection import Selection, select
 from bodycheck.runs.speed import Clock, last_core, measure_speeds
+from bodycheck.scenarios.given_motion import GivenMotion
 from bodycheck.scenarios.library import PROBES, load_scenario
 from bodycheck.scenarios.model import Scenario
 
@@ -269,18 +272,27 @@ def judge(
     *,
     column_map: MapSpec | Sequence[MapSpec] = (),
     like: str | None = None,
+    inertia_kg_m2: Sequence[float] | None = None,
+    mass_kg: float = 1.0,
+    torque_body_n_m: Sequence[float] | None = None,
+    gravity_m_s2: Sequence[float] | None = None,
     allow_code: bool = False,
 ) -> dict[str, Any]:
     """Return the measures of a trajectory from any program, by column name.
 
-    trajectory: a .csv, .npz, .parquet, .jsonl or .mcap file with t_s (n,) in s, and any of position_m (n, 3),
-    velocity_m_s (n, 3), quaternion (n, 4) scalar first or rotation (n, 3, 3), omega_body_rad_s or
-    omega_world_rad_s (n, 3); docs/recordings.md lists the columns of a table, and the keys of a column map:
-    pairs as text, the path of a TOML file, its content, or several of these. like: the source of a file whose
-    map, and perhaps scenario, is built in. Measures of quantities that the file lacks are left out.
-    allow_code: as for `truth`. Raises InputError if a file or a map is wrong.
+    trajectory: a table of text, or an .npz, .parquet, .jsonl, .mcap or .aem file with t_s (n,) in s, and any
+    of position_m (n, 3), velocity_m_s (n, 3), quaternion (n, 4) scalar first or rotation (n, 3, 3),
+    omega_body_rad_s or omega_world_rad_s (n, 3); docs/recordings.md lists the columns of a table, and the
+    keys of a column map: pairs as text, the path of a TOML file, its content, or several of these. like: the
+    source of a file whose map, and perhaps scenario, is built in. inertia_kg_m2: instead of a scenario,
+    principal moments (3,) or a tensor (9,) of a body that starts at the first row, with mass_kg, a constant
+    torque (3,) in body axes and gravity (3,) in world axes. Measures of quantities that the file lacks are
+    left out. allow_code: as for `truth`. Raises InputError if a file or a map is wrong.
     """
-    ranking = rank([trajectory], scenario, column_map=column_map, like=like, allow_code=allow_code)
+    body = None
+    if inertia_kg_m2 is not None:
+        body = GivenMotion(np.ravel(inertia_kg_m2).tolist(), mass_kg, torque_body_n_m, gravity_m_s2)
+    ranking = rank([trajectory], scenario, column_map=column_map, like=like, body=body, allow_code=allow_code)
     return {name: value for name, value in ranking.rows[0].items() if name != "file"}
 
 
@@ -292,13 +304,15 @@ def rank(
     column_map: MapSpec | Sequence[MapSpec] = (),
     like: str | None = None,
     start: Start = "scenario",
+    body: GivenMotion | None = None,
     allow_code: bool = False,
 ) -> Ranking:
     """Judge several trajectories of one scenario, best first, and fit their orders.
 
     steps_s: the step of each file. start: where the truth starts, at the start of the scenario or at the
-    first sample of each file, whose resolution then enters the bound of the truth. The others: as for
-    `judge`. Raises InputError if a file or a map is wrong.
+    first sample of each file, whose resolution then enters the bound of the truth. body: instead of a
+    scenario, a body and its loads; the truth then starts at the first sample. The others: as for `judge`.
+    Raises InputError if a file or a map is wrong.
     """
     if unnamed := [one for one in trajectories if not isinstance(one, str | Path)]:
         raise InputError(f"a trajectory must be the path of a file, not {unnamed[0]!r}")
@@ -309,9 +323,17 @@ def rank(
         given = ", ".join(map(repr, steps_s))
         raise InputError(f"--dt {given}: one positive number per file is needed ({len(paths)} files)")
     found = _column_map(column_map, like)
-    spec = _scenario_spec(scenario, like, paths[0])
-    loaded = load_scenario(spec, allow_code=allow_code)
-    return judge_files(paths, loaded, spec, Cache.default(), found, steps_s, start)
+    if body is None:
+        spec = _scenario_spec(scenario, like, paths[0])
+        loaded = load_scenario(spec, allow_code=allow_code)
+        recordings = read_files(paths, found, steps_s)
+    elif scenario is not None:
+        raise InputError(f"{scenario}: a scenario and the inertia of a body cannot be combined")
+    else:
+        recordings = read_files(paths, replace(found, time_origin="first-sample"), steps_s)
+        recordings, loaded = of_given_body(paths, recordings, body)
+        spec, start = loaded.name, "first-sample"
+    return judge_files(paths, recordings, loaded, spec, Cache.default(), steps_s, start)
 
 
 def explain(
@@ -331,10 +353,9 @@ def explain(
     "omega=1e-3, attitude=1e-5", in SI units; without it, that of their digits. Other parameters and errors as
     for `judge`.
     """
-    found, path = _column_map(column_map, like), Path(trajectory)
-    spec = _scenario_spec(scenario, like, path)
-    loaded = load_scenario(spec, allow_code=allow_code)
-    return explained_file(path, loaded, spec, Cache.default(), found, dt_s, resolution)
+    steps_s = None if dt_s is None else [dt_s]
+    ranking = rank([trajectory], scenario, steps_s, column_map=column_map, like=like, allow_code=allow_code)
+    return explained_motion(ranking.motions[0], dt_s, resolution)
 
 
 def _column_map(column_map: MapSpec | Sequence[MapSpec], like: str | None) -> ColumnMap:
@@ -346,5 +367,8 @@ def _scenario_spec(scenario: str | Path | None, like: str | None, path: Path) ->
     """Return the scenario of a trajectory; raise InputError where neither it nor its source names one."""
     known = scenario if scenario is not None else scenario_of(like, path)
     if known is None:
-        raise InputError("a scenario is needed: --scenario NAME, or --like with a file of a known name")
+        raise InputError(
+            "a scenario or a body is needed: --scenario NAME, --inertia-kg-m2 for a body that starts at the "
+            "first row, or --like with a file of a known name"
+        )
     return str(known)

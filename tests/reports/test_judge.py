@@ -12,7 +12,7 @@ import pytest
 import bodycheck
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reports.document import Table
-from bodycheck.reports.judge import judgement_document
+from bodycheck.reports.judge_document import judgement_document
 from bodycheck.reports.run_files.trajectory_files import trajectory_table
 from bodycheck.runs.runner import rank
 from tests.helpers.expected_messages import ExpectedMessage
@@ -69,6 +69,7 @@ EXPECTED = {
     ("omega_body",): {
         *("omega_error", "omega_error_abs"),
         *("rotational_energy_drift", "rotational_energy_drift_abs", "rotational_energy_drift_from_start"),
+        "rotational_energy_drift_signed",
     },
 }
 
@@ -169,7 +170,7 @@ def test_files_within_the_bound_of_the_truth_share_a_rank(tmp_path: Path) -> Non
         table["qx"] += angle
         files.append(write(table, tmp_path / f"{name}.csv"))
     ranking = rank(files[::-1], "boxes")
-    (_, table, _) = judgement_document(ranking).parts
+    (_, _, table, _) = judgement_document(ranking).parts
     assert [row["rank"] for row in ranking.data["files"]] == ranking.ranks == [1, 1, 3]
     assert isinstance(table, Table)
     assert [(row[0], Path(str(row[1])).stem) for row in table.rows] == [

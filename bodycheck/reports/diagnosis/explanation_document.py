@@ -251,11 +251,15 @@ def explanation_data(cases: Sequence[ExplainedCase]) -> list[dict[str, Any]]:
 
 def explanation_page(cases: Sequence[ExplainedCase]) -> str:
     """Return the explanations as one self-contained HTML page, with the figure if matplotlib is installed."""
-    drawn = ""
-    if find_spec("matplotlib") is not None and any(one.diagnosis is not None for one in cases):
-        drawn = explanation_figure(cases, ".svg").decode()
-        drawn = drawn[drawn.index("<svg") :]
-    return page(explanation_document(cases), "explain.html", figure=Markup(drawn))
+    return page(explanation_document(cases), "explain.html", figure=drawn_explanations(cases))
+
+
+def drawn_explanations(cases: Sequence[ExplainedCase]) -> Markup:
+    """Return the figure of the differences as SVG for a page; "" without matplotlib or a diagnosis."""
+    if find_spec("matplotlib") is None or all(one.diagnosis is None for one in cases):
+        return Markup()
+    drawn = explanation_figure(cases, ".svg").decode()
+    return Markup(drawn[drawn.index("<svg") :])
 
 
 def explanation_figure(cases: Sequence[ExplainedCase], suffix: str) -> bytes:

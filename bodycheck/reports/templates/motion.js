@@ -36,7 +36,7 @@ function prepared(data) {
   const largest = momenta.reduce((most, L) => (Math.hypot(...L) > Math.hypot(...most) ? L : most));
   const tracks = data.tracks.map(stored => ({
     ...unpacked(stored, truth, moments),
-    name: `${methods[stored.m].name}, dt ${stored.dt} s`,
+    name: methods[stored.m].name + (stored.dt === null ? "" : `, dt ${stored.dt} s`),
     error: typeof stored.error === "number" ? t.map(() => stored.error) : lineValues(stored.error),
   }));
   const ahead = truth.polhode.find(w => Math.hypot(...w) > 0) ?? [1, 1, 1];

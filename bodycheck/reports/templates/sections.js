@@ -15,8 +15,7 @@ function placeCursor(plot, t) {
 
 function moveCursor(section, t) {
   cursorTimes.set(section, t);
-  const plot = section.querySelector("[data-plot=drift]");
-  if (plot._fullLayout) placeCursor(plot, t);
+  for (const plot of section.querySelectorAll("[data-plot=drift]")) if (plot._fullLayout) placeCursor(plot, t);
 }
 
 // A click at a line tells its time and its case; a plot that was zoomed or resized moves its cursor.
@@ -33,9 +32,9 @@ function followTime(plot, section) {
 
 function draw(section) {
   const data = dataOf(section);
-  const drift = section.querySelector("select[data-choice=drift]");
-  const chosen = { error: measure.selectedIndex, drift: drift?.selectedIndex };
   for (const plot of section.querySelectorAll(".plot")) {
+    const drift = plot.closest("figure").querySelector("select[data-choice=drift]");
+    const chosen = { error: measure.selectedIndex, drift: drift?.selectedIndex };
     const { lines, traces, layout } = plots[plot.dataset.plot](data, chosen);
     Plotly.react(plot, traces, layout, config);
     if (layout.margin.r > 100) {

@@ -40,6 +40,16 @@ def motion_view(
     played = played_cases(cases, at_s)
     if at_s is None or not played:
         return None
+    return played_motions(problem, played, numbers, at_s)
+
+
+def played_motions(
+    problem: Problem, played: Sequence[CaseResult], numbers: Mapping[MethodKey, int], at_s: float | None
+) -> dict[str, Any]:
+    """Return the data of a view of the truth and of cases with samples at the same times.
+
+    at_s: the step at which those shown first were chosen, None where they have none.
+    """
     shown = played[:TRACKS]
     inertia = rotational_inertia(problem.scenario.scene)
     moments, axes = diagonalised(inertia)

@@ -1,0 +1,248 @@
+"""`judge` without a scenario: the conclusion, the measures, the page and the ranking of recordings."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+import bodycheck
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reports.document import Sentence
+from bodycheck.reports.judge import Ranking, explained_motion
+from bodycheck.reports.judge_document import conclusion, is_true, judgement_document
+from bodycheck.runs.runner import rank
+from bodycheck.scenarios.given_motion import GivenMotion
+from tests.helpers.expected_messages import ExpectedMessage
+from tests.helpers.in_process_cli import run_bodycheck
+
+INERTIA = (40.0, 60.0, 85.0)
+OMEGA = (0.3, 1.2, 0.2)
+BODY = GivenMotion(INERTIA)
+DEGREES = (
+    "t_s=time, wx_body_rad_s=gx*deg, wy_body_rad_s=gy*deg, wz_body_rad_s=gz*deg, "
+    "euler_1_rad=yaw*deg, euler_2_rad=pitch*deg, euler_3_rad=roll*deg, euler=ZYX"
+)
+
+
+def solved(t_s: Array, tolerance: float = 1e-12, torque: Array | None = None) -> tuple[Array, Array]:
+    """Return attitude (n, 4), scalar first, and omega in body axes (n, 3) by SciPy."""
+    inertia, load = np.array(INERTIA), np.zeros(3) if torque is None else torque
+
+    def rates(_: float, state: Array) -> Array:
+        q, w = state[:4], state[4:]
+        dq = 0.5 * np.array([-q[1:] @ w, *(q[0] * w + np.cross(q[1:], w))])
+        return np.concatenate([dq, (load + np.cross(inertia * w, w)) / inertia])
+
+    start = np.array([1.0, 0, 0, 0, *OMEGA])
+    found = solve_ivp(rates, (0.0, t_s[-1]), start, "DOP853", t_s, rtol=tolerance, atol=tolerance).y.T
+    return found[:, :4] / np.linalg.norm(found[:, :4], axis=1, keepdims=True), found[:, 4:]
+
+
+def stepped(t_s: Array, strides: int, damping: float = 0.0) -> tuple[Array, Array]:
+    """Return the same by semi-implicit Euler, with omega damped at a rate in 1/s."""
+    h, inertia = t_s[1] / strides, np.array(INERTIA)
+    w, q = np.array(OMEGA), Rotation.identity()
+    attitudes, rates = [q.as_quat(scalar_first=True)], [w]
+    for k in range(1, strides * (len(t_s) - 1) + 1):
+        w = (w + h * np.cross(inertia * w, w) / inertia) * (1.0 - damping * h)
+        q = q * Rotation.from_rotvec(h * w)
+        if k % strides == 0:
+            attitudes.append(q.as_quat(scalar_first=True))
+            rates.append(w)
+    return np.array(attitudes), np.array(rates)
+
+
+def write(path: Path, t_s: Array, motion: tuple[Array, Array], digits: str = "%.17g") -> Path:
+    """Write a motion as a CSV that needs no map."""
+    head = "t_s,qw,qx,qy,qz,wx_body_rad_s,wy_body_rad_s,wz_body_rad_s"
+    np.savetxt(path, np.column_stack([t_s, *motion]), digits, ",", header=head, comments="")
+    return path
+
+
+def write_degrees(path: Path, t_s: Array, motion: tuple[Array, Array], digits: str = "%.9f") -> Path:
+    """Write gyro rates and Euler angles in degrees, from a clock that does not start at 0."""
+    q, w = motion
+    angles = Rotation.from_quat(q, scalar_first=True).as_euler("ZYX", degrees=True)
+    rows = np.column_stack([t_s + 1000.0, np.rad2deg(w), angles])
+    np.savetxt(path, rows, digits, ",", header="time,gx,gy,gz,yaw,pitch,roll", comments="")
+    return path
+
+
+T_S = np.arange(201) * 0.05
+
+
+def judged(path: Path, **others: Any) -> Ranking:
+    """Return the judgement of one file about the body."""
+    return rank([path], body=BODY, **others)
+
+
+def told(ranking: Ranking, dt_s: float | None = None) -> Sentence:
+    """Return the conclusion about a single file, with its diagnosis."""
+    (motion,) = ranking.motions
+    return conclusion(motion, explained_motion(motion, dt_s))
+
+
+@pytest.mark.parametrize("digits", ["%.17g", "%.9g", "%.6f", "%.4f"])
+def test_a_right_motion_is_the_true_one_to_its_digits(digits: str, tmp_path: Path) -> None:
+    """Whatever the digits of the file, the exact motion from its first row is not accused."""
+    path = write(tmp_path / "sim.csv", T_S, solved(T_S), digits)
+    ranking = judged(path)
+    (motion,) = ranking.motions
+    sentence = conclusion(motion, None)
+    assert is_true(motion) == (digits != "%.17g")  # the solver is off by 1e-11
+    assert sentence.tint == ("good" if is_true(motion) else "open")
+    assert "is conserved" in sentence.text
+    assert "not conserved" not in sentence.text
+    row = ranking.rows[0]
+    assert row["orientation_error_rad"] <= 3.0 * row["truth_bound_rad"] + 1e-10
+
+
+@pytest.mark.parametrize(("damping", "word"), [(0.05, "loses"), (-0.05, "gains")])
+def test_a_damped_motion_is_named_with_what_it_loses(damping: float, word: str, tmp_path: Path) -> None:
+    """The first line has the conservation, the distance and the cause; a gain is not a loss."""
+    path = write(tmp_path / "sim.csv", T_S, stepped(T_S, 5, damping))
+    ranking = judged(path)
+    sentence = told(ranking, 0.01)
+    row = ranking.rows[0]
+    assert np.sign(row["rotational_energy_drift_signed"]) == -np.sign(damping)
+    lost = 1.0 - np.exp(-0.5 * 2.0)  # |omega| falls as exp(-0.05 t), its square as exp(-0.1 t)
+    if damping > 0.0:
+        assert -row["rotational_energy_drift_signed"] == pytest.approx(lost, rel=2e-3)
+        assert "Likely cause: omega is damped at the rate 0.05" in sentence.text
+    assert sentence.text.startswith("Angular momentum is not conserved: ")
+    assert f"The body {word} " in sentence.text
+    assert re.search(r"The attitude is \S+ rad \(\S+ degrees\) from the truth after 10 s", sentence.text)
+
+
+def test_degrees_and_another_clock_give_the_same_figures(tmp_path: Path) -> None:
+    """Gyro rates and Euler angles in degrees are judged like the same motion in SI units."""
+    motion = stepped(T_S, 5, 0.02)
+    own = judged(write(tmp_path / "own.csv", T_S, motion)).rows[0]
+    degrees = write_degrees(tmp_path / "log.csv", T_S, motion)
+    row = judged(degrees, column_map=DEGREES).rows[0]
+    for name in ("orientation_error_rad", "rotational_energy_drift_signed", "angular_momentum_drift"):
+        assert row[name] == pytest.approx(own[name], rel=1e-6)
+    by_python = bodycheck.judge(degrees, column_map=DEGREES, inertia_kg_m2=INERTIA)
+    assert by_python["orientation_error_rad"] == row["orientation_error_rad"]
+
+
+def test_a_torque_is_a_load_of_the_truth(tmp_path: Path) -> None:
+    """A motion under a constant torque is right with it, and wrong without it."""
+    torque = np.array([0.5, -0.2, 1.0])
+    path = write(tmp_path / "sim.csv", T_S, solved(T_S, torque=torque))
+    loaded = rank([path], body=GivenMotion(INERTIA, 1.0, torque)).rows[0]
+    assert loaded["orientation_error_rad"] < 1e-9
+    assert judged(path).rows[0]["orientation_error_rad"] > 1e-2
+
+
+def test_a_tensor_and_gravity_are_read(tmp_path: Path) -> None:
+    """Nine numbers are a tensor; a thrown body follows its parabola from its first row."""
+    q, w = solved(T_S)
+    path = tmp_path / "sim.csv"
+    gravity, velocity = np.array([0.0, 0.0, -9.81]), np.array([3.0, 0.0, 8.0])
+    at = velocity * T_S[:, None] + 0.5 * gravity * T_S[:, None] ** 2
+    columns = [T_S, *at.T, *q.T, *(velocity + gravity * T_S[:, None]).T, *w.T]
+    head = "t_s,x_m,y_m,z_m,qw,qx,qy,qz,vx_m_s,vy_m_s,vz_m_s,wx_body_rad_s,wy_body_rad_s,wz_body_rad_s"
+    np.savetxt(path, np.column_stack(columns), "%.17g", ",", header=head, comments="")
+    found = rank([path], body=GivenMotion(np.diag(INERTIA).ravel().tolist(), 2.0, None, gravity)).rows[0]
+    assert found["position_error"] < 1e-13
+    assert found["orientation_error_rad"] < 1e-9
+    assert judged(path).rows[0]["position_error"] > 0.1
+
+
+def test_rates_alone_are_judged_by_energy_and_omega(tmp_path: Path) -> None:
+    """Without an attitude, momentum and orientation are left out, and not diagnosed."""
+    _, w = stepped(T_S, 5, 0.05)
+    path = tmp_path / "gyro.csv"
+    head = "t_s,wx_body_rad_s,wy_body_rad_s,wz_body_rad_s"
+    np.savetxt(path, np.column_stack([T_S, w]), "%.17g", ",", header=head, comments="")
+    sentence = told(judged(path))
+    assert sentence.text.startswith("The body loses ")
+    assert "Omega is " in sentence.text
+    assert "ngular momentum" not in sentence.text
+
+
+WRONG: dict[str, tuple[list[str], str]] = {
+    "no scenario and no body": ([], "t_s,wx_body_rad_s,wy_body_rad_s,wz_body_rad_s\n0,0,0,1\n1,0,0,1\n"),
+    "a load without a body": (["--gravity", "0,0,-9.81"], "t_s\n"),
+    "an impossible body": (
+        ["--inertia-kg-m2", "1,1,3"],
+        "t_s,qw,qx,qy,qz,wx_body_rad_s,wy_body_rad_s,wz_body_rad_s\n0,1,0,0,0,0,0,1\n1,1,0,0,0,0,0,1\n",
+    ),
+    "four moments": (
+        ["--inertia-kg-m2", "1,1,1,1"],
+        "t_s,wx_body_rad_s,wy_body_rad_s,wz_body_rad_s\n0,0,0,1\n1,0,0,1\n",
+    ),
+    "a scenario too": (
+        ["--inertia-kg-m2", "1,1,1", "--scenario", "boxes"],
+        "t_s,wx_body_rad_s,wy_body_rad_s,wz_body_rad_s\n0,0,0,1\n1,0,0,1\n",
+    ),
+    "no omega": (["--inertia-kg-m2", "1,1,1"], "t_s,qw,qx,qy,qz\n0,1,0,0,0\n1,1,0,0,0\n"),
+    "one row": (["--inertia-kg-m2", "1,1,1"], "t_s,wx_body_rad_s,wy_body_rad_s,wz_body_rad_s\n0,0,0,1\n"),
+    "a page without a folder": (["--inertia-kg-m2", "1,1,1", "--html", "none/sim.html"], "t_s\n"),
+    "a start": (["--inertia-kg-m2", "1,1,1", "--start", "scenario"], "t_s\n"),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_wrong_options_are_refused_in_one_line(
+    what: str, tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
+    """The message names the option, and nothing is written."""
+    options, text = WRONG[what]
+    (tmp_path / "sim.csv").write_text(text)
+    done = run_bodycheck(tmp_path, "judge", "sim.csv", *options)
+    assert (done.returncode, done.stdout) == (2, "")
+    expected_message(done.stderr.strip(), tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["sim.csv"]
+
+
+@pytest.mark.slow
+def test_the_command_prints_the_conclusion_first_and_writes_the_page(
+    tmp_path: Path,
+) -> None:
+    """One command gives the conclusion, three digits, all digits as JSON, and a page without the network."""
+    write(tmp_path / "sim.csv", T_S, stepped(T_S, 5, 0.05))
+    command = ["judge", "sim.csv", "--inertia-kg-m2", "40,60,85", "--dt", "0.01"]
+    lines = run_bodycheck(tmp_path, *command, "--html", "sim.html").stdout.splitlines()
+    assert lines[0].startswith("Angular momentum is not conserved")
+    assert lines[-1] == "sim.html"
+    shown = dict(re.split(r"\s{2,}", line) for line in lines if re.match(r"\w+_\w+\s", line))
+    data = json.loads(run_bodycheck(tmp_path, *command, "--json").stdout)
+    assert data["conclusions"] == [lines[0]]
+    exact = data["orientation_error_rad"]
+    assert len(repr(exact)) > 15
+    assert float(shown["orientation_error_rad"]) == pytest.approx(exact, rel=5e-3)
+    assert len(re.sub(r"\D", "", shown["orientation_error_rad"].split("e")[0]).lstrip("0")) <= 3
+    page = (tmp_path / "sim.html").read_text()
+    for part in ("data-motion", 'data-plot="drift"', "Angular momentum is not conserved", "omega is damped"):
+        assert part in page
+    assert 'src="http' not in page
+
+
+def test_several_files_are_ranked_with_their_order_or_the_reason(tmp_path: Path) -> None:
+    """Four steps give an order near 1; fewer, or none, give the reason."""
+    t_s = np.arange(21) * 0.1
+    steps = [0.02, 0.01, 0.005, 0.0025]
+    files = [write(tmp_path / f"{dt}.csv", t_s, stepped(t_s, round(0.1 / dt))) for dt in steps]
+    with_order = rank(files, steps_s=steps, body=BODY)
+    assert [Path(row["file"]).stem for row in with_order.rows] == ["0.0025", "0.005", "0.01", "0.02"]
+    texts = [part.text for part in judgement_document(with_order).parts if isinstance(part, Sentence)]
+    assert "0.0025.csv is nearest to the truth" in texts[0]
+    assert with_order.orders["orientation_error_rad"].order == pytest.approx(1.0, abs=0.1)
+    assert texts[1].startswith("Order ")
+    for some in (files[:3], files):
+        given = steps[: len(some)] if len(some) < 4 else None
+        texts = [
+            part.text
+            for part in judgement_document(rank(some, steps_s=given, body=BODY)).parts
+            if isinstance(part, Sentence)
+        ]
+        assert texts[1].startswith("No order: ")
