@@ -194,7 +194,7 @@ def _ranking_parts(ranking: Ranking) -> Iterator[Part]:
     )
     yield Sentence(_ranking_sentence(ranking), strong=True)
     yield Sentence(_order_sentence(ranking))
-    yield Table(columns, rows)
+    yield Table(columns, rows, title="Files by their distance from the truth")
     yield Table(
         (Column("measure", "fixed"), Column("verdict"), Column("order", "number"), Column("95 %", "fixed")),
         tuple(

@@ -115,7 +115,7 @@ def test_a_damped_motion_is_named_with_what_it_loses(damping: float, word: str, 
     lost = 1.0 - np.exp(-0.5 * 2.0)  # |omega| falls as exp(-0.05 t), its square as exp(-0.1 t)
     if damping > 0.0:
         assert -row["rotational_energy_drift_signed"] == pytest.approx(lost, rel=2e-3)
-        assert "Likely cause: omega is damped at the rate 0.05" in sentence.text
+        assert re.search(r"Likely cause: omega is .*\b0\.05\b", sentence.text)
     assert sentence.text.startswith("Angular momentum is not conserved: ")
     assert f"The body {word} " in sentence.text
     assert re.search(r"The attitude is \S+ rad \(\S+ degrees\) from the truth after 10 s", sentence.text)
@@ -222,7 +222,7 @@ def test_the_command_prints_the_conclusion_first_and_writes_the_page(
     assert float(shown["orientation_error_rad"]) == pytest.approx(exact, rel=5e-3)
     assert len(re.sub(r"\D", "", shown["orientation_error_rad"].split("e")[0]).lstrip("0")) <= 3
     page = (tmp_path / "sim.html").read_text()
-    for part in ("data-motion", 'data-plot="drift"', "Angular momentum is not conserved", "omega is damped"):
+    for part in ("data-motion", 'data-plot="drift"', "Angular momentum is not conserved", "Likely cause"):
         assert part in page
     assert 'src="http' not in page
 
