@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.untrusted import printable
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import plan_steps
@@ -103,8 +102,7 @@ def of_given_body(
             arrays.pop("position_m", None)
         kept.append(replace(recorded, arrays=arrays))
     ends_s = [float(one.arrays["t_s"][-1]) for one in kept]
-    name = printable(paths[0].stem, 80).replace("/", "-").strip() or "recording"
-    return kept, body.scenario(name, max(ends_s), len(kept[0].arrays["t_s"]))
+    return kept, body.scenario(max(ends_s), len(kept[0].arrays["t_s"]))
 
 
 def judge_files(

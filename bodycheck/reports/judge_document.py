@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from bodycheck._util.formatting import names, number, scientific, step
+from bodycheck._util.formatting import count, names, number, scientific, step
 from bodycheck.reports.diagnosis.diagnosis import Diagnosis
 from bodycheck.reports.diagnosis.explain import ExplainedCase
 from bodycheck.reports.diagnosis.explanation_document import explanation_document
@@ -145,7 +145,9 @@ def judgement_document(
             ]
     if evidence:
         parts += explanation_document(cases).parts
-    return Document("bodycheck judge", tuple(parts))
+    first, *others = (motion.path.name for motion in ranking.motions)
+    more = f" and {count(len(others), 'more file')}" if others else ""
+    return Document(f"Judgement of {first}{more}", tuple(parts))
 
 
 def _measure_table(ranking: Ranking) -> Table:

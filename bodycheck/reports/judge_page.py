@@ -18,7 +18,7 @@ from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.recordings.judged_motion import JudgedMotion
 from bodycheck.reports.render.page.played_motions import played_motions
 from bodycheck.reports.render.page.plots import plot_data
-from bodycheck.reports.render.styles import REFERENCE, Style, engine_colour, styles
+from bodycheck.reports.render.styles import COLOURS, KNOWN_COLOURS, REFERENCE, Style, styles
 from bodycheck.reports.run_files.run_tables import MethodKey, key_of
 from bodycheck.reports.templating import asset
 
@@ -41,9 +41,12 @@ class _Section:
 def judgement_page(ranking: Ranking, cases: Sequence[ExplainedCase]) -> str:
     """Return a judgement with its diagnoses as one self-contained HTML page."""
     drawn = {
-        key: replace(style, name=style.engine)
+        key: replace(
+            style, name=style.engine, colour=KNOWN_COLOURS + style.number % (len(COLOURS) - KNOWN_COLOURS)
+        )
         for key, style in styles(key_of(motion.case.columns) for motion in ranking.motions).items()
     }
+    colours = {style.engine: style.colour for style in drawn.values()}
     groups: list[list[JudgedMotion]] = []
     for motion in ranking.motions:
         if motion.case.ok:
@@ -59,7 +62,7 @@ def judgement_page(ranking: Ranking, cases: Sequence[ExplainedCase]) -> str:
         first_order=[],
         errors=(),
         reference=REFERENCE,
-        engine_colour=engine_colour,
+        engine_colour=colours.__getitem__,
         js=Markup("\n").join(asset(f"templates/{name}.js") for name in _SCRIPTS),
         plotly=asset("vendor/plotly-basic.min.js"),
         figure=drawn_explanations(cases),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +26,7 @@ class GivenMotion:
     torque_body_n_m: Sequence[float] | None = None
     gravity_m_s2: Sequence[float] | None = None
 
-    def scenario(self, name: str, duration_s: float, samples: int) -> Scenario:
+    def scenario(self, duration_s: float, samples: int) -> Scenario:
         """Return the scenario, at rest; raises InputError with one line per error if no body is such."""
         numbers = [float(one) for one in self.inertia_kg_m2]
         faults = []
@@ -40,7 +39,7 @@ class GivenMotion:
             raise InputError("\n".join(faults))
         tensor = numbers if len(numbers) == 3 else [numbers[row : row + 3] for row in (0, 3, 6)]
         lines = [
-            f"name = {json.dumps(name)}",
+            'name = "given body"',
             f"duration_s = {duration_s!r}",
             f"samples = {samples}",
             "[body]",

@@ -255,8 +255,9 @@ def explanation_page(cases: Sequence[ExplainedCase]) -> str:
 
 
 def drawn_explanations(cases: Sequence[ExplainedCase]) -> Markup:
-    """Return the figure of the differences as SVG for a page; "" without matplotlib or a diagnosis."""
-    if find_spec("matplotlib") is None or all(one.diagnosis is None for one in cases):
+    """Return the figure of the differences as SVG for a page; "" without matplotlib or differences."""
+    differ = any(one.diagnosis is not None and errors_over_time(one.diagnosis) is not None for one in cases)
+    if find_spec("matplotlib") is None or not differ:
         return Markup()
     drawn = explanation_figure(cases, ".svg").decode()
     return Markup(drawn[drawn.index("<svg") :])

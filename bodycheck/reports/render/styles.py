@@ -21,7 +21,8 @@ REFERENCE = "reference"
 _COLOURS = {"mujoco": 0, "pybullet": 1, "dart": 2, REFERENCE: 3}
 """Engine -> the number of its colour, the same in every report, figure and page."""
 
-_OTHER_COLOURS = 4
+KNOWN_COLOURS = len(_COLOURS)
+"""The number of the first colour that is not an engine's own."""
 
 COLOURS = (  # after Okabe and Ito
     *("#0072b2", "#c44e00", "#00805c", "#1a1a1a"),
@@ -66,7 +67,7 @@ class Style:
 def engine_colour(engine: str) -> int:
     """Return the number of an engine's colour; it depends on nothing but the name."""
     known = _COLOURS.get(engine)
-    return len(_COLOURS) + crc32(engine.encode()) % _OTHER_COLOURS if known is None else known
+    return KNOWN_COLOURS + crc32(engine.encode()) % (len(COLOURS) - KNOWN_COLOURS) if known is None else known
 
 
 def styles(keys: Iterable[MethodKey]) -> dict[MethodKey, Style]:
