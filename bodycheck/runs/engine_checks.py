@@ -30,7 +30,7 @@ from bodycheck.scenarios.library import PROBES
 
 @dataclass(frozen=True)
 class Result:
-    """One finding of one check of one method."""
+    """One finding of one check of one method; after: checks whose failure can make this one fail too."""
 
     method: str
     check: str
@@ -38,6 +38,7 @@ class Result:
     finding: str
     verdict: str
     message: str
+    after: tuple[str, ...] = ()
 
     @property
     def failed(self) -> bool:
@@ -78,7 +79,8 @@ def check_adapter(name: str, *, timeout_s: float, allow_code: bool = False) -> C
 def _results(bench: Bench, check: Check) -> Iterator[Result]:
     found = list(check.findings(bench)) or [Finding("", message="it fails in the checks above")]
     for one in found:
-        yield Result(bench.method.name, check.name, check.requirement, one.check, one.verdict, one.message)
+        name, requirement = check.name, check.requirement
+        yield Result(bench.method.name, name, requirement, one.check, one.verdict, one.message, check.after)
 
 
 _VERDICT_TEXTS = {
@@ -93,19 +95,34 @@ def conformance_document(found: Conformance) -> Document:
     """Return one row per method and check: what holds, or each failure in words."""
     rows: list[tuple[str | Span, ...]] = []
     messages: set[str] = set()
-    for (method, check), results in groupby(found.results, key=lambda result: (result.method, result.check)):
-        rows += _rows(method, check, list(results), messages)
-    failed = len({(result.method, result.check) for result in found.failures})
+    failed: dict[str, list[str]] = {}
+    following = 0
+    for (method, check), group in groupby(found.results, key=lambda result: (result.method, result.check)):
+        results, before = list(group), failed.setdefault(method, [])
+        causes = [name for name in before if name in results[0].after]
+        if any(result.failed for result in results):
+            before.append(check)
+            if causes:
+                following += 1
+                number = sum(result.failed for result in results)
+                text = f"{count(number, 'finding')} that may follow from {causes[0]}"
+                rows.append((method, check, _VERDICT_TEXTS["inconsistent"], text))
+                continue
+        rows += _rows(method, check, results, messages)
+    failures = sum(map(len, failed.values()))
     total = len({result.method for result in found.results}) * len(CHECKS)
     summary = f"{found.engine} {found.version}: " + (
-        f"{failed} of {total} checks fail" if failed else f"all {total} checks pass or do not apply"
+        f"{failures} of {total} checks fail" if failures else f"all {total} checks pass or do not apply"
     )
+    if following:
+        first = ", ".join(dict.fromkeys(names[0] for names in failed.values() if names))
+        summary += f", of which {following} may follow from others; correct first: {first}"
     table = Table(_HEADS, tuple(rows))
-    tint = "bad" if failed else "good"
+    tint = "bad" if failures else "good"
     conclusion = Sentence(summary, tint, strong=True)
-    following = Command(f"bodycheck run smoke --engine {shlex.quote(found.engine)}", "errors and orders")
+    next_step = Command(f"bodycheck run smoke --engine {shlex.quote(found.engine)}", "errors and orders")
     return Document(
-        "bodycheck check-adapter", (table, conclusion) if failed else (table, conclusion, following)
+        "bodycheck check-adapter", (table, conclusion) if failures else (table, conclusion, next_step)
     )
 
 

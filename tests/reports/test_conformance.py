@@ -19,9 +19,10 @@ from bodycheck.adapters.example import Example, ExampleSimulation
 from bodycheck.adapters.execution import Answer, Case, record
 from bodycheck.adapters.registry import distribution_of, registered
 from bodycheck.reference_impl.scene import Scene
+from bodycheck.reports.document import Sentence, Table
 from bodycheck.reports.probes.conformance import CHECKS, Bench, Check
 from bodycheck.reports.probes.finding import Finding
-from bodycheck.runs.engine_checks import check_adapter
+from bodycheck.runs.engine_checks import Conformance, Result, check_adapter, conformance_document
 from tests.helpers.faulty_adapters import FAULTS, AdapterFault, FaultyExample
 from tests.helpers.in_process_cli import run_bodycheck
 
@@ -60,6 +61,58 @@ def test_mistake_of_an_adapter_is_described(name: str) -> None:
     found = failures(FaultyExample(fault), "euler")
     assert any(check == fault.check and fault.words in message for check, message in found), found
     assert next((check for check, _ in found if check != "model"), "model") == fault.check, found
+
+
+def result(check: str, verdict: str, message: str = "", after: tuple[str, ...] = ()) -> Result:
+    """Return a result of the method euler."""
+    return Result("euler", check, f"{check} holds", "size", verdict, message, after)
+
+
+def test_what_may_follow_from_a_failure_is_folded_below_it() -> None:
+    """Of three failures the first has its words; the second may follow from it, and the third may not."""
+    found = Conformance(
+        "mine",
+        "1",
+        (
+            result("model", "consistent"),
+            result("free motion", "inconsistent", "momentum changes by 3e-06 of its size"),
+            result("loads", "inconsistent", "the torque acts wrongly", ("model", "free motion")),
+            result("reset", "inconsistent", "reset keeps a time"),
+        ),
+    )
+    table, conclusion = conformance_document(found).parts
+    assert isinstance(table, Table)
+    words = {str(row[1]): str(row[3]) for row in table.rows}
+    assert "3e-06" in words["free motion"]
+    assert "free motion" in words["loads"]
+    assert "wrongly" not in words["loads"]
+    assert "keeps a time" in words["reset"]
+    assert isinstance(conclusion, Sentence)
+    assert "correct first: free motion" in str(conclusion.text)
+
+
+def test_a_check_follows_from_earlier_ones_only() -> None:
+    """The causes stand before their consequences, and exist."""
+    names = [check.name for check in CHECKS]
+    for place, check in enumerate(CHECKS):
+        assert set(check.after) <= set(names[:place]), check.name
+
+
+@pytest.mark.slow
+def test_a_small_damping_is_one_failure_with_its_size() -> None:
+    """A loss of 3e-7 of omega per second shows as a change, not as a factor of 1, and is named first."""
+
+    class Leaking(ExampleSimulation):
+        def advance(self, steps: int) -> None:
+            for _ in range(steps):
+                super().advance(1)
+                self.omega = self.omega * (1.0 - 3e-7 * self.dt_s)
+
+    found = failures(FaultyExample(AdapterFault(Leaking, "free motion", "momentum changes by")), "euler")
+    check, message = found[0]
+    assert check == "free motion"
+    assert "momentum changes by" in message
+    assert "1 times" not in message
 
 
 @pytest.mark.slow

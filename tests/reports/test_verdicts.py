@@ -285,6 +285,33 @@ def test_all_that_is_wrong_is_listed_with_its_words_and_command() -> None:
     assert headline([first, second]) == "2 methods with findings: mujoco:rk4, mujoco:euler."
 
 
+@pytest.mark.parametrize(
+    ("sizes", "engines", "is_shared"),
+    [
+        ((0.2, 0.2, 0.2005), ("mujoco", "dart", "reference"), True),
+        ((0.2, 0.2, 0.21), ("mujoco", "dart", "reference"), False),
+        ((0.2, 0.2, 0.2), ("mujoco", "mujoco", "mujoco"), False),
+        ((0.2, 0.2), ("mujoco", "dart"), False),
+    ],
+)
+def test_a_wrong_limit_that_all_engines_share_has_a_common_cause(
+    sizes: tuple[float, ...], engines: tuple[str, ...], is_shared: bool
+) -> None:
+    """At least three methods of two engines, with the same distance; one sound method excludes it."""
+    theory = {name: {"methods": {f"m{k}": {"order": 4} for k in range(4)}} for name in engines}
+    keys = [{"engine": name, "method": f"m{k}"} for k, name in enumerate(engines)]
+
+    def sentences(*states: dict[str, Any]) -> list[str]:
+        rows = [{**ROW, **key, **state} for key, state in zip(keys, states, strict=True)]
+        cases = [{"truth_bound_rad": 1e-12, **key} for key in keys]
+        tables = make_tables(cases, rows, scenarios={"brick": {}}, engines=theory)
+        return Summary.of(tables).sentences
+
+    wrong = [{**FLAT, "finest_error": size} for size in sizes]
+    assert any("share" in one for one in sentences(*wrong)) == is_shared
+    assert not any("share" in one for one in sentences({"finest_error": sizes[0]}, *wrong[1:]))
+
+
 def test_what_repeats_in_several_scenarios_is_one_result() -> None:
     """The result has the largest size with its command, and the number of further scenarios."""
     run = findings(

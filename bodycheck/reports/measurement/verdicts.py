@@ -133,6 +133,11 @@ class QuantityVerdict:
         return self.state in _WRONG
 
     @property
+    def has_wrong_limit(self) -> bool:
+        """Whether the method converges to something other than the truth, at all steps alike."""
+        return self.state in ("does-not-converge", "off") and self.ratio is None
+
+    @property
     def is_property(self) -> bool:
         """Whether it is a property of the engine's state, well above round-off: by design, not a fault."""
         return MEASURES[self.quantity].judged == "property" and (self.size or 0.0) > ABOVE_FLOOR * self.floor

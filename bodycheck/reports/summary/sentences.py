@@ -14,6 +14,8 @@ from bodycheck.reports.summary.cells import Cell, Overview, overviews, summary_c
 from bodycheck.reports.summary.worst_results import MethodResults, faulty, headline, worst_methods
 
 _REFUSED = ("invalid", "unsupported")
+_ENGINES_IN_COMMON, _METHODS_IN_COMMON = 2, 3  # that have one wrong limit: fewer may agree by chance
+_SAME_LIMIT = 1.02  # ratio of the largest to the smallest distance from the truth
 _UNDECIDED = ("pre-asymptotic", "too-few-points", "chaotic")
 
 
@@ -43,8 +45,24 @@ def verdict_sentences(cells: Mapping[str, Mapping[MethodKey, Cell]], found: list
     """Return the results of the run in a few sentences that name every method with findings."""
     if not cells:
         return ["This run has no cases."]
-    sentences = [headline(found), _as_expected(cells, found), _undecided(cells), _properties(found)]
+    shared = (_common_cause(scenario, methods) for scenario, methods in cells.items())
+    sentences = [*shared, headline(found), _as_expected(cells, found), _undecided(cells), _properties(found)]
     return [sentence for sentence in sentences if sentence]
+
+
+def _common_cause(scenario: str, methods: Mapping[MethodKey, Cell]) -> str:
+    """State that all methods of several engines have the same wrong limit; "" where they do not."""
+    supported = {key: cell for key, cell in methods.items() if cell.state != "unsupported"}
+    limits = [cell.wrong[0] for cell in supported.values() if cell.wrong and cell.wrong[0].has_wrong_limit]
+    sizes = [one.size or 0.0 for one in limits]
+    engines = {engine for engine, _ in supported}
+    alone = len(engines) < _ENGINES_IN_COMMON or len(limits) < max(_METHODS_IN_COMMON, len(supported))
+    if alone or len({one.quantity for one in limits}) > 1 or max(sizes) > _SAME_LIMIT * min(sizes):
+        return ""
+    return (
+        f"All {len(limits)} methods of {len(engines)} engines have the same wrong limit in {scenario}: "
+        f"{limits[0].text}. First check what they share: the scenario, its loads and its truth."
+    )
 
 
 def _as_expected(cells: Mapping[str, Mapping[MethodKey, Cell]], found: list[MethodResults]) -> str:
