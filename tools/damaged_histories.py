@@ -83,25 +83,26 @@ def main() -> int:
         (Path(place) / "mine.toml").write_text(SCENARIO)
         run = bodycheck.run([Path(place) / "mine.toml"], engines=["reference:m1", "reference:rk4"], jobs=1)
         history = Path(place, "history")
-        store_nightly_runs(run, history, [unchanged] * requested.runs)
+        store_nightly_runs(run, history, [unchanged] * requested.nights)
         for number in range(requested.trials):
             dice = random.Random(f"{requested.seed}/{number}")
             night = dice.choice(History(history).runs())
-            path = dice.choice(sorted(night.iterdir()))
+            files = [path for path in night.rglob("*") if path.is_file() and path.suffix != ".npz"]
+            path = dice.choice(sorted(files))
             content = path.read_bytes()
             way = f"{path.suffix[1:]} {damage(path, dice)}"
             ways[way] += 1
-            ended = run_in_child(lambda path=path: trial(run, history, requested.runs, path), LIMIT_S)  # type: ignore[misc]
+            ended = run_in_child(lambda path=path: trial(run, history, requested.nights, path), LIMIT_S)  # type: ignore[misc]
             megabytes, slowest = max(megabytes, ended.megabytes), max(slowest, ended.seconds)
             if ended.error is not None:
                 failed.append(number)
                 print(f"trial {number} ({path.name}, {way}): {ended.error[-1500:]}", flush=True)
             path.write_bytes(content)
-            for extra in History(history).runs()[requested.runs :]:
+            for extra in History(history).runs()[requested.nights :]:
                 shutil.rmtree(extra)
     print(f"{requested.trials} trials of seed {requested.seed} in {time.monotonic() - begin:.0f} s")
     print(dict(sorted(ways.items())))
-    print(f"a history of {requested.runs} nights; slowest {slowest:.1f} s, at most {megabytes:.0f} MB")
+    print(f"a history of {requested.nights} nights; slowest {slowest:.1f} s, at most {megabytes:.0f} MB")
     print(f"{len(failed)} failed" + (f": {failed}" if failed else ""))
     return 1 if failed or megabytes > MAX_MEGABYTES else 0
 

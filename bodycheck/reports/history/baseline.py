@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from io import BufferedReader
 from pathlib import Path
 from typing import Any, cast
@@ -115,7 +116,7 @@ def _seal(summary: dict[str, Any]) -> str:
 _MAX_RUNS = 60
 """How many baseline runs are used at most."""
 
-_COUNTS = ("worse", "missing", "improved", "moved", "new")
+_COUNTS = ("worse", "missing", "improved", "moved", "new", "open")
 SUMMARY_KEYS = ("run_id", "status", *_COUNTS, "cases", "engines", "machine")
 """The keys of night.json, in the order in which they are listed."""
 _NEEDED = tuple(name for name in SUMMARY_KEYS if name not in _COUNTS[1:])
@@ -135,12 +136,12 @@ class NightlyRun:
         """The run id."""
         return self.folder.name
 
-    @property
+    @cached_property
     def tables(self) -> Tables:
         """The tables of the run; InputError if they are damaged."""
         return read_tables(self.folder)
 
-    @property
+    @cached_property
     def levels(self) -> Levels:
         """The accepted levels after the run; InputError if they are damaged."""
         return read_levels(self.folder, self.tables)

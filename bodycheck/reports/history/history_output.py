@@ -270,7 +270,7 @@ def history_data(runs: pd.DataFrame) -> list[dict[str, Any]]:
 
 def history_document(runs: pd.DataFrame) -> Document:
     """Return one row per nightly run, the oldest first."""
-    numbers = (*HEADINGS, "cases")
+    numbers = (*HEADINGS, "open", "cases")
     texts = ("engines", "machine")
     columns = [
         Column(name, "number" if name in numbers else "text" if name in texts else "fixed")
