@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -25,7 +26,8 @@ from bodycheck.reference_impl.rotations import quaternion_product
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.document import Document, Sentence, markdown
 from bodycheck.runs.run_options import TIMEOUT_S
-from tests.helpers.scenario_texts import SCENARIO
+from tests.helpers.scenario_texts import SCENARIO, tumbling
+from tests.helpers.weakened_engine import Weakened
 
 _SCENARIO = SCENARIO.replace("mine", "tumble")
 
@@ -106,6 +108,45 @@ def test_nightly_run_fails_on_a_regression(folder: Path) -> None:
         assert "tumble" in text
     assert Path(third.stdout.splitlines()[-1]).read_text().startswith("<!doctype html>")
     assert len(reported.splitlines()) < 60
+
+
+@pytest.mark.slow
+def test_broken_engine_stays_a_regression_until_accepted(folder: Path) -> None:
+    """The first line names method, quantity, factor and cause; the command that it prints accepts it."""
+
+    def night(factor: float, *words: str) -> Result:
+        with registered(Weakened(factor)):
+            steps = ["nightly", "tumble.toml", "--engine", "weakened", "--history", "kept", "--no-speed"]
+            return bodycheck(*steps, *words)
+
+    (folder / "tumble.toml").write_text(
+        tumbling("tumble", omega_body_rad_s=(0.3, 4.0, -0.2), steps_s=[0.05, 0.02, 0.01, 0.005])
+    )
+    files = "--junit", "night.xml", "--markdown", "night.md"
+    sound, broken, still = night(1.0), night(0.9, *files, "--github"), night(0.9)
+    old_way = night(0.9, "--fail-on", "newly-worse")
+    assert [done.exit_code for done in (sound, broken, still, old_way)] == [3, 1, 1, 0]
+    line = broken.stdout.splitlines()[0]
+    assert line == (
+        "weakened:euler: no longer converges, error at 5 ms x 50 in tumble (the gyroscopic term "
+        "omega x I omega is multiplied by 0.9, explains all of the error)"
+    )
+    assert re.fullmatch(
+        rf"Still worse since \d{{4}}-\d\d-\d\d \(2 nightly runs\): {re.escape(line)}",
+        still.stdout.splitlines()[0],
+    )
+    assert "improved" not in broken.stdout
+    (page,) = (Path(line).read_text() for line in broken.stdout.splitlines() if line.endswith("night.html"))
+    assert f"::error title=bodycheck nightly::{line}" in broken.stdout
+    for text in (page, (folder / "night.xml").read_text(), (folder / "night.md").read_text(), broken.stdout):
+        assert line in text
+    assert f'<h1 class="tint-bad">{line}</h1>' in page
+    (command,) = re.findall("^To accept it: bodycheck (.*) --reason TEXT$", still.stdout, re.MULTILINE)
+    assert bodycheck(*command.split(), "--reason", "as meant", "--author", "Ada").exit_code == 0
+    accepted = night(0.9)
+    assert accepted.exit_code == 0, accepted.stdout
+    assert "by Ada: as meant" in accepted.stdout
+    assert line in (folder / "kept" / "feed.xml").read_text()
 
 
 @pytest.mark.slow

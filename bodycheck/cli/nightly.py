@@ -24,6 +24,7 @@ from bodycheck.cli.options import (
     HtmlFile,
     Jobs,
     Json,
+    JunitFile,
     MarkdownFile,
     NoSpeed,
     Quiet,
@@ -73,7 +74,7 @@ _OF_A_SHARD = (
 )
 
 _RESUMED = (
-    *("history", "threshold", "thresholds", "fail_on", "resume", "html", "markdown", "github"),
+    *("history", "threshold", "thresholds", "fail_on", "resume", "html", "markdown", "junit", "github"),
     *("engines", "allow_code", "json", "quiet"),
 )
 
@@ -125,6 +126,7 @@ def nightly_(
     github: Github = False,
     html: HtmlFile = None,
     markdown: MarkdownFile = None,
+    junit: JunitFile = None,
     engines: EnginesFile = None,
     allow_code: AllowCode = False,
     json: Json = False,
@@ -139,7 +141,7 @@ def nightly_(
     from bodycheck.runs.nightly_run import SPEED_PASSES, resume_nightly, run_nightly
 
     levels = thresholds_of(threshold, thresholds)
-    files = {"html": html, "markdown": markdown}
+    files = {"html": html, "markdown": markdown, "junit": junit}
     check_files(files)
     admit_engines(engines, allow_code=allow_code)
     request = RunRequest(
@@ -182,6 +184,7 @@ def print_judgement(
     fail_on: Literal["open", "newly-worse"] = "open",
 ) -> None:
     """Print the judgement of a stored nightly run, write the files, and exit with its status."""
+    from bodycheck.reports.alerts import junit as as_junit
     from bodycheck.reports.document import answer, markdown
     from bodycheck.reports.history.history_output import (
         alerts_of,
@@ -201,6 +204,7 @@ def print_judgement(
         {
             "html": lambda path: nightly_page(judged, relpath(run_folder, path.parent) + "/"),
             "markdown": lambda _: markdown(document),
+            "junit": lambda _: as_junit(alerts_of(judged), "bodycheck nightly"),
         },
     )
     only_open = judged.status == "regression" and not any(one.newly for one in judged.open)

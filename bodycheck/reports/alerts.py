@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 from urllib.parse import quote
+from xml.etree import ElementTree
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import count
@@ -17,6 +19,7 @@ from bodycheck.reports.document import Document, json_text, markdown
 Level: TypeAlias = Literal["error", "warning", "note"]
 
 _LEVELS: dict[Level, str] = {"error": "error", "warning": "warning", "note": "notice"}
+_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _MOST_SHOWN = 10  # GitHub shows no more annotations of a level per step
 
 
@@ -102,6 +105,27 @@ def _result(one: Alert) -> dict[str, Any]:
     uri = quote(_in_workspace(Path(os.path.relpath(one.file))))
     place = {"artifactLocation": {"uri": uri}, "region": {"startLine": max(one.line, 1)}}
     return {**result, "locations": [{"physicalLocation": place}]}
+
+
+def junit(alerts: Sequence[Alert], suite: str) -> bytes:
+    """Return a JUnit test suite with one failed test case per alert, or one that passed."""
+    counts = {"tests": str(max(len(alerts), 1)), "failures": str(len(alerts)), "errors": "0"}
+    root = ElementTree.Element("testsuites", counts)
+    node = ElementTree.SubElement(root, "testsuite", {"name": suite, **counts})
+    for one in alerts:
+        first = xml_text(one.message).partition("\n")[0]
+        case = ElementTree.SubElement(node, "testcase", {"classname": suite, "name": first})
+        failure = ElementTree.SubElement(case, "failure", {"type": one.rule, "message": first})
+        failure.text = xml_text(one.message)
+    if not alerts:
+        ElementTree.SubElement(node, "testcase", {"classname": suite, "name": "no regression"})
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
+
+
+def xml_text(text: str) -> str:
+    """Return the text without characters that XML forbids: an engine's message may contain any."""
+    return _NOT_XML.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
 def badge(message: str, *, good: bool) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -11,13 +10,11 @@ from typing import Any
 from xml.etree import ElementTree
 
 from bodycheck._util.formatting import count, number
-from bodycheck.reports.alerts import Alert, badge
+from bodycheck.reports.alerts import Alert, badge, xml_text
 from bodycheck.reports.document import Column, Document, Sentence, Span, Table
 from bodycheck.reports.gates.proposal import Change
 from bodycheck.reports.gates.verdict import Check, GateResult, distance
 from bodycheck.reports.run_files.run_tables import RunTables, StudyKey, study_key
-
-_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def as_junit(results: Sequence[GateResult], where: str) -> bytes:
@@ -33,23 +30,20 @@ def as_junit(results: Sequence[GateResult], where: str) -> bytes:
     suite = ElementTree.SubElement(root, "testsuite", {"name": "bodycheck gate", **counts})
     for index, result in enumerate(results):
         name = f"gate[{index}] {result.gate.title}"
-        case = ElementTree.SubElement(suite, "testcase", {"classname": _xml(where), "name": _xml(name)})
+        case = ElementTree.SubElement(
+            suite, "testcase", {"classname": xml_text(where), "name": xml_text(name)}
+        )
         if result.status == "skipped":
-            ElementTree.SubElement(case, "skipped", {"message": _xml(result.why)})
+            ElementTree.SubElement(case, "skipped", {"message": xml_text(result.why)})
         if result.is_bad:
             failure = ElementTree.SubElement(
-                case, "failure", {"type": result.status, "message": _xml(line_of(result))}
+                case, "failure", {"type": result.status, "message": xml_text(line_of(result))}
             )
             lines = [" | ".join(filter(None, cells[1:])) for cells in failure_rows([result])]
             lines += error_lines(result)
-            failure.text = _xml("\n".join([result.gate.reason, *lines]))
+            failure.text = xml_text("\n".join([result.gate.reason, *lines]))
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
-
-
-def _xml(text: str) -> str:
-    """Return the text without characters that XML forbids: an engine's message may contain any."""
-    return _NOT_XML.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
 def results_data(results: Sequence[GateResult], where: str, run_id: str) -> dict[str, Any]:

@@ -58,6 +58,7 @@ SUMMARY: dict[str, Any] = {
     "improved": 2,
     "moved": 3,
     "new": 4,
+    "open": 0,
     "cases": 5,
     "engines": "reference 1",
     "machine": "a processor, 4 cores, Linux x86_64",
