@@ -4,6 +4,8 @@ python tools/audit_trials.py real [FOLDER ...]      every URDF, MJCF and SDF fil
 python tools/audit_trials.py valid --files 500      false differences in generated files
 python tools/audit_trials.py composites --trials 200   compared with 50-digit arithmetic
 python tools/audit_trials.py damaged --files 10000  one clear line per file
+python tools/audit_trials.py stages --files 300      the same for USD stages
+python tools/audit_trials.py converters --trials 300   planted faults of converters to USD
 python tools/audit_trials.py slips --trials 2000    links with one planted slip and their shapes
 python tools/audit_trials.py healthy --trials 2000  right links: uniform, of several densities, rounded
 python tools/audit_trials.py size --trials 1000     the time to lint so many links
@@ -29,6 +31,7 @@ from bodycheck.adapters.importers import importer
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reports.audit.audit import SINGLE, Body, Difference, Finding
 from bodycheck.reports.audit.lint import lint
+from bodycheck.runs.audit_against import audit_against
 from bodycheck.runs.audit_imports import import_once, import_request
 from bodycheck.runs.audit_run import (
     AuditOptions,
@@ -40,10 +43,11 @@ from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.model_files.xml_file import read_bytes
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+from tests.helpers import usd_stages
 from tests.helpers.model_texts import mutated, random_mjcf, random_urdf, sdf_of
 from tests.helpers.slipped_links import SLIPS, Link, chain, changes_enough, is_right, random_link
 
-PARTS = ("real", "valid", "composites", "damaged", "slips", "healthy", "size")
+PARTS = ("real", "valid", "composites", "damaged", "stages", "converters", "slips", "healthy", "size")
 IMPORTERS = (("mujoco", "recommended"), ("pybullet", "recommended"), ("dart", "default"))
 _ROOTS = re.compile(b"<(robot|mujoco|sdf)\\b")
 
@@ -194,6 +198,87 @@ def damaged(count: int, seed: int) -> None:
         print(f"  {amount:6d}  {what}")
 
 
+def damaged_stages(count: int, seed: int) -> None:
+    """Read damaged USD stages, as text and binary, and print every result other than one clear line."""
+    from pxr import Usd
+
+    rng = random.Random(seed)
+    endings: Counter[str] = Counter()
+    with tempfile.TemporaryDirectory() as folder:
+        text, binary = Path(folder) / "sound.usda", Path(folder) / "sound.usdc"
+        text.write_text(usd_stages.Stage(metre=0.01).text(_links(np.random.default_rng(seed))))
+        Usd.Stage.Open(str(text)).Export(str(binary))
+        for k in range(count):
+            sound = (text, binary)[k % 2]
+            path = Path(folder) / f"model{sound.suffix}"
+            path.write_bytes(mutated(sound.read_bytes(), rng))
+            try:
+                read_model(path)
+            except InputError as error:
+                unclear = "\n" in str(error) or not str(error).startswith(str(path))
+                endings[f"UNCLEAR: {error}" if unclear else "one line"] += 1
+            except Exception as error:  # noqa: BLE001 - the trial searches for any exception
+                endings[f"FAULT {type(error).__name__}: {error}"[:200]] += 1
+            else:
+                endings["read"] += 1
+    print(f"{count} damaged stages")
+    for what, amount in endings.most_common():
+        print(f"  {amount:6d}  {what}")
+
+
+def _links(rng: np.random.Generator) -> list[usd_stages.Link]:
+    """Return three links of random masses, centres and tensors, one of them fixed to another."""
+    found = []
+    for k in range(3):
+        moments = rng.uniform(0.5, 1.5, 3)
+        moments[2] = rng.uniform(abs(moments[0] - moments[1]), moments[0] + moments[1])
+        A = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        size = 10.0 ** rng.uniform(-4, 0)
+        tensor = A @ np.diag(moments * size) @ A.T
+        centre, position = rng.normal(size=(2, 3)) * 0.1
+        parent = found[-1].name if found else ""
+        joint = "fixed" if k == 2 else "revolute"
+        mass = float(10.0 ** rng.uniform(-1, 1))
+        tensor = 0.5 * (tensor + tensor.T)
+        found.append(usd_stages.Link(f"link{k}", mass, centre, tensor, position, parent, joint))
+    return found
+
+
+def converters(count: int, seed: int) -> None:
+    """Write the stage of a random URDF with one fault of converters, or with none, and compare the two."""
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    faults = {
+        "principal axes lost": {"axes": "lost"},
+        "rotated by the inverse of the principal axes": {"axes": "inverted"},
+        "off-diagonals dropped": {"diagonal_only": True},
+        "tensor times": {"moments": 1e-4},
+        "centre of mass times": {"centres": 1e-2},
+        "mass times": {"masses": 1e3},
+        "axes of the body exchanged": {"turned": turn},
+        "": {},
+        " relabelled": {"axes": "relabelled"},
+    }
+    rng = np.random.default_rng(seed)
+    endings: Counter[str] = Counter()
+    with tempfile.TemporaryDirectory() as folder:
+        stage, urdf = Path(folder) / "robot.usda", Path(folder) / "robot.urdf"
+        for k in range(count):
+            links, (cause, fault) = _links(rng), list(faults.items())[k % len(faults)]
+            metre, kilogram = float(rng.choice([1.0, 0.01, 0.001])), float(rng.choice([1.0, 0.001]))
+            urdf.write_text(usd_stages.urdf(links))
+            written = usd_stages.Stage(metre, kilogram, str(rng.choice(["Y", "Z"])), **fault)
+            stage.write_text(written.text(links))
+            found = [why for _, _, why in audit_against(stage, urdf).differing()]
+            if ("axes" in fault and fault["axes"] == "relabelled") or not fault:
+                endings["healthy, false differences" if found else "healthy, agree"] += 1
+            else:
+                named = len(found) == 3 and all(why.startswith(cause) for why in found)
+                endings[f"{cause}: {'named' if named else f'NOT NAMED: {found}'}"] += 1
+    print(f"{count} stages")
+    for what, amount in endings.most_common():
+        print(f"  {amount:6d}  {what}")
+
+
 def slips(count: int, seed: int) -> None:
     """Plant one slip in each link; print how many are found with the right numbers."""
     rng = np.random.default_rng(seed)
@@ -275,6 +360,10 @@ def main() -> None:
             composites(given.trials, given.seed)
         case "damaged":
             damaged(given.files, given.seed)
+        case "stages":
+            damaged_stages(given.files, given.seed)
+        case "converters":
+            converters(given.trials, given.seed)
         case "slips":
             slips(given.trials, given.seed)
         case "healthy":

@@ -1,16 +1,17 @@
-"""Check every mesh of pybullet_data: each refusal by another reader, each solid by rational arithmetic.
+"""Check every mesh of a folder: each refusal by another reader, each solid by rational arithmetic.
 
     python tools/mesh_survey.py --most-triangles 20000 --json survey.json
 
-Reads all .stl, .obj and .ply files of pybullet_data. The accepted triangles are integrated again in integers
-(every double is an integer over a power of two): mass, centre and inertia must agree to 1e-15 (relative to
-the mass, the largest distance, the largest moment). A refused file is read again by trimesh, which joins
-corners closer than 1e-8, and explained:
+Reads all mesh files of a folder, by default those of pybullet_data. The accepted triangles are integrated
+again in integers (every double is an integer over a power of two): mass, centre and inertia must agree to
+1e-15 (relative to the mass, the largest distance, the largest moment). A refused file is read again by
+trimesh, which joins corners closer than 1e-8, and explained:
 
   open      trimesh finds edges of one triangle too, and its own hole test reports a mesh that is not closed
   not a surface   trimesh finds edges of more than two triangles too
   overlapping  a computation in fractions finds an edge of one part that passes through the inside of a
              triangle of another
+  crosses itself  the same within one part
   unreadable trimesh cannot read it either, or has coordinates that are not finite
 
 A refusal without such an explanation is wrong. With --overlap count-twice, overlapping parts are accepted;
@@ -67,6 +68,9 @@ def survey(path: Path, name: str, most: int) -> Row:
         mesh = checked_mesh(vertices, triangles)
     except ValueError as error:
         return _refused(path, name, vertices, triangles, str(error))
+    if mesh.crossing is not None:
+        other = _loaded(path)
+        return Row(name, "crosses itself", str(mesh.crossing), other is not None and _pierces(other, other))
     kind = "accepted, slits joined" if any("round-off" in note for note in mesh.notes) else "accepted"
     return Row(name, kind, "; ".join(mesh.notes), True, _error(mesh) if len(mesh.triangles) <= most else None)
 
@@ -179,10 +183,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--most-triangles", type=int, default=20000, help="limit for the exact integrals")
     parser.add_argument("--every", type=int, default=1, help="only every n-th file of random_urdfs")
+    parser.add_argument("--folder", type=Path, default=Path(pybullet_data.getDataPath()))
     parser.add_argument("--json", type=Path, help="write all rows to this file")
     requested = parser.parse_args()
     logging.disable(logging.WARNING)
-    root = Path(pybullet_data.getDataPath())
+    root = requested.folder
     files = sorted(path for path in root.rglob("*") if path.suffix.lower() in MESH_SUFFIXES)
     random = [path for path in files if "random_urdfs" in path.parts]
     files = [path for path in files if "random_urdfs" not in path.parts] + random[:: requested.every]

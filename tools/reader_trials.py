@@ -73,6 +73,8 @@ from tests.helpers.file_mutations import (
 from tests.helpers.nightly_runs import store_nightly_runs, unchanged
 from tests.helpers.scenario_texts import SCENARIO
 from tests.scenarios.test_mesh_files import ascii_ply, ascii_stl, binary_ply, binary_stl, obj
+from tests.scenarios.test_mesh_inputs import ascii_cube
+from tests.scenarios.test_mesh_scenes import dae, glb, model_3mf, packed
 
 LONGEST_S, MAX_MEGABYTES, BATCH = 10.0, 500.0, 25
 
@@ -130,6 +132,10 @@ def _inputs(sound: Path) -> list[Reader]:
         "c.obj": obj(),
         "d.ply": ascii_ply(),
         "e.ply": binary_ply("<"),
+        "f.off": ascii_cube("off"),
+        "g.glb": glb(),
+        "h.3mf": packed(model_3mf()),
+        "i.dae": dae(),
     }
     for name, content in meshes.items():
         (sound / name).write_bytes(content if isinstance(content, bytes) else content.encode())

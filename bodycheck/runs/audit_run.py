@@ -85,6 +85,8 @@ def audit(path: Path, options: AuditOptions) -> Audit:
     """
     engines = checked_engines(options.engines)
     model = read_model(path)
+    if options.engines is None and model.format == "usd":
+        engines = []  # no importer reads it
     # products of extreme numbers overflow: their differences are infinite
     with closing(EnginePool()) as pool, np.errstate(all="ignore"):
         return imported_audit(pool, model, engines, options)

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from bodycheck._util.formatting import count, names, scientific
+from bodycheck._util.formatting import count, names, number, scientific, vector
+from bodycheck.reference_impl.rotations import matrix_to_quaternion
 from bodycheck.reports.alerts import Alert
 from bodycheck.reports.audit.audit import SAME, SINGLE, Audit, Body, Comparison, Difference, LinkAudit, Spin
 from bodycheck.reports.audit.audit_summary import (
@@ -42,6 +43,7 @@ def audit_document(audit: Audit, machines: Sequence[str] = ()) -> Document:
             _differences(audit),
             _spins(audit),
             _importers(audit),
+            *([_bodies(audit)] if audit.format == "usd" and not audit.columns else []),
         ),
     )
 
@@ -68,6 +70,25 @@ def _not_spun(audit: Audit) -> list[Sentence]:
             if spin.message and name not in audit.failed:
                 links.setdefault(spin.message, []).append(f"{link.name} in {name}")
     return [Sentence(f"Not spun: {names(where)} ({why}).") for why, where in links.items()]
+
+
+def _bodies(audit: Audit) -> Table:
+    """Return the bodies of a stage, whose numbers a reader does not find in the file as text."""
+    columns = (
+        Column("link", "name"),
+        Column("mass, kg", "number"),
+        Column("centre, m"),
+        Column("principal moments, kg m^2"),
+        Column("principal axes, as a quaternion (w, x, y, z)"),
+    )
+    rows = []
+    for link in audit.links:
+        if link.stated is not None:
+            moments, axes = link.stated.principal
+            centre, quaternion = link.stated.centre_m, matrix_to_quaternion(axes)
+            mass = number(link.stated.mass_kg, 6)
+            rows.append((link.name, mass, vector(centre), vector(moments), vector(quaternion)))
+    return Table(columns, tuple(rows), "Rigid bodies")
 
 
 def _importers(audit: Audit) -> Table:

@@ -81,6 +81,8 @@ def _clause(audit: Audit, column: Column) -> tuple[str, bool]:
         others = len(differing) - len(_discarding(audit, column.name))
         more = f", and changes {count(others, 'link')} otherwise" if others else ""
         return f"discards every tensor{more}", False
+    if audit.compared:
+        return _compared(audit, len(differing), total, single=bool(states["rounded"]))
     if differing:
         causes = Counter(why.partition(":")[0].partition(" (")[0] for _, why in differing)
         ((cause, _), *_) = causes.most_common(1)
@@ -91,6 +93,14 @@ def _clause(audit: Audit, column: Column) -> tuple[str, bool]:
         return "merges every link into the world", True
     held = "to single precision" if states["rounded"] else "as written"
     return f"holds it {held}" + (f", with {count(merged, 'link')} merged" if merged else ""), True
+
+
+def _compared(audit: Audit, differing: int, total: int, *, single: bool) -> tuple[str, bool]:
+    """Return whether a file states the bodies of another."""
+    other = Path(audit.file).name
+    if differing:
+        return f"states {differing} of {count(total, 'link')} otherwise than {other}", False
+    return f"states the bodies of {other}" + (", to single precision" if single else ""), True
 
 
 def said_once(audit: Audit) -> list[str]:

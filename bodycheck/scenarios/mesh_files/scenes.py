@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
+import warnings
 from fractions import Fraction
 from functools import partial
 from io import BufferedIOBase
@@ -16,6 +17,8 @@ from typing import Any
 import numpy as np
 
 from bodycheck._util.untrusted import printable
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.mass_properties.solid import Triangles
 from bodycheck.scenarios.mesh_files.polygons import Polygons
 
 LIBRARIES = {
@@ -51,30 +54,37 @@ def parse_scene(suffix: str, file: BufferedIOBase) -> Polygons:
             raise ValueError("declares entities, which are not expanded; write their text instead")
         file.seek(0)
     try:
-        scene = trimesh.load_scene(file, file_type=suffix[1:], process=False, **options)
-        parts = [
-            (scene.geometry[geometry], matrix)
-            for matrix, geometry in map(scene.graph.get, sorted(scene.graph.nodes_geometry))
-            if isinstance(scene.geometry[geometry], trimesh.Trimesh)
-        ]
+        # numbers that are not finite are refused later, and named
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            vertices, triangles, unit = _instances(
+                trimesh.load_scene(file, file_type=suffix[1:], process=False, **options)
+            )
     except (MemoryError, KeyboardInterrupt):
         raise
     except Exception as error:  # noqa: BLE001 - a damaged file raises whatever its reader comes across
         reason = printable(str(error).strip(), 200) or type(error).__name__
         raise ValueError(f"cannot be read by trimesh: {reason}") from None
-    if not parts:
-        return Polygons.of_triangles(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
-    vertices, triangles, count = [], [], 0
-    for mesh, matrix in parts:
-        corners = np.asarray(mesh.faces, dtype=np.int64)
+    metre = 1.0 if suffix == ".glb" or not len(triangles) else float(_metre(unit))
+    return Polygons.of_triangles(vertices * metre, triangles, *((_SINGLE,) if suffix == ".dae" else ()))
+
+
+def _instances(scene: Any) -> tuple[Array, Triangles, str]:
+    """Return the vertices (n, 3) and the triangles (m, 3) of all instances, and their unit of length."""
+    vertices, triangles, count, unit = [np.empty((0, 3))], [np.empty((0, 3), dtype=np.int64)], 0, ""
+    for node in sorted(scene.graph.nodes_geometry):
+        matrix, name = scene.graph[node]
+        mesh = scene.geometry[name]
+        corners = np.asarray(getattr(mesh, "faces", ()), dtype=np.int64).reshape(-1, 3)  # none of points
+        if not len(corners):
+            continue
         if np.linalg.det(matrix[:3, :3]) < 0.0:
             corners = corners[:, ::-1]
         vertices.append(mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3])
         triangles.append(corners + count)
         count += len(mesh.vertices)
-    metre = 1.0 if suffix == ".glb" else float(_metre(str(parts[0][0].metadata.get("units", ""))))
-    notes = (_SINGLE,) if suffix == ".dae" else ()
-    return Polygons.of_triangles(np.concatenate(vertices) * metre, np.concatenate(triangles), *notes)
+        unit = str(mesh.metadata.get("units", ""))
+    return np.concatenate(vertices), np.concatenate(triangles), unit
 
 
 def _found(name: str) -> bool:

@@ -102,8 +102,9 @@ def asked(path: Path) -> dict[str, Any]:
 
 def _reason(error: str) -> str:
     """Return ':LINE: why' or ': why' of OpenUSD's error, which names each function of its own on the way."""
-    if found := re.search(r":(\d+):\d+: parse error", error):
-        return f":{found[1]}: is not USD: syntax error"
+    if found := re.search(r":(\d+):\d+: ([^'\n]*)", error):
+        reason = "syntax error" if "pxrInternal" in found[2] else printable(found[2], 200)
+        return f":{found[1]}: is not USD: {reason}"
     found = re.search(r" : '(.*)'", error)
     return f": is not USD: {printable(found[1] if found else error.splitlines()[-1], 200)}"
 

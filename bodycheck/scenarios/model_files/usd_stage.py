@@ -130,12 +130,19 @@ def _quaternion(quaternion: Any) -> list[float]:
     return [quaternion.GetReal(), *quaternion.GetImaginary()]
 
 
+def _text(error: Exception) -> str:
+    try:
+        return f"{type(error).__name__}: {error}"
+    except UnicodeDecodeError:  # OpenUSD quotes what it cannot read
+        return f"{type(error).__name__}: a character that is not UTF-8"
+
+
 def main() -> None:
     """Print the facts, or {"error": WHY}."""
     try:
         facts = stage_facts(sys.argv[1])
     except Exception as error:  # noqa: BLE001 - the process that asked reports it
-        facts = {"error": f"{type(error).__name__}: {error}"}
+        facts = {"error": _text(error)}
     print(json.dumps(facts))
 
 
