@@ -11,7 +11,7 @@ import re
 import warnings
 from fractions import Fraction
 from functools import partial
-from io import BufferedIOBase
+from io import BufferedIOBase, BytesIO
 from typing import Any
 
 import numpy as np
@@ -46,19 +46,18 @@ def parse_scene(suffix: str, file: BufferedIOBase) -> Polygons:
         raise ValueError(f"requires {' and '.join(missing)}: pip install 'bodycheck[meshes]'")
     import trimesh
 
+    content = file.read()
     options: dict[str, Any] = {}
     if suffix == ".dae":
         options = {"ignore_broken": False}  # parts would be left out silently
-        content = file.read()
         if any("<!ENTITY".encode(encoding) in content for encoding in ("utf-8", "utf-16-le", "utf-16-be")):
             raise ValueError("declares entities, which are not expanded; write their text instead")
-        file.seek(0)
     try:
         # numbers that are not finite are refused later, and named
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             vertices, triangles, unit = _instances(
-                trimesh.load_scene(file, file_type=suffix[1:], process=False, **options)
+                trimesh.load_scene(BytesIO(content), file_type=suffix[1:], process=False, **options)
             )
     except (MemoryError, KeyboardInterrupt):
         raise
