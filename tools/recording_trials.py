@@ -325,8 +325,8 @@ def planted_values(fault: Fault, draw: np.random.Generator, at: FaultContext) ->
         if np.isinf(parameter.healthy):
             (start,) = fault.starts(at)[0]
             values.append(float(np.clip(start * draw.uniform(0.75, 0.95), parameter.low, parameter.high)))
-        elif parameter.low == 0.01:
-            values.append(float(draw.choice([0.3, 0.5, 1.0])))
+        elif parameter.unit == "steps":
+            values.append(1.0)
         else:
             size = (
                 float(draw.choice(_SMALL_CHANGES)) * float(draw.choice([-1.0, 1.0])) * draw.uniform(0.7, 1.0)

@@ -10,6 +10,7 @@ from bodycheck.reports.diagnosis.flow import EXACT
 from bodycheck.reports.diagnosis.transitions import QUANTITIES, ROUND_OFF, Transitions
 
 _SMALL = 5e-3  # rad, or over the scale, per sample
+_OUTSTANDING, _STANDS_OUT = 1e-4, 30.0  # of a few transitions: their size, and multiples of the usual one
 _WINDOW_RAD = 1.0  # of the rotation: a fault, a function of the state, changes little within it
 _FEWEST, _WINDOWS = 8, 4  # samples in a window, and windows
 _SMOOTH = 0.5  # share of the energy that means over windows keep
@@ -21,20 +22,22 @@ _ROUNDED = 2.0  # energy over that of rounding, below which nothing else shows p
 class SolverError:
     """What remains of the exact motion over one sample interval.
 
-    size: the largest difference, over the scales. is_small: whether a solver could leave it. is_smooth:
+    size: the largest difference, over the scales. usual: that of nine transitions in ten. is_small: whether a
+    solver could leave it; not what stands out in a few transitions. is_smooth:
     whether most of it varies as slowly as the state, as the effect of a fault does; the errors of a solver
     vary with its steps, and the errors of its interpolation within them. is_rounding: whether it is as small
     as the rounding of the recording.
     """
 
     size: float
+    usual: float
     is_smooth: bool
     is_rounding: bool
 
     @property
     def is_small(self) -> bool:
         """Whether a solver could leave so much."""
-        return self.size <= _SMALL
+        return self.size <= _SMALL and (self.size <= _OUTSTANDING or self.size <= _STANDS_OUT * self.usual)
 
 
 def solver_error(transitions: Transitions) -> SolverError:
@@ -44,7 +47,7 @@ def solver_error(transitions: Transitions) -> SolverError:
     turned = float(np.mean(angle * np.diff(transitions.trajectory.t_s)[transitions.indices]))
     count = gaps.shape[-1]
     length = min(max(_FEWEST, round(_WINDOW_RAD / max(turned, 1e-6))), max(count // _WINDOWS, 1))
-    smooth, rounding, size = False, True, 0.0
+    smooth, rounding, size, usual = False, True, 0.0, 0.0
     for name, span in QUANTITIES.items():
         if name not in transitions.known:
             continue
@@ -57,5 +60,6 @@ def solver_error(transitions: Transitions) -> SolverError:
         shows = slow > _SIGNIFICANT * (2.0 * (spread / length) ** 2 + step**2 / length)
         smooth |= shows and slow > _SMOOTH * max(energy - noise, 0.0)
         rounding &= energy <= _ROUNDED * noise
-        size = max(size, float(np.max(np.linalg.norm(own, axis=0))))
-    return SolverError(size, smooth, rounding)
+        lengths = np.linalg.norm(own, axis=0)
+        size, usual = max(size, float(np.max(lengths))), max(usual, float(np.quantile(lengths, 0.9)))
+    return SolverError(size, usual, smooth, rounding)

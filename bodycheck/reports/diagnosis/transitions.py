@@ -155,7 +155,10 @@ class Transitions:
         chosen = np.unique(np.concatenate([spread, mixed[: max_count // 2]]))
         whole = None if self.whitening is None else self
         if whole is not None:
-            chosen = np.union1d(chosen, [len(self.indices) - 1])
+            # what happens in one transition only must not be interpolated into others
+            alone = np.r_[0, mixed[: max_count // 4]]
+            beside = np.concatenate([alone - 1, alone, alone + 1, [2]])
+            chosen = np.union1d(chosen, np.clip(beside, 0, len(self.indices) - 1))
         return replace(self, indices=self.indices[chosen], whole=whole)
 
     def alone(self) -> Transitions:
