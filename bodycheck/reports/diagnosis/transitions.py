@@ -53,7 +53,7 @@ _FAR_OFF = 1e3  # a difference that is not finite
 _SWEEPS = 20  # at most, of the fixed point that finds a state from quantities of two instants
 _SETTLED = 1e-15  # relative change of that fixed point that is round-off
 AT_ROUND_OFF = 30.0  # multiples of the round-off that count as it
-_LEAST = 0.1  # of the round-off, which is that of the worst operation
+_LEAST = 0.25  # of the round-off, which is that of the worst operation
 WITHIN = 1.8  # root mean square of whitened differences: rounding leaves at most sqrt(3)
 SHIFT = 1e-5
 """The shift of a state, over the scale of its quantity, for the derivatives of a map."""
@@ -125,8 +125,10 @@ class Transitions:
         rows = whole.rows
         least = whole.rounding[rows] / ROUND_OFF
         spread = np.maximum(whole.spread[rows], least)
+        # a program whose numbers are float32 may also compute in float32
+        noise = spread if whole.is_single else least
         follows = np.r_[False, np.diff(whole.indices) == 1]
-        whitening = Whitening.of(derivatives, spread, least, follows)
+        whitening = Whitening.of(derivatives, spread, noise, follows)
         return replace(self, whitening=whitening, whole=None if self.whole is None else whole)
 
     def _derivatives(self, base: Base, model: Model) -> Array:
