@@ -18,6 +18,7 @@ from bodycheck.reports.comparison.environment_diff import redefined
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.levels import Levels, read_levels
 from bodycheck.reports.history.open_regressions import State, read_state
+from bodycheck.reports.history.step_detection import FIRST_RUNS
 from bodycheck.reports.run_files.run_reader import Tables, read_manifest, read_tables
 
 
@@ -160,12 +161,14 @@ class NightlyRun:
 class Baseline:
     """The baseline runs on one machine class, the newest first, and why others were left out.
 
-    other: the newest run on another class of machines, if there is none on this one.
+    other: the newest run on another class of machines, if there is none on this one. first: the oldest runs,
+    oldest first, from whose speeds a method may have crept away; empty while `runs` has them.
     """
 
     runs: tuple[NightlyRun, ...]
     left_out: tuple[str, ...]
     other: NightlyRun | None = None
+    first: tuple[NightlyRun, ...] = ()
 
 
 def baseline_of(history: History, manifest: Mapping[str, Any]) -> Baseline:
@@ -200,7 +203,19 @@ def baseline_of(history: History, manifest: Mapping[str, Any]) -> Baseline:
             other = run
         except InputError as error:
             left_out.append(str(error))
-    return Baseline(tuple(runs), tuple(left_out), other)
+    first: list[NightlyRun] = []
+    for folder in history.runs() if len(runs) == _MAX_RUNS else ():
+        if folder == runs[-1].folder or len(first) == FIRST_RUNS:
+            break
+        try:
+            with from_outside(folder):
+                run = NightlyRun(folder, read_manifest(folder), read_summary(folder))
+                if machine_class(run.manifest) == machine_class(manifest):
+                    _check(run, complete=False)
+                    first.append(run)
+        except InputError as error:
+            left_out.append(str(error))
+    return Baseline(tuple(runs), tuple(left_out), other, tuple(first))
 
 
 def _check(run: NightlyRun, *, complete: bool) -> None:

@@ -22,11 +22,19 @@ from bodycheck.reports.comparison.headlines import BROKEN, new_causes, releases
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.history.acceptances import Acceptance, read_acceptances, with_acceptances
 from bodycheck.reports.history.archive import History
-from bodycheck.reports.history.baseline import Baseline, baseline_of, machine_class
+from bodycheck.reports.history.baseline import Baseline, NightlyRun, baseline_of, machine_class
 from bodycheck.reports.history.levels import Cells, Levels, Setting
 from bodycheck.reports.history.open_regressions import Measured, Regression, State, next_regressions
 from bodycheck.reports.history.queries import recorded_cases
-from bodycheck.reports.history.step_detection import MIN_STEP, Key, Series, Step, detect_steps, series_of
+from bodycheck.reports.history.step_detection import (
+    CASE,
+    MIN_STEP,
+    Key,
+    Series,
+    Step,
+    detect_steps,
+    series_of,
+)
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.run_files.run_reader import Tables
 from bodycheck.reports.run_files.run_tables import case_key
@@ -88,11 +96,13 @@ def _reversed(run_id: str) -> tuple[int, ...]:
 def judge_run(history: History, newest: Tables, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> Judgement:
     """Judge a nightly run against a history that does not contain it yet."""
     baseline, acceptances = _with_acceptances(history, baseline_of(history, newest.manifest))
-    runs, cases = _recorded(baseline, newest)
+    runs, cases = _recorded(baseline.runs[::-1], newest)
+    first, of_first = _recorded(baseline.first, newest)
+    earlier = first[:-1], of_first[of_first["run"] != newest.run_id]
     errors = series_of(runs, cases, ORIENTATION, _farthest)
     last = baseline.runs[0] if baseline.runs else baseline.other
     if last is None:
-        speeds = speeds_of(runs, cases)
+        speeds = speeds_of(runs, cases, (), earlier)
         levels, state = Levels.of(newest), State()
         return Judgement(history.folder, newest, baseline, None, levels, state, (), (), speeds, errors)
     tables, levels = last.tables, last.levels
@@ -104,7 +114,7 @@ def judge_run(history: History, newest: Tables, thresholds: Thresholds = DEFAULT
     known = known.of_scenarios(definitions)
     former = renamed(replace(tables, manifest={**tables.manifest, "scenarios": definitions}), names)
     comparison = _compared(former, known, aligned, thresholds)
-    speeds = speeds_of(runs, cases, before.regressions)
+    speeds = speeds_of(runs, cases, before.regressions, earlier)
     changes = [*comparison.changes, *speeds.changes]
     if not baseline.runs:  # on a new class of machines only what was open is compared
         open_before = {one.change.key for one in before.regressions}
@@ -242,15 +252,14 @@ def _with_speeds(levels: Levels, speeds: Speeds) -> Levels:
     return levels
 
 
-def _recorded(baseline: Baseline, newest: Tables) -> tuple[list[str], pd.DataFrame]:
-    """Return the names of all runs, and their cases on scenarios whose definitions are unchanged.
+def _recorded(runs: Sequence[NightlyRun], newest: Tables) -> tuple[list[str], pd.DataFrame]:
+    """Return the names of runs and of the newest, and their cases on scenarios with unchanged definitions.
 
     An engine that a run has in a single version is named without it, so that a series continues across
     releases.
     """
     import pandas as pd
 
-    runs = baseline.runs[::-1]
     cases = recorded_cases([run.folder for run in runs])
     same = {(run.name, scenario) for run in runs for scenario in run.same_scenarios(newest.manifest)}
     comparable = [pair in same for pair in zip(cases["run"], cases["scenario"], strict=True)]
@@ -296,17 +305,43 @@ class Speeds:
                 yield Change("speed", None, engine, method, "relative_cpu", None, None, status, decades=size)
 
 
-def speeds_of(runs: Sequence[str], cases: pd.DataFrame, open_before: Iterable[Regression] = ()) -> Speeds:
+def speeds_of(
+    runs: Sequence[str],
+    cases: pd.DataFrame,
+    open_before: Iterable[Regression] = (),
+    earlier: tuple[Sequence[str], pd.DataFrame] | None = None,
+) -> Speeds:
     """Return the time of each method, as the median over its cases, and the steps detected in it.
 
     runs: names of nightly runs, the oldest first. cases: one row per case and run, with its relative_cpu.
-    open_before: what was open after the run before.
+    open_before: what was open after the run before. earlier: the same two of the first runs of the history,
+    from which a speed may creep more slowly than these runs show.
     """
-    series = series_of(runs, cases, "relative_cpu", lambda decades: float(decades.median()))
+    import pandas as pd
+
+    def median(decades: pd.Series) -> float:
+        return float(decades.median())
+
+    series = series_of(runs, cases, "relative_cpu", median)
+    names, more = earlier or ((), cases.iloc[:0])
+    known = more.merge(cases[[*CASE]].drop_duplicates(), on=[*CASE])  # of the cases that are still run
+    whole = (
+        series
+        if known.empty
+        else series_of([*names, *runs], pd.concat([known, cases]), "relative_cpu", median)
+    )
     above = {
         (change.engine, change.method): change.decades or 0.0
         for change in (one.change for one in open_before)
         if change.kind == "speed"
     }
-    steps = dict(zip(series.methods, detect_steps(series.decades), strict=True))
+    shift = len(whole.runs) - len(series.runs)
+    steps = {
+        method: [
+            replace(one, first=max(one.first - shift, 0), detected_at=one.detected_at - shift)
+            for one in found
+            if one.detected_at >= shift
+        ]
+        for method, found in zip(whole.methods, detect_steps(whole.decades), strict=True)
+    }
     return Speeds(series, steps, above)

@@ -26,6 +26,8 @@ MIN_BEFORE = 8
 MIN_AFTER = 5
 """The number of runs that a slower level needs: a few may be disturbed. A faster level needs only three."""
 _MAX_BEFORE = 20
+FIRST_RUNS = 20
+"""The number of runs whose level is the accepted one, from which a speed may creep."""
 _SIGMAS = 2.5
 MIN_STEP = math.log10(1.08)
 """The smallest shift of a level that counts, in decades."""
@@ -48,51 +50,29 @@ class Step:
     creeps: bool = False
 
 
-def detect_steps(series: Array, accepted: Array | None = None) -> list[list[Step]]:
+def detect_steps(series: Array) -> list[list[Step]]:
     """Return the steps of each column of series (runs, methods); NaN: not measured.
 
     Up if min(last five) - level(baseline) > T, down if min(baseline) - median(last five) > T, where the
     baseline is the m <= 20 runs before the last five, T = max(8 %, 2.5 sigma) and sigma is the median over
     the columns. Creep if |q(last 15) - q(first 20)| > max(8 %, 2 sigma) with the 15 % quantile q. After a
     step, the runs before it are ignored. The result for a run does not depend on later runs.
-
-    accepted (methods,): q of the level that was accepted before the first run [default, and NaN: that of the
-    first runs].
     """
     found: list[list[Step]] = [[] for _ in range(series.shape[1])]
-    levels = np.full(series.shape[1], np.nan) if accepted is None else accepted
     changes = np.diff(series, axis=0) / math.sqrt(2.0)  # creep does not widen these
     for run in range(MIN_BEFORE + MIN_AFTER - 1, len(series)):
         spread = pooled_spread(series[: run + 1], found)
         edge = max(MIN_STEP, _SIGMAS * spread)
         creep = max(MIN_STEP, _CREEP_SIGMAS * min(spread, pooled_spread(changes[:run], found)))
-        for column, steps, level in zip(series.T, found, levels, strict=True):
+        for column, steps in zip(series.T, found, strict=True):
             if math.isnan(column[run]):
                 continue
             (measured,) = np.nonzero(~np.isnan(column[: run + 1]))
             on_level = measured[measured >= _level_start(steps)]
-            step = _step_detected(column, on_level, edge) or _creep_detected(
-                column, on_level, math.nan if steps else level, creep
-            )
+            step = _step_detected(column, on_level, edge) or _creep_detected(column, on_level, creep)
             if step is not None:
                 steps.append(step)
     return found
-
-
-def accepted_levels(series: Array, steps: Sequence[Sequence[Step]], accepted: Array | None = None) -> Array:
-    """Return the accepted level (methods,) after the last run, for `detect_steps`; NaN: too few runs yet.
-
-    The parameters: as for, and from, `detect_steps`.
-    """
-    levels = np.full(series.shape[1], np.nan)
-    for number, (column, moved) in enumerate(zip(series.T, steps, strict=True)):
-        first = column[_level_start(moved) :]
-        first = first[~np.isnan(first)][:_MAX_BEFORE]
-        if accepted is not None and not moved and not math.isnan(accepted[number]):
-            levels[number] = accepted[number]
-        elif len(first) == _MAX_BEFORE:
-            levels[number] = _undisturbed(first)
-    return levels
 
 
 def pooled_spread(series: Array, steps: Sequence[Sequence[Step]]) -> float:
@@ -133,16 +113,16 @@ def _step_detected(column: Array, measured: NDArray[np.intp], edge: float) -> St
     return Step(int(measured[-MIN_AFTER + first]), int(measured[-1]), size)
 
 
-def _creep_detected(column: Array, measured: NDArray[np.intp], level: float, edge: float) -> Step | None:
+def _creep_detected(column: Array, measured: NDArray[np.intp], edge: float) -> Step | None:
     """Return the creep of one column from its accepted level; None if there is none.
 
-    measured: the runs on the level. level: the accepted one; NaN: that of the first of these runs. Half of
-    the shift must precede the last five runs: otherwise it is a step, or no level yet.
+    measured: the runs on the level. Half of the shift must precede the last five runs: otherwise it is a
+    step, or no level yet.
     """
-    before, now = column[measured[:-_CREEP_RUNS][:_MAX_BEFORE]], column[measured[-_CREEP_RUNS:]]
-    if len(now) < _CREEP_RUNS or (math.isnan(level) and len(before) < _MAX_BEFORE):
+    before, now = column[measured[:-_CREEP_RUNS][:FIRST_RUNS]], column[measured[-_CREEP_RUNS:]]
+    if len(before) < FIRST_RUNS:
         return None
-    level = _undisturbed(before) if math.isnan(level) else level
+    level = _undisturbed(before)
     size, earlier = _undisturbed(now) - level, _undisturbed(now[:-MIN_AFTER]) - level
     if abs(size) <= edge or earlier / size <= 0.5:
         return None
@@ -170,7 +150,7 @@ def _shortest_half(values: Array) -> tuple[float, float]:
 Key: TypeAlias = tuple[str, str]
 """Engine and method."""
 
-_CASE = ["engine", "method", "scenario", "control", "dt_s", "tolerance"]
+CASE = ["engine", "method", "scenario", "control", "dt_s", "tolerance"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +182,7 @@ def series_of(
     if positive.empty:
         return Series(tuple(runs), (), np.empty((len(runs), 0)))
     logs = positive.assign(log=np.log10(positive[measure]))
-    logs["log"] -= logs.groupby(_CASE, dropna=False)["log"].transform("median")
+    logs["log"] -= logs.groupby(CASE, dropna=False)["log"].transform("median")
     table = logs.groupby(["run", "engine", "method"])["log"].agg(of_cases).unstack(["engine", "method"])
     table = table.reindex(list(runs)).sort_index(axis=1)
     methods = tuple(zip(*(table.columns.get_level_values(level) for level in (0, 1)), strict=True))

@@ -78,7 +78,7 @@ def judged_after(before: list[SimpleNamespace], newest: Tables, monkeypatch: pyt
         well = [cases.loc[cases["outcome"] == "ok", ["run", *COLUMNS]] for cases in found]
         return pd.concat(well) if well else pd.DataFrame(columns=["run", *COLUMNS])
 
-    baseline = SimpleNamespace(runs=list(before), other=None, left_out=())
+    baseline = SimpleNamespace(runs=list(before), other=None, left_out=(), first=())
     monkeypatch.setattr(regression, "baseline_of", lambda _, manifest: baseline if manifest else None)
     monkeypatch.setattr(regression, "_with_acceptances", lambda _, baseline: (baseline, ()))
     monkeypatch.setattr(regression, "recorded_cases", recorded)

@@ -11,12 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.history.regression import _farthest
+from bodycheck.reports.history.regression import _farthest, speeds_of
 from bodycheck.reports.history.step_detection import (
     MIN_BEFORE,
     Series,
     Step,
-    accepted_levels,
     detect_steps,
     pooled_spread,
     series_of,
@@ -165,26 +164,23 @@ def test_creep_to_a_faster_level_has_its_sign() -> None:
     assert [(step.creeps, step.size < -LEAST) for step in found] == [(True, True)]
 
 
-def test_level_accepted_before_the_first_run_counts() -> None:
-    """Runs at a constant level creep if the accepted level is lower; no step is among them."""
-    series = noise(9, 30)
-    accepted = np.full(20, math.nan)
-    accepted[3] = -0.06
-    found = detect_steps(series, accepted)
-    assert [bool(one) for one in found] == [number == 3 for number in range(20)]
-    assert found[3][0].creeps
-    assert not any(detect_steps(series))
+def test_a_speed_that_creeps_more_slowly_than_the_latest_runs_show_is_reported() -> None:
+    """By 0.05 % in each of 200 runs, of which the last sixty and the first twenty are judged."""
 
+    def rows_of(runs: range) -> tuple[list[str], pd.DataFrame]:
+        names = [f"run {run:03d}" for run in runs]
+        times = [10.0 ** (math.log10(1.0005) * run + 1e-3 * math.sin(7.0 * run)) for run in runs]
+        return names, cases(*({"run": n, "relative_cpu": t} for n, t in zip(names, times, strict=True)))
 
-def test_accepted_level_is_that_of_the_first_twenty_runs_after_a_step() -> None:
-    """It stays while the runs creep below the threshold, and is unknown before there are twenty."""
-    series = np.concatenate([column((0.0, 10), (0.5, 40)), column((0.0, 50)), column((0.0, 50))], axis=1)
-    series[:, 1] += 1e-4 * np.arange(50)
-    found = detect_steps(series)
-    assert [len(steps) for steps in found] == [1, 0, 0]
-    levels = accepted_levels(series, found, np.array([0.1, math.nan, 0.2]))
-    np.testing.assert_allclose(levels, [0.5, 1e-4 * 0.15 * 19, 0.2], atol=1e-15)
-    assert np.isnan(accepted_levels(series[:19], [[], [], []])).all()
+    names, latest = rows_of(range(140, 200))
+    assert not any(speeds_of(names, latest).steps.values())
+    (steps,) = speeds_of(names, latest, (), rows_of(range(20))).steps.values()
+    assert steps
+    reported = []
+    for last in range(100, 200):
+        names, latest = rows_of(range(last - 60, last))
+        reported += [change.status for change in speeds_of(names, latest, (), rows_of(range(20))).changes]
+    assert reported == ["worse"]
 
 
 # -------------------------------------------------------------------------------------- series without noise
