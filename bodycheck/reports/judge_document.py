@@ -15,7 +15,7 @@ from bodycheck.reports.judge import Ranking
 from bodycheck.reports.measurement.convergence import Convergence
 from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS
 from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, SIGNED, gain_word
-from bodycheck.reports.recordings.judged_motion import FROM_START, JudgedMotion
+from bodycheck.reports.recordings.judged_motion import FROM_START, JudgedMotion, MomentumChange, is_free
 
 _DIGITS = 3
 _CONSERVED = 1e-6  # relative: a smaller change of a conserved quantity is no sentence of its own
@@ -52,36 +52,33 @@ def _share(value: float) -> str:
 
 def _conservation(motion: JudgedMotion) -> Iterator[str]:
     """Yield whether angular momentum and energy are conserved, or how far they are from the truth."""
-    row, scene = motion.row, motion.problem.scenario.scene
-    is_free = not scene.loads and scene.pivot is None
-    if "angular_momentum_drift" in row and motion.momentum is not None:
-        direction = row.get("angular_momentum_direction_error_rad", 0.0)
-        sizes = f"{_share(motion.momentum)} of |L|, direction {number(direction, _DIGITS)} rad"
-        yield _conserved("Angular momentum", "angular_momentum_drift", sizes, motion, is_free=is_free)
+    row, free = motion.row, is_free(motion.problem.scenario.scene)
+    if motion.momentum is not None:
+        yield _momentum_sentence(motion.momentum, motion.floors.get("angular_momentum_drift", 0.0), free=free)
     name = next((name for name in _ENERGIES if f"{name}{SIGNED}" in row), None)
-    if name is None:
-        return
-    signed = row[f"{name}{SIGNED}"]
-    if _is_at_floor(motion, name) or (is_free and abs(signed) < _CONSERVED):
-        if is_free and "angular_momentum_drift" not in row:
-            yield _conserved("Energy", name, "", motion, is_free=True)
-        return
-    what = "its rotational energy" if name == _ENERGIES[0] else "its largest kinetic energy"
-    relative = "" if is_free else " relative to the truth"
-    yield f"The body {gain_word(signed)} {_share(abs(signed))} of {what}{relative}."
+    if free and motion.energy is not None:
+        signed, floor = motion.energy, motion.floors.get("rotational_energy_drift", 0.0)
+        if abs(signed) > max(FLOOR_BOUNDS * floor, _CONSERVED):
+            yield f"The body {gain_word(signed)} {_share(abs(signed))} of its rotational energy."
+        elif motion.momentum is None:
+            yield f"Rotational energy is conserved to {number(max(abs(signed), floor), 2)}."
+    elif name is not None and not _is_at_floor(motion, name):
+        signed = row[f"{name}{SIGNED}"]
+        what = "its rotational energy" if name == _ENERGIES[0] else "its largest kinetic energy"
+        yield f"The body {gain_word(signed)} {_share(abs(signed))} of {what} relative to the truth."
 
 
-def _conserved(what: str, measure: str, sizes: str, motion: JudgedMotion, *, is_free: bool) -> str:
-    drift, floor = motion.row[measure], motion.floors.get(measure, 0.0)
-    if not is_free:
-        if _is_at_floor(motion, measure):
-            return f"{what} is the true one."
-        return f"{what} is off the truth by {sizes}."
-    if _is_at_floor(motion, measure):
-        return f"{what} is conserved to what the file resolves ({number(floor, 2)})."
-    if drift < _CONSERVED:
-        return f"{what} is conserved to {number(drift, 2)}."
-    return f"{what} is not conserved: {sizes}."
+def _momentum_sentence(change: MomentumChange, floor: float, *, free: bool) -> str:
+    largest = max(change.size, change.direction_rad)
+    sizes = f"{_share(change.size)} of |L|, direction {number(change.direction_rad, _DIGITS)} rad"
+    if largest <= FLOOR_BOUNDS * floor:
+        resolved = f"to what the file resolves ({number(floor, 2)})"
+        return f"Angular momentum is {'conserved' if free else 'the true one'}, {resolved}."
+    if not free:
+        return f"Angular momentum is off the truth by {sizes}."
+    if largest < _CONSERVED:
+        return f"Angular momentum is conserved to {number(largest, 2)}."
+    return f"Angular momentum is not conserved: {sizes}."
 
 
 def _distance(motion: JudgedMotion) -> Iterator[str]:
@@ -119,6 +116,14 @@ def _cause(motion: JudgedMotion, found: Diagnosis | None, dt_s: float | None) ->
         yield f"The start differs: {found.start.sentence}."
     if found.verdict == "explained":
         yield f"Likely cause: {found.sentence}."
+    elif found.per_sample is not None:
+        off = number(found.per_sample, 2)
+        hint = "" if dt_s is not None else "; --dt, the step of the program, tells them apart"
+        if not is_right:
+            yield (
+                f"Each row is within {off} of the exact motion from the row before, as of a solver with that "
+                f"tolerance, or of a fault as small{hint}."
+            )
     elif found.verdict in ("healthy", "strapdown", "lower-order"):
         if not (is_right and found.start is None and found.base == EXACT.name):
             yield f"{found.sentence[:1].upper()}{found.sentence[1:]}."

@@ -227,6 +227,21 @@ def test_the_command_prints_the_conclusion_first_and_writes_the_page(
     assert 'src="http' not in page
 
 
+def test_conservation_is_judged_from_the_first_row_whatever_the_scenario_starts_with(tmp_path: Path) -> None:
+    """A motion that starts elsewhere conserves what it has, although it is far from the truth."""
+    scenario = tmp_path / "other.toml"
+    scenario.write_text(
+        'name = "other"\nduration_s = 10.0\nsamples = 201\n[body]\nmass_kg = 1.0\n'
+        f"inertia_kg_m2 = {list(INERTIA)}\n[initial]\nomega_body_rad_s = [0.3, 1.0, 0.2]\n"
+    )
+    (motion,) = rank([write(tmp_path / "sim.csv", T_S, solved(T_S), "%.9g")], scenario).motions
+    text = conclusion(motion, explained_motion(motion, None)).text
+    assert text.startswith("Angular momentum is conserved")
+    assert "energy" not in text
+    assert "The start differs" in text
+    assert motion.row["angular_momentum_drift"] > 0.1
+
+
 def test_several_files_are_ranked_with_their_order_or_the_reason(tmp_path: Path) -> None:
     """Four steps give an order near 1; fewer, or none, give the reason."""
     t_s = np.arange(21) * 0.1

@@ -15,6 +15,7 @@ from bodycheck._util.formatting import number
 from bodycheck.reference_impl.arrays import Array, largest_norm
 from bodycheck.reference_impl.pivot import rotational_inertia
 from bodycheck.reference_impl.rotations import geodesic_angle, matrix_to_quaternion, project_to_so3, rotate
+from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.truths import known_truth
@@ -47,6 +48,17 @@ _REDUNDANT = 1e-3  # difference in rad, or relative, of what a file states twice
 _HALF_SPACING = 0.5 * math.sqrt(3.0)  # the error of a rounded vector, per spacing of its components
 
 
+@dataclass(frozen=True)
+class MomentumChange:
+    """max ||L| - |L'|| over max |L'|, and the largest angle between L and L', in rad.
+
+    L' is L of the first row where no load acts, otherwise that of the truth.
+    """
+
+    size: float
+    direction_rad: float
+
+
 @dataclass(frozen=True, eq=False)
 class JudgedMotion:
     """A recording with the truth at its samples.
@@ -54,7 +66,8 @@ class JudgedMotion:
     row: its columns, like those of results.csv, without the file. problem: the scenario as it started, and
     the truth at the samples of the file. case: the columns and the motion, with the measures over time where
     it is stable. known: which of position, velocity, attitude and omega the file has. resolution: of these.
-    momentum: the largest change of |L| over max |L*|, None where the file has no attitude or omega. floors:
+    momentum: its largest changes, None where the file has no attitude or omega. energy: the largest change of
+    the rotational energy since the first row, with its sign, over the largest, None without omega. floors:
     measure -> what the truth and the digits of the file leave open, relative as the measure is.
     """
 
@@ -64,7 +77,8 @@ class JudgedMotion:
     case: CaseResult
     known: frozenset[str]
     resolution: Resolution
-    momentum: float | None
+    momentum: MomentumChange | None
+    energy: float | None
     floors: Mapping[str, float]
 
 
@@ -109,7 +123,7 @@ def judged_motion(
     if isinstance(motion, str):
         columns |= {"outcome": "unstable", "message": motion}
         case = CaseResult({**columns, **_identity(path)}, MeasuredMotion(trajectory))
-        return JudgedMotion(path, columns, at_samples, case, known, resolution, None, {})
+        return JudgedMotion(path, columns, at_samples, case, known, resolution, None, None, {})
     _check_redundant(path, trajectory)
     if not trusted.all():
         until = f"t = {truth.trusted_until_s:.6g} s"
@@ -140,6 +154,7 @@ def judged_motion(
         known,
         resolution,
         _momentum_change(compared) if {"attitude", "omega"} <= known else None,
+        _energy_change(compared) if "omega" in known else None,
         _floors(columns, at_samples, resolution, start),
     )
 
@@ -162,14 +177,30 @@ def _check(path: Path, t_s: Array, known: frozenset[str], scenario: Scenario) ->
         )
 
 
-def _momentum_change(compared: Compared) -> float:
-    """max ||L| - |L*|| over max |L*|."""
-    sizes, true = (
-        np.linalg.norm(motion.angular_momentum[: compared.until], axis=-1)
-        for motion in (compared.motion, compared.true)
+def is_free(scene: Scene) -> bool:
+    """Whether no torque acts, so that angular momentum and rotational energy are conserved."""
+    return not scene.loads and scene.pivot is None
+
+
+def _momentum_change(compared: Compared) -> MomentumChange:
+    momentum = compared.motion.angular_momentum[: compared.until]
+    true = compared.true.angular_momentum[: compared.until]
+    if is_free(compared.scene):
+        true = np.broadcast_to(momentum[0], momentum.shape)
+    sizes, true_sizes = np.linalg.norm(momentum, axis=-1), np.linalg.norm(true, axis=-1)
+    largest = float(np.max(true_sizes))
+    if largest == 0.0:
+        return MomentumChange(0.0, 0.0)
+    across, along = np.linalg.norm(np.cross(momentum, true), axis=-1), np.sum(momentum * true, axis=-1)
+    return MomentumChange(
+        float(np.max(np.abs(sizes - true_sizes))) / largest, float(np.max(np.arctan2(across, along)))
     )
-    largest = float(np.max(true))
-    return float(np.max(np.abs(sizes - true))) / largest if largest > 0.0 else 0.0
+
+
+def _energy_change(compared: Compared) -> float:
+    energy = compared.motion.rotational[: compared.until]
+    change, largest = energy - energy[0], float(np.max(energy))
+    return float(change[np.argmax(np.abs(change))]) / largest if largest > 0.0 else 0.0
 
 
 def _floors(

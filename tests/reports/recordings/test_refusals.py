@@ -285,6 +285,20 @@ def json_line(content: bytes, dice: random.Random) -> bytes:
     return b"\n".join(lines)
 
 
+MESSAGE = """CCSDS_AEM_VERS = 2.0
+META_START
+REF_FRAME_A = EME2000
+REF_FRAME_B = SC_BODY_1
+ATTITUDE_TYPE = QUATERNION/ANGVEL
+ANGVEL_FRAME = SC_BODY_1
+META_STOP
+DATA_START
+2026-01-01T00:00:00 0 0 0 1 1 2 3
+2026-01-01T00:00:01 0 0 0 1 1 2 3
+DATA_STOP
+"""
+
+
 def sound_files(folder: Path) -> dict[str, tuple[Path, Any]]:
     """Write one sound recording of every format, and return what damages it."""
     table = pd.DataFrame({"time": [0.0, 0.5, 1.0], "p": [1.0, 2.0, 3.0], "q": 0.0, "r": 1.0})
@@ -296,8 +310,12 @@ def sound_files(folder: Path) -> dict[str, tuple[Path, Any]]:
     np.savez(content, **{name: table[name].to_numpy() for name in table})
     (folder / "log.npz").write_bytes(content.getvalue())
     (folder / "map.toml").write_text('t_s = "time"\nwx_body_rad_s = "p*deg"\nworld = "NED to ENU"\n')
+    table.to_csv(folder / "log.txt", sep=" ", index=False)
+    (folder / "log.aem").write_text(MESSAGE)
     found = {
         "csv": (folder / "log.csv", csv_cell),
+        "txt": (folder / "log.txt", any_bytes),
+        "aem": (folder / "log.aem", any_bytes),
         "jsonl": (folder / "log.jsonl", json_line),
         "parquet": (folder / "log.parquet", any_bytes),
         "npz": (folder / "log.npz", any_bytes),
@@ -331,7 +349,7 @@ def one_line() -> Iterator[None]:
 MAP = "t_s=time, wx_body_rad_s=p*deg, wy_body_rad_s=q*deg, wz_body_rad_s=r*deg, ignore=*"
 
 
-@pytest.mark.parametrize("kind", ["csv", "jsonl", "parquet", "npz", "toml", "mcap"])
+@pytest.mark.parametrize("kind", ["csv", "txt", "aem", "jsonl", "parquet", "npz", "toml", "mcap"])
 def test_damaged_recording_is_read_or_refused(kind: str, tmp_path: Path) -> None:
     """Seeded mutations of a recording or a map cause an InputError of one line or none."""
     files = sound_files(tmp_path)
