@@ -58,7 +58,7 @@ def trial(run: Run, folder: Path, number: int, damaged: Path) -> None:
     if History(folder).runs()[-1] != night or read_summary(night)["status"] != judged.status:
         raise FaultFound("it is not stored")
     expected = History(folder).runs()
-    baseline = next(one for one in reversed(expected[:-1]) if one != damaged.parent)
+    baseline = next(one for one in reversed(expected[:-1]) if one not in damaged.parents)
     if judged.comparison is None or judged.comparison.before.run_id != baseline.name:
         raise FaultFound("it was not compared with the newest sound night")
     if judged.status != "no regression":

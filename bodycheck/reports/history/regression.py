@@ -194,14 +194,9 @@ def _compared(former: Tables, levels: Levels, newest: Tables, thresholds: Thresh
 
 
 def _without_gains_of_broken(changes: Iterable[Change], open_now: Iterable[Regression]) -> list[Change]:
-    """Return changes in which a method that no longer converges or ends well improves nothing."""
+    """Return the changes without what improved in a method that no longer converges or ends well."""
     broken = {(one.change.engine, one.change.method) for one in open_now if one.change.kind in BROKEN}
-    return [
-        replace(one, status="moved")
-        if one.status == "improved" and (one.engine, one.method) in broken
-        else one
-        for one in changes
-    ]
+    return [one for one in changes if one.status != "improved" or (one.engine, one.method) not in broken]
 
 
 def _next_levels(
