@@ -14,7 +14,10 @@ from typer.testing import CliRunner
 from bodycheck._util.errors import InputError
 from bodycheck.cli.commands import app
 from bodycheck.reports.audit.audit import SINGLE, Audit
+from bodycheck.reports.audit.audit_document import audit_document
+from bodycheck.reports.document import Sentence, Table
 from bodycheck.runs.audit_against import audit_against
+from bodycheck.runs.audit_run import AuditOptions, audit
 from bodycheck.scenarios.model_files import read_model, usd
 from bodycheck.scenarios.model_files.usd_stage import stage_facts
 from tests.helpers.expected_messages import ExpectedMessage
@@ -244,6 +247,18 @@ def test_command_compares_and_fails_on_request(tmp_path: Path) -> None:
     (arm,) = [link for link in data["links"] if link["name"] == "arm"]
     assert arm["held"]["robot.usda"]["causes"][0].startswith("principal axes lost")
     assert CliRunner().invoke(app, [*words, "--fail-on", "difference"]).exit_code == 1
+
+
+@needs_usd
+def test_answer_comes_first(tmp_path: Path, expected_message: ExpectedMessage) -> None:
+    """First what is found in the stage, then how it compares; without another file, its bodies are listed."""
+    compared = audit_document(against(tmp_path, Stage(axes="lost")))
+    alone = audit_document(audit(tmp_path / "robot.usda", AuditOptions()))
+    for document in (compared, alone):
+        sentences = [part.text for part in document.parts if isinstance(part, Sentence)]
+        expected_message("\n".join(sentences), tmp_path)
+    (bodies,) = [part for part in alone.parts if isinstance(part, Table) and part.rows]
+    assert [row[0] for row in bodies.rows] == ["base", "arm", "tip"]
 
 
 BAD = {

@@ -19,6 +19,8 @@ from bodycheck.reference_impl.mass_properties.solid import MassProperties
 from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh
 from bodycheck.scenarios.shapes import load_mesh
 from tests.helpers.expected_messages import ExpectedMessage
+from tests.scenarios.test_mesh_files import CUBE as CORNERS
+from tests.scenarios.test_mesh_files import QUADS
 
 INPUTS = Path(__file__).parent / "mesh_inputs"
 NOT_READ = ("comma.stl", "cube.stl.gz", "truncated.stl")
@@ -103,9 +105,6 @@ def test_plane_polygons_have_no_note(tmp_path: Path) -> None:
 
 
 # --------------------------------------------------------------------------------------- lengths of lists
-
-CORNERS = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], dtype=float)
-QUADS = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
 
 
 def cube_faces(kind: str) -> tuple[list[list[float]], list[list[int]]]:

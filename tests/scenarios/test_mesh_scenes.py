@@ -17,13 +17,13 @@ from bodycheck.reference_impl.mass_properties.solid import MassProperties
 from bodycheck.scenarios.mesh_files import scenes
 from bodycheck.scenarios.shapes import load_mesh
 from tests.helpers.expected_messages import ExpectedMessage
+from tests.scenarios.test_mesh_files import CUBE, QUADS
 
 pytestmark = pytest.mark.skipif(
     not all(map(find_spec, ("trimesh", "networkx", "collada"))), reason="needs the extra meshes"
 )
 
-CORNERS = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], dtype=float) * [1, 2, 3]
-QUADS = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
+CORNERS = CUBE * [1, 2, 3]
 TRIANGLES = [[q[0], q[k], q[k + 1]] for q in QUADS for k in (1, 2)]
 """A box of 1 x 2 x 3."""
 

@@ -1,4 +1,8 @@
-"""Read the polygons of mesh files, without checking whether they bound a solid."""
+"""Read the polygons of mesh files, without checking whether they bound a solid.
+
+STL, OBJ, PLY and OFF have readers of their own: messages name the line of a fault, and the note on polygons
+that are not plane needs the polygons, neither of which trimesh provides.
+"""
 
 from __future__ import annotations
 

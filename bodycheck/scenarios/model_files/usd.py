@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.untrusted import printable
+from bodycheck._util.untrusted import open_input, printable
 from bodycheck.scenarios.model_files.exact import (
     ExactInertia,
     Frame,
@@ -71,15 +71,9 @@ def _facts(path: Path) -> dict[str, Any]:
     if importlib.util.find_spec("pxr") is None:
         raise InputError(f"{path}: reading USD requires OpenUSD: pip install 'bodycheck[usd]'")
     try:
-        size = path.stat().st_size if path.is_file() else -1
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    if size < 0:
-        raise InputError(
-            f"{path}: cannot be read: {'not a regular file' if path.exists() else 'no such file'}"
-        )
-    if size > _MAX_BYTES:
-        raise InputError(f"{path}: is too large (limit: {_MAX_BYTES} bytes)")
+        open_input(path, _MAX_BYTES).close()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     facts = asked(path)
     if "error" in facts:
         raise InputError(f"{path}{_reason(str(facts['error']))}")
