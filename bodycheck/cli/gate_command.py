@@ -68,7 +68,12 @@ _MAX_MARGIN = 300.0  # decades; a larger margin would overflow the bound
 )
 def gate(
     context: typer.Context,
-    gates: Annotated[Path, typer.Option(metavar="FILE", help="TOML file with the gates, see docs/gates.md.")],
+    gates: Annotated[
+        Path,
+        typer.Option(
+            metavar="FILE", help="TOML file with the gates, see docs/gates.md.", rich_help_panel=WHAT
+        ),
+    ],
     scenarios: Scenarios = None,
     engine: Annotated[
         str | None,
@@ -81,7 +86,10 @@ def gate(
         ),
     ] = None,
     run: Annotated[
-        Path | None, typer.Option(help="Check the stored run of this folder.", show_default="a new run")
+        Path | None,
+        typer.Option(
+            help="Check the stored run of this folder.", show_default="a new run", rich_help_panel=WHAT
+        ),
     ] = None,
     out: Annotated[
         Path | None,

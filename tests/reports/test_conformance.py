@@ -137,6 +137,61 @@ def test_built_in_adapters_pass_in_their_workers(name: str) -> None:
     assert passed == {check.name for check in CHECKS}
 
 
+class FreeOnly(Example):
+    """Refuses loads and gravity, and makes a simulation of the given class."""
+
+    def __init__(self, made: type[ExampleSimulation]) -> None:
+        self.made = made
+
+    def unsupported(self, scene: Scene, method: str) -> str | None:
+        """Accept a free body only."""
+        return (
+            "only a free body" if scene.loads or scene.gravity.any() else super().unsupported(scene, method)
+        )
+
+    def build(self, scene: Scene, method: str, dt_s: float) -> ExampleSimulation:  # noqa: ARG002 - the contract
+        """Build the given simulation."""
+        return self.made(scene, dt_s)
+
+
+class KeepsOmega(ExampleSimulation):
+    """Resets everything but the angular velocity."""
+
+    def reset(self) -> None:
+        """Keep omega, after the first time."""
+        omega = getattr(self, "omega", None)
+        super().reset()
+        if omega is not None:
+            self.omega = omega
+
+
+FREE_FAULTS = {
+    name: fault
+    for name, fault in FAULTS.items()
+    if fault.check in ("read-back", "readings", "free motion", "advance")
+}
+
+
+@pytest.mark.slow
+def test_engine_without_loads_and_gravity_passes_on_what_it_accepts() -> None:
+    """All checks that need no load pass, also the one after a refused case."""
+    found = list(findings(FreeOnly(ExampleSimulation), "euler"))
+    assert [one.message for _, one in found if one.verdict == "inconsistent"] == []
+    passed = {check.name for check, one in found if one.verdict == "consistent"}
+    assert passed >= {"model", "read-back", "readings", "free motion", "reset", "advance", "bad input"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [*FREE_FAULTS, "omega kept"])
+def test_mistake_of_an_engine_without_loads_and_gravity_is_found(name: str) -> None:
+    """Its mistakes are found as those of other engines."""
+    made, expected = (
+        (KeepsOmega, "reset") if name == "omega kept" else (FAULTS[name].simulation, FAULTS[name].check)
+    )
+    found = findings(FreeOnly(made), "euler")
+    assert expected in {check.name for check, one in found if one.verdict == "inconsistent"}
+
+
 class LateAfterReset(ExampleSimulation):
     """Begins a second motion a microsecond after the first one."""
 
