@@ -13,6 +13,7 @@ from bodycheck.cli.options import (
     OUTPUT,
     HtmlFile,
     Json,
+    PartFolder,
     Quiet,
     SarifFile,
     TimeoutS,
@@ -104,14 +105,7 @@ def audit(
             show_default="all links",
         ),
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="With --shard: new or empty folder for this shard.",
-            show_default=False,
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
+    out: PartFolder = None,
     timeout_s: TimeoutS = _TIMEOUT_S,
     json: Json = False,
     quiet: Quiet = False,

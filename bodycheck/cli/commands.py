@@ -42,6 +42,7 @@ from bodycheck.cli.options import (
     numbers,
     progress_of,
     refuse_others,
+    steps_option,
 )
 from bodycheck.cli.stored_runs import questions
 from bodycheck.cli.versions_command import environment_commands, versioning
@@ -94,14 +95,7 @@ def run(
     context: typer.Context,
     scenarios: Scenarios = None,
     engine: Engines = None,
-    dt: Annotated[
-        str | None,
-        typer.Option(
-            help="Step sizes in s of the fixed-step methods, like 1e-2,1e-3.",
-            show_default="each scenario's",
-            rich_help_panel=WHAT,
-        ),
-    ] = None,
+    dt: Annotated[str | None, steps_option("each scenario's")] = None,
     tolerance: Annotated[
         str | None,
         typer.Option(

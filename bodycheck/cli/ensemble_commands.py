@@ -25,9 +25,11 @@ from bodycheck.cli.options import (
     complete_engines,
     complete_scenarios,
     described,
+    engine_option,
     numbers,
     progress_of,
     refuse_others,
+    steps_option,
 )
 from bodycheck.runs.run_options import TIMEOUT_S
 
@@ -105,23 +107,9 @@ def _range(text: str | None, option: str) -> tuple[float, float] | None:
 def ensemble(
     context: typer.Context,
     scenario: _Template,
-    engine: Annotated[
-        str | None,
-        typer.Option(
-            help="Engines to run, as NAME[==VERSION][:METHOD],... or cmd:COMMAND; required without --row.",
-            rich_help_panel=WHAT,
-            autocompletion=complete_engines,
-        ),
-    ] = None,
+    engine: Annotated[str | None, engine_option("Engines to run", "required without --row")] = None,
     n: Annotated[int, typer.Option("--n", help="Number of bodies.", rich_help_panel=WHAT)] = 1000,
-    dt: Annotated[
-        str | None,
-        typer.Option(
-            help="Step sizes in s, like 1e-2,1e-3.",
-            show_default="a thousandth of the duration",
-            rich_help_panel=WHAT,
-        ),
-    ] = None,
+    dt: Annotated[str | None, steps_option("a thousandth of the duration")] = None,
     tolerance: Annotated[
         str | None,
         typer.Option(

@@ -13,7 +13,6 @@ from bodycheck._util.errors import InputError, StoppedError
 from bodycheck._util.formatting import suggestion
 from bodycheck._util.untrusted import read_text
 from bodycheck.cli.options import (
-    OUTPUT,
     WATCH,
     WHAT,
     AllowCode,
@@ -30,8 +29,9 @@ from bodycheck.cli.options import (
     TimeoutS,
     admit_engines,
     check_files,
-    complete_engines,
     described,
+    engine_option,
+    folder_option,
     progress_of,
     refuse_others,
     tell_github,
@@ -77,13 +77,7 @@ def gate(
     scenarios: Scenarios = None,
     engine: Annotated[
         str | None,
-        typer.Option(
-            help="Check only these engines, as NAME[==VERSION][:METHOD],... or cmd:COMMAND; other gates are "
-            "skipped.",
-            show_default="the engines that the gates name",
-            rich_help_panel=WHAT,
-            autocompletion=complete_engines,
-        ),
+        engine_option("Check only the gates of these engines", "the engines that the gates name"),
     ] = None,
     run: Annotated[
         Path | None,
@@ -91,14 +85,7 @@ def gate(
             help="Check the stored run of this folder.", show_default="a new run", rich_help_panel=WHAT
         ),
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="New or empty folder to keep the new run and its report in.",
-            show_default="not kept",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
+    out: Annotated[Path | None, folder_option("to keep the new run in, with its report", "not kept")] = None,
     github: Github = False,
     junit: JunitFile = None,
     sarif: SarifFile = None,

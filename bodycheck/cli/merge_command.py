@@ -17,6 +17,7 @@ from bodycheck.cli.options import (
     Threshold,
     ThresholdsFile,
     described,
+    folder_option,
     refuse_others,
     thresholds_of,
 )
@@ -41,14 +42,7 @@ def merge(
         list[Path],
         typer.Argument(metavar="PART...", help="Folders of all shards of one run, ensemble or audit."),
     ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="New or empty folder for the whole run; required without --history.",
-            show_default=False,
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
+    out: Annotated[Path | None, folder_option("for the whole run, without --history", False)] = None,
     history: Annotated[
         Path | None,
         typer.Option(

@@ -13,7 +13,6 @@ import typer
 from bodycheck._util.errors import InputError
 from bodycheck.cli.options import (
     HOW,
-    OUTPUT,
     WATCH,
     AllowCode,
     Commit,
@@ -27,6 +26,7 @@ from bodycheck.cli.options import (
     JunitFile,
     MarkdownFile,
     NoSpeed,
+    PartFolder,
     Quiet,
     Scenarios,
     ShardOption,
@@ -119,10 +119,7 @@ def nightly_(
         ),
     ] = False,
     shard: ShardOption = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="With --shard: new or empty folder for this shard.", rich_help_panel=OUTPUT),
-    ] = None,
+    out: PartFolder = None,
     github: Github = False,
     html: HtmlFile = None,
     markdown: MarkdownFile = None,

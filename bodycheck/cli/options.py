@@ -167,15 +167,37 @@ Scenarios: TypeAlias = Annotated[
 Scenario: TypeAlias = Annotated[
     str, typer.Option(help="A built-in scenario or a .toml file.", autocompletion=complete_scenarios)
 ]
-Engines: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        help="Engines to run, as NAME[==VERSION][:METHOD],... or cmd:COMMAND",
-        show_default="every installed engine",
+
+
+def engine_option(purpose: str, default: str | bool) -> Any:
+    """Return the option --engine of a command; purpose: what it does with the engines."""
+    return typer.Option(
+        "--engine",
+        help=f"{purpose}, as NAME[==VERSION][:METHOD],... or cmd:COMMAND.",
+        show_default=default,
         rich_help_panel=WHAT,
         autocompletion=complete_engines,
-    ),
-]
+    )
+
+
+def steps_option(default: str) -> Any:
+    """Return the option --dt of a command that takes several steps."""
+    return typer.Option(
+        "--dt",
+        help="Step sizes in s of fixed-step methods, like 1e-2,1e-3.",
+        show_default=default,
+        rich_help_panel=WHAT,
+    )
+
+
+def folder_option(purpose: str, default: str | bool) -> Any:
+    """Return the option --out of a command; purpose: what the folder is for."""
+    return typer.Option(
+        "--out", help=f"New or empty folder {purpose}.", show_default=default, rich_help_panel=OUTPUT
+    )
+
+
+Engines: TypeAlias = Annotated[str | None, engine_option("Engines to run", "every installed engine")]
 Jobs: TypeAlias = Annotated[
     int | None,
     typer.Option(
@@ -264,14 +286,9 @@ Quiet: TypeAlias = Annotated[
     typer.Option("--quiet", "-q", help="Do not show progress on standard error.", rich_help_panel=OUTPUT),
 ]
 OutFolder: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(
-        "--out",
-        help="New or empty folder for the results.",
-        show_default="a new one in bodycheck-runs/",
-        rich_help_panel=OUTPUT,
-    ),
+    Path | None, folder_option("for the results", "a new one in bodycheck-runs/")
 ]
+PartFolder: TypeAlias = Annotated[Path | None, folder_option("for the shard, with --shard", False)]
 
 
 def _file(option: str, what: str) -> Any:

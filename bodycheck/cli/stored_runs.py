@@ -12,6 +12,7 @@ from bodycheck._util.formatting import suggestion
 from bodycheck.cli.options import (
     ASK,
     OUTPUT,
+    WHAT,
     AllowCode,
     EnginesFile,
     Files,
@@ -29,9 +30,9 @@ from bodycheck.cli.options import (
     ThresholdsFile,
     admit_engines,
     check_files,
-    complete_engines,
     complete_scenarios,
     described,
+    engine_option,
     numbers,
     progress_of,
     refuse_others,
@@ -60,6 +61,10 @@ _FAILED = 1
 questions = typer.Typer()
 
 _Run = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")]
+_OneScenario = Annotated[
+    str | None, typer.Option(help="A scenario of the run.", show_default="the only one", rich_help_panel=WHAT)
+]
+_Drawn = Annotated[str | None, engine_option("What to draw", "all")]
 _AllowCode = Annotated[
     bool,
     typer.Option(
@@ -191,14 +196,7 @@ def advise(
             show_default=False,
         ),
     ] = None,
-    engine: Annotated[
-        str | None,
-        typer.Option(
-            help="Engines to choose from, as NAME[==VERSION][:METHOD],... or cmd:COMMAND.",
-            show_default="all of the run",
-            autocompletion=complete_engines,
-        ),
-    ] = None,
+    engine: Annotated[str | None, engine_option("Engines to choose from", "all of the run")] = None,
     run: Annotated[
         Path | None,
         typer.Option(
@@ -411,19 +409,14 @@ def plot(
     svg: SvgFile = None,
     pdf: PdfFile = None,
     png: PngFile = None,
-    scenario: Annotated[
-        str | None, typer.Option(help="A scenario of the run.", show_default="the only one")
-    ] = None,
+    scenario: _OneScenario = None,
     measure: Annotated[
         str | None,
         typer.Option(
             help="The measure to plot: energy_drift, omega_error, ...", show_default="orientation_error_rad"
         ),
     ] = None,
-    engine: Annotated[
-        str | None,
-        typer.Option(help="What to draw, like mujoco,dart:semi-implicit.", show_default="all"),
-    ] = None,
+    engine: _Drawn = None,
     columns: Annotated[
         int, typer.Option(help="Width in columns of a paper: 1 (3.5 in) or 2 (7.2 in).", min=1, max=2)
     ] = 1,
@@ -510,12 +503,8 @@ def movie(
     gif: GifFile = None,
     mp4: Mp4File = None,
     svg: SvgFile = None,
-    scenario: Annotated[
-        str | None, typer.Option(help="A scenario of the run.", show_default="the only one")
-    ] = None,
-    engine: Annotated[
-        str | None, typer.Option(help="What to draw, like mujoco,dart:semi-implicit.", show_default="all")
-    ] = None,
+    scenario: _OneScenario = None,
+    engine: _Drawn = None,
     dt: Annotated[
         float | None,
         typer.Option(help="Step size in s.", show_default="the coarsest that most methods share"),

@@ -25,6 +25,7 @@ from bodycheck.cli.options import (
     numbers,
     progress_of,
     refuse_others,
+    steps_option,
     thresholds_of,
 )
 from bodycheck.reports.gates.thresholds import THRESHOLD
@@ -59,9 +60,7 @@ def versions(
         str,
         typer.Option(help="A measure, named as in a gate: energy_drift, order.energy_drift, verdict, ..."),
     ] = "order.orientation_error_rad",
-    dt: Annotated[
-        str | None, typer.Option(help="Step sizes in s, like 1e-2,1e-3.", show_default="the scenario's")
-    ] = None,
+    dt: Annotated[str | None, steps_option("the scenario's")] = None,
     audit: Annotated[
         Path | None,
         typer.Option(
