@@ -28,6 +28,7 @@ from bodycheck.cli.options import (
     EnginesFile,
     Fresh,
     Group,
+    HtmlFile,
     Jobs,
     Json,
     NoSpeed,
@@ -319,14 +320,7 @@ def judge(
             rich_help_panel=OUTPUT,
         ),
     ] = False,
-    html: Annotated[
-        Path | None,
-        typer.Option(
-            help="Write a page with the motion, drifts and errors over time, and the diagnosis.",
-            show_default="none",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
+    html: HtmlFile = None,
     allow_code: AllowCode = False,
     json: Json = False,
 ) -> None:
