@@ -364,12 +364,17 @@ def test_what_an_importer_always_does_is_said_once() -> None:
     )
     other = replace(discarded, causes=("off-diagonals dropped",))
     column = Column("pybullet", "3", "default", "", "ok")
-    for one, rows in ((discarded, 0), (other, 2)):
-        links = [LinkAudit(name, 2, _HELD, "", "", {column.name: one}) for name in ("arm", "leg")]
+    agrees = Comparison("agrees", _HELD, _HELD, Difference(0.0, 0.0, 0.0))
+    for some, said, rows in (
+        ([discarded] * 3, "discards every tensor", 0),
+        ([discarded, discarded, agrees], "discards the tensors of 2 of 3 links", 0),
+        ([discarded, agrees, agrees], "changes 1 of 3 links (tensor discarded)", 1),
+        ([other] * 3, "changes 3 of 3 links (off-diagonals dropped)", 3),
+    ):
+        links = [LinkAudit(str(k), 2, _HELD, "", "", {column.name: one}) for k, one in enumerate(some)]
         found = Audit("robot.urdf", "urdf", "", [column], links, [])
         document = audit_document(found)
-        texts = [sentence.text for sentence in _sentences(found)]
-        assert ("PyBullet discards every tensor." in texts) == (rows == 0)
+        assert _sentences(found)[1].text == f"PyBullet {said}."
         tables = [part for part in document.parts if isinstance(part, Table) and "Diff" in part.title]
         assert [len(table.rows) for table in tables] == [rows]
         assert failures(found, ["difference"])

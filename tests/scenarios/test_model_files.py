@@ -382,6 +382,13 @@ def test_link_whose_numbers_cannot_be_read_does_not_refuse_the_file(text: str, t
     assert (good.name, good.unread) == ("b", "")
 
 
+def test_prefix_that_nobody_declares_is_read(tmp_path: Path) -> None:
+    """XML 1.0 has no namespaces: readers of URDF skip such an element, and its siblings are read."""
+    text = "<robot><link name='a'><drake:joint/><collision><drake:p/><geometry><box size='1 2 3'/></geometry>"
+    (link,) = _read(text + "</collision></link></robot>", tmp_path).links
+    assert [shape.size for shape in link.shapes] == [(1.0, 2.0, 3.0)]
+
+
 @pytest.mark.slow
 def test_damaged_files_are_read_or_refused(tmp_path: Path) -> None:
     """Damaged files raise nothing but InputError with one line."""

@@ -12,7 +12,7 @@ from bodycheck._util.formatting import number, scientific
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.audit.audit import Audit, Body, Comparison, Finding, LinkAudit
 from bodycheck.reports.audit.audit_document import audit_document, tint_of
-from bodycheck.reports.audit.audit_summary import TINTS, by_severity, impossible
+from bodycheck.reports.audit.audit_summary import TINTS, by_severity, impossible, repeated
 from bodycheck.reports.document import page
 
 _VIEW = 110.0  # side of a drawing in px
@@ -50,6 +50,7 @@ def audit_page(audit: Audit) -> str:
     for finding in by_severity(audit.findings):
         found.setdefault(finding.link, []).append(finding)
     wrong = {finding.link for finding in impossible(audit)}
+    known = repeated(audit)
     rows = [
         _Row(
             link.name,
@@ -57,7 +58,16 @@ def audit_page(audit: Audit) -> str:
             TINTS[found[link.name][0].severity] if link.name in found else "none",
             [f"{one.severity}: {one.rule}" for one in found.get(link.name, ())],
             _stated(link),
-            [_cell(link, column.name, column.outcome, wrong) for column in audit.columns],
+            [
+                _cell(
+                    link,
+                    column.name,
+                    column.outcome,
+                    impossible=link.name in wrong,
+                    repeated=(link.name, column.name) in known,
+                )
+                for column in audit.columns
+            ],
         )
         for link in audit.links
     ]
@@ -78,7 +88,7 @@ def _numbers(body: Body) -> tuple[str, ...]:
     return f"m {number(body.mass_kg, 6)} kg", f"c ({centre}) m", f"J ({moments}) kg m²"
 
 
-def _cell(link: LinkAudit, name: str, outcome: str, wrong: set[str]) -> _Cell:
+def _cell(link: LinkAudit, name: str, outcome: str, *, impossible: bool, repeated: bool) -> _Cell:
     one = link.held.get(name)
     if one is None:
         return _Cell("none", outcome, (), (), Markup(""))
@@ -94,9 +104,10 @@ def _cell(link: LinkAudit, name: str, outcome: str, wrong: set[str]) -> _Cell:
             if follows is not None and error is not None:
                 details += (f"spin of {by}: {scientific(error)} rad, {texts[follows]}",)
     tint = tint_of(one)
-    if link.name in wrong and tint in ("good", "floor"):
+    if impossible and tint in ("good", "floor"):
         tint, text = "open", f"{text}, which no body has"
-    return _Cell(tint, text, one.causes, details, _ellipsoids(one))
+    causes = () if repeated else one.causes  # the sentence on the importer states it
+    return _Cell(tint, text, causes, details, _ellipsoids(one))
 
 
 def _ellipsoids(one: Comparison) -> Markup:

@@ -20,6 +20,7 @@ IMPOSSIBLE = ("not-positive", "triangle-inequality", "negative-mass", "unreadabl
 _DISCARDED = "tensor discarded"
 _NAMES = {"mujoco": "MuJoCo", "pybullet": "PyBullet", "dart": "DART"}
 _MAX_MESSAGE = 120
+_MOST = 0.6  # of the links of an importer: what it does to so many is said once
 _OUTPUT = re.compile(r"; its last output: .*", re.DOTALL)
 _EXCEPTION = re.compile(r"^(?:\w*[Ee]rror: )+")
 
@@ -77,10 +78,10 @@ def _clause(audit: Audit, column: Column) -> tuple[str, bool]:
     states = Counter(link.held[column.name].state for link in audit.links if column.name in link.held)
     total, merged = sum(states.values()), states["merged"]
     differing = [(link, why) for link, name, why in audit.differing() if name == column.name]
-    if column.name in said_once(audit):
+    if (which := said_once(audit).get(column.name)) is not None:
         others = len(differing) - len(_discarding(audit, column.name))
         more = f", and changes {count(others, 'link')} otherwise" if others else ""
-        return f"discards every tensor{more}", False
+        return f"discards {which}{more}", False
     if audit.compared:
         return _compared(audit, len(differing), total, single=bool(states["rounded"]))
     if differing:
@@ -103,21 +104,22 @@ def _compared(audit: Audit, differing: int, total: int, *, single: bool) -> tupl
     return f"states the bodies of {other}" + (", to single precision" if single else ""), True
 
 
-def said_once(audit: Audit) -> list[str]:
-    """Return the importers that discard the tensor of every link that they hold."""
-    found = []
+def said_once(audit: Audit) -> dict[str, str]:
+    """Return importer -> which tensors it discards, where these are most of those that it holds."""
+    found = {}
     for column in audit.columns:
-        discarding = _discarding(audit, column.name)
-        held = [
-            link
-            for link in audit.links
-            if (one := link.held.get(column.name)) is not None
-            and one.state not in ("merged", "absent", "not computed")
+        discarding = len(_discarding(audit, column.name))
+        held = sum(
+            one.state not in ("merged", "absent", "not computed")
             and one.expected is not None
             and one.expected.mass_kg > 0.0
-        ]
-        if discarding and len(discarding) >= len(held):
-            found.append(column.name)
+            for link in audit.links
+            if (one := link.held.get(column.name)) is not None
+        )
+        if discarding and discarding >= held:
+            found[column.name] = "every tensor"
+        elif discarding > _MOST * held:
+            found[column.name] = f"the tensors of {discarding} of {count(held, 'link')}"
     return found
 
 

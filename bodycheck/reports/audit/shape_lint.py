@@ -110,7 +110,9 @@ def _slip(shaped: Shaped) -> Finding | None:
     if not found:
         return None
     best = max(found, key=lambda one: one.digits)
-    message = f"the tensor is {best.slip}"
+    message = (
+        f"the tensor is {'' if best.slip.startswith(('that', 'the')) else 'that of its shapes '}{best.slip}"
+    )
     if not best.common:
         rule = "about-another-point" if best.slip.startswith("about") else "shape-slip"
         return _with_digits(shaped.finding(rule, "warning", message, best.right), best.digits)

@@ -147,7 +147,8 @@ class Shaped:
 
 def _as_in_file(numbers: Sequence[float], form: Format) -> str:
     """Return xx, xy, xz, yy, yz, zz in kg m^2 as a format states them."""
-    texts = dict(zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), map(repr, numbers), strict=True))
+    values = (f"{x:.9g}" for x in numbers)
+    texts = dict(zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), values, strict=True))
     if form == "urdf":
         return " ".join(f'{name}="{text}"' for name, text in texts.items())
     if form == "sdf":
