@@ -1,6 +1,7 @@
 """Measure the import audit: real files, generated valid files, composites, damaged files.
 
 python tools/audit_trials.py real [FOLDER ...]      every URDF, MJCF and SDF file below the folders
+python tools/audit_trials.py read [FOLDER ...]      read and lint them, without engines
 python tools/audit_trials.py valid --files 500      false differences in generated files
 python tools/audit_trials.py composites --trials 200   compared with 50-digit arithmetic
 python tools/audit_trials.py damaged --files 10000  one clear line per file
@@ -47,17 +48,25 @@ from tests.helpers import usd_stages
 from tests.helpers.model_texts import mutated, random_mjcf, random_urdf, sdf_of
 from tests.helpers.slipped_links import SLIPS, Link, chain, changes_enough, is_right, random_link
 
-PARTS = ("real", "valid", "composites", "damaged", "stages", "converters", "slips", "healthy", "size")
+PARTS = (
+    "real",
+    "read",
+    "valid",
+    "composites",
+    "damaged",
+    "stages",
+    "converters",
+    "slips",
+    "healthy",
+    "size",
+)
 IMPORTERS = (("mujoco", "recommended"), ("pybullet", "recommended"), ("dart", "default"))
 _ROOTS = re.compile(b"<(robot|mujoco|sdf)\\b")
 
 
 def real(folders: list[Path], every: int) -> None:
     """Audit real files without spins; print outcomes, causes with an example, and the slowest files."""
-    files = sorted(
-        path for folder in folders for suffix in ("*.urdf", "*.xml", "*.sdf") for path in folder.rglob(suffix)
-    )
-    files = [path for path in files if _ROOTS.search(read_bytes(path))][::every]
+    files = _models(folders)[::every]
     outcomes: Counter[str] = Counter()
     causes: Counter[str] = Counter()
     examples: dict[str, str] = {}
@@ -100,6 +109,32 @@ def real(folders: list[Path], every: int) -> None:
         print(f"  {amount:6d}  {what}{example}")
     slow.sort(reverse=True)
     print("slowest, s per link and importer:", [(round(s, 2), name) for s, name in slow[:5]])
+
+
+def _models(folders: list[Path]) -> list[Path]:
+    suffixes = (".urdf", ".xml", ".sdf", ".world")
+    files = sorted(path for folder in folders for path in folder.rglob("*") if path.suffix in suffixes)
+    return [path for path in files if path.is_file() and _ROOTS.search(read_bytes(path))]
+
+
+def read(folders: list[Path]) -> None:
+    """Read and lint files; print how many of each root element are read, why not, and the findings."""
+    ended: Counter[str] = Counter()
+    findings: Counter[str] = Counter()
+    for path in _models(folders):
+        root = _ROOTS.search(read_bytes(path))
+        assert root is not None
+        try:
+            with np.errstate(all="ignore"):
+                found = list(lint(read_model(path)))
+        except InputError as error:
+            ended[f"{root[1].decode()} refused"] += 1
+            print(f"  {error}")
+            continue
+        ended[f"{root[1].decode()} read"] += 1
+        findings.update(f"{one.severity} {one.rule}" for one in found)
+    print(dict(sorted(ended.items())))
+    print(dict(findings.most_common()))
 
 
 def _kind(cause: str) -> str:
@@ -354,6 +389,8 @@ def main() -> None:
     match given.part:
         case "real":
             real(given.folders or _installed(), given.every)
+        case "read":
+            read(given.folders or _installed())
         case "valid":
             valid(given.files, given.seed)
         case "composites":

@@ -115,7 +115,7 @@ def _differences(audit: Audit) -> Table:
     known = repeated(audit)
     for link in audit.links:
         for name, one in link.held.items():
-            if one.state in ("differs", "merged", "absent") and (link.name, name) not in known:
+            if one.state in ("differs", "absent") and (link.name, name) not in known:
                 rows.append(
                     (link.name, name, *_relative(one.difference), Span("; ".join(one.causes), tint_of(one)))
                 )
