@@ -52,6 +52,7 @@ def _holds_its_body(link: ModelLink) -> bool:
         _link("a", "<pose relative_to='f'/>") + "<frame name='f'><pose relative_to='g'/></frame>",
         _link("a", inertial=_INERTIAL.replace("<mass>", "<pose relative_to='a'/><mass>")),
         _link("a", "<sensor name='imu' type='custom' gz:type='my_imu'/><drake:proximity_properties/>"),
+        "<xacro:arg name='color' default='grey'/>" + _link("a"),
         f"<!-- gz sim --verbose 4 --><![CDATA[<!-- --]]>{_link('a')}",
         _link("a") + _joint("j", "world", "a", "revolute", "<axis><limit><lower>-inf</lower></limit></axis>"),
         _link("a") + _joint("j", "world", "a", "of-the-future"),

@@ -42,14 +42,19 @@ def read_model(path: Path) -> ModelFile:
 
 
 def _refuse_macros(root: Any, path: Path) -> None:
-    """Raise InputError for a file with macros of xacro, which would evaluate Python of the file."""
+    """Raise InputError for a file with macros of xacro, which would evaluate Python of the file.
+
+    Definitions of numbers that nothing uses are no macros: engines skip them.
+    """
     for element in root.iter():
-        tag = str(element.tag)
-        if tag.startswith("xacro:") or "/xacro}" in tag or any("${" in value for value in element.values()):
-            whole = path.with_suffix("") if path.suffix == ".xacro" else path.with_suffix(".urdf")
-            expanded = (
-                whole if whole.suffix and whole != path else whole.with_name(f"{whole.stem}_expanded.urdf")
-            )
+        namespace, _, name = str(element.tag).rpartition("}")
+        of_xacro = namespace.endswith("/xacro") or name.startswith("xacro:")
+        if of_xacro and name.removeprefix("xacro:") in ("arg", "property"):
+            continue
+        if of_xacro or any("${" in value for value in (element.text or "", *element.values())):
+            expanded = path.with_name(f"{path.name.removesuffix('.xacro').removesuffix('.urdf')}.urdf")
+            if expanded == path:
+                expanded = path.with_name(f"{path.stem}_expanded.urdf")
             raise InputError(
                 f"{path}:{element.sourceline}: xacro macros are not expanded here "
                 f"(expected the result of: xacro {quote(str(path))} > {quote(str(expanded))})"
