@@ -52,9 +52,9 @@ def _refuse_macros(root: Any, path: Path) -> None:
         if of_xacro and name.removeprefix("xacro:") in ("arg", "property"):
             continue
         if of_xacro or any("${" in value for value in (element.text or "", *element.values())):
-            expanded = path.with_name(f"{path.name.removesuffix('.xacro').removesuffix('.urdf')}.urdf")
-            if expanded == path:
-                expanded = path.with_name(f"{path.stem}_expanded.urdf")
+            expanded = path.with_name(f"{path.stem}_expanded{path.suffix}")
+            if path.suffix == ".xacro":
+                expanded = path.with_suffix("" if "." in path.stem else ".urdf")
             raise InputError(
                 f"{path}:{element.sourceline}: xacro macros are not expanded here "
                 f"(expected the result of: xacro {quote(str(path))} > {quote(str(expanded))})"
