@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from playwright.sync_api import Browser, Error, expect
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -17,6 +18,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.document import Sentence
 from bodycheck.reports.judge import Ranking, explained_motion
 from bodycheck.reports.judge_document import conclusion, is_true, judgement_document
+from bodycheck.reports.judge_page import judgement_page
 from bodycheck.runs.runner import rank
 from bodycheck.scenarios.given_motion import GivenMotion
 from tests.helpers.expected_messages import ExpectedMessage
@@ -225,6 +227,26 @@ def test_the_command_prints_the_conclusion_first_and_writes_the_page(
     for part in ("data-motion", 'data-plot="drift"', "Angular momentum is not conserved", "Likely cause"):
         assert part in page
     assert 'src="http' not in page
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [1440, 390])
+def test_the_page_draws_the_motion_and_fits_its_window(width: int, chromium: Browser, tmp_path: Path) -> None:
+    """Both plots over time and the motion are drawn, without an error of a script, also on a phone."""
+    files = [write(tmp_path / f"{dt}.csv", T_S, stepped(T_S, round(0.05 / dt))) for dt in (0.025, 0.0125)]
+    ranking = rank(files, body=BODY)
+    path = tmp_path / "judged.html"
+    path.write_text(judgement_page(ranking, [explained_motion(motion, None) for motion in ranking.motions]))
+    page = chromium.new_page(viewport={"width": width, "height": 9000})
+    errors: list[Error] = []
+    page.on("pageerror", lambda error: errors.append(error))
+    page.goto(path.as_uri())
+    expect(page.locator("[data-plot=drift][data-drawn]")).to_have_count(2)
+    expect(page.locator("[data-motion][data-drawn]")).to_have_count(1)
+    assert page.locator("[data-plot=drift] g[class^='trace scatter']").count() >= 4
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    page.close()
+    assert errors == []
 
 
 def test_conservation_is_judged_from_the_first_row_whatever_the_scenario_starts_with(tmp_path: Path) -> None:
