@@ -45,7 +45,7 @@ class _Row:
 
 def audit_page(audit: Audit) -> str:
     """Return the audit as one self-contained HTML page."""
-    heads = [(one.name, f"{one.version}: {one.settings}") for one in audit.columns]
+    heads = [(one.name, ": ".join(filter(None, (one.version, one.settings)))) for one in audit.columns]
     found: dict[str, list[Finding]] = {}
     for finding in by_severity(audit.findings):
         found.setdefault(finding.link, []).append(finding)

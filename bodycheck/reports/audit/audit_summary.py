@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 
@@ -31,8 +32,12 @@ def by_severity(findings: Sequence[Finding]) -> list[Finding]:
 
 
 def answer(audit: Audit) -> list[Sentence]:
-    """Return a sentence about the file, and one about each importer or compared file."""
-    return [_of_file(audit), *_of_importers(audit)]
+    """Return a sentence about the file, and one about each importer; of two files, how they compare first."""
+    about, importers = _of_file(audit), _of_importers(audit)
+    if not audit.compared:
+        return [about, *importers]
+    compared = [replace(one, strong=True, tint="bad" if one.tint == "bad" else "good") for one in importers]
+    return [*compared, replace(about, strong=False)]
 
 
 def _of_file(audit: Audit) -> Sentence:
