@@ -53,6 +53,7 @@ PLACES = {
     ("reference_impl/precompile.py", "_second_process", "subprocess.Popen"): CONSTANT,
     ("runs/cluster.py", "_client", "importlib.import_module"): CONSTANT,
     ("runs/manifest.py", "_git", "subprocess.run"): CONSTANT,
+    ("scenarios/model_files/usd.py", "asked", "subprocess.run"): CONSTANT,
     ("scenarios/user_functions.py", "user_function", "importlib.import_module"): ASKED,
 }
 """(file, function, what starts or imports) -> why no text of a stranger gets there."""

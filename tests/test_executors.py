@@ -16,16 +16,18 @@ import pandas as pd
 import pytest
 
 from bodycheck._util.errors import InputError
-from bodycheck.adapters.contract import Setting
+from bodycheck.adapters.contract import Engine, Setting
 from bodycheck.adapters.execution import Case
+from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.workers import case_messages
-from bodycheck.adapters.workers.executors import CaseRequest, answer_case
+from bodycheck.adapters.workers.executors import CaseRequest, ExecutorEngines, answer_case
 from bodycheck.reports.cache.disk_cache import Entry
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.runs import cluster as dask_cluster
 from bodycheck.runs.directory import RunRequest, run_to_folder
 from bodycheck.runs.run_options import no_progress
 from bodycheck.runs.runner import run
+from bodycheck.runs.speed import _laps_of
 from bodycheck.scenarios.library import load_scenario
 from tests.helpers.dask_cluster import Loopback, loopback_cluster
 from tests.helpers.expected_messages import ExpectedMessage
@@ -91,6 +93,87 @@ def test_case_that_the_executor_fails_is_failed(scenario: Path) -> None:
     found = run([scenario], engines=["reference:m1"], dt_s=[0.1], speed=False, fresh=True, executor=Failing())
     assert found.results["outcome"].tolist() == ["failed"]
     assert found.results["message"].tolist() == ["executor: ValueError: out of reach"]
+
+
+def nested(depth: int) -> list[Any]:
+    """Return lists in lists."""
+    found: list[Any] = []
+    for _ in range(depth):
+        found = [found]
+    return found
+
+
+WRONG = {
+    "nothing": None,
+    "text": "ok",
+    "a list": [{"outcome": "ok"}],
+    "an object": object(),
+    "a mapping of objects": {"outcome": "ok", "trajectory": object()},
+    "not a number": {"outcome": "ok", "cpu_s": float("nan")},
+    "nested": {"outcome": nested(100_000)},
+    "keys that are no text": {(1, 2): "ok"},
+    "bytes": b"{}",
+}
+
+
+class Answering(Executor):
+    """An executor whose tasks all return one answer."""
+
+    def __init__(self, answer: Any) -> None:
+        self._answer = answer
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Return the future of the answer."""
+        del fn, args, kwargs
+        future: Future[Any] = Future()
+        future.set_result(self._answer)
+        return future
+
+
+@pytest.mark.parametrize("answer", WRONG.values(), ids=WRONG)
+def test_wrong_answer_of_an_executor_costs_one_case(answer: Any) -> None:
+    """An answer that is no mapping of plain data fails its case, which then has no speed."""
+    executor = Answering(answer)
+    engines = ExecutorEngines(executor, [(Engine("reference", "1", {}), Reference().methods["m1"])])
+    found = engines.ask("reference", {"do": "record", "case": {}}, 1.0)
+    assert found["outcome"] == "failed"
+    assert found["message"].startswith("executor: ")
+    assert found["message"].isprintable()
+    assert set(_laps_of(executor.submit(None))) == {"lost"}
+
+
+@pytest.mark.parametrize(
+    "laps",
+    [
+        {},
+        {"own_s": 1.0, "reference_s": [1.0]},
+        {"own_s": [1.0], "reference_s": ["1"]},
+        {"own_s": [-1.0], "reference_s": [1.0]},
+        {"own_s": [True], "reference_s": [1.0]},
+        {"lost": 3},
+    ],
+)
+def test_wrong_laps_of_an_executor_cost_one_speed(laps: Any) -> None:
+    """Times are positive numbers, as from a local worker."""
+    assert set(_laps_of(Answering(laps).submit(None))) == {"lost"}
+
+
+@pytest.mark.parametrize(
+    "address",
+    ["tcp://10.0.0.1:8786", "10.0.0.1:8786", "tcp://scheduler:8786", "ws://localhost.example:1", "x"],
+)
+def test_cluster_elsewhere_without_tls_is_refused(address: str, expected_message: ExpectedMessage) -> None:
+    """Whoever can change the messages of a cluster can run code on this machine."""
+    with expected_message.raises(InputError), dask_cluster.connected(address, None, speed=False):
+        pass
+
+
+@pytest.mark.parametrize(
+    "address", ["tcp://127.0.0.1:8786", "127.0.0.9:1", "tcp://localhost:1", "tcp://[::1]:1"]
+)
+def test_address_of_this_machine_is_recognised(address: str) -> None:
+    """A cluster on this machine needs no encryption."""
+    assert dask_cluster._is_loopback(address)
 
 
 @pytest.mark.slow
@@ -195,6 +278,26 @@ def waited(client: FakeClient, tasks: int = 1) -> None:
     """Wait until further tasks have been submitted."""
     for _ in range(tasks):
         assert client.submitted.acquire(timeout=60.0)
+
+
+@pytest.mark.parametrize(
+    "results",
+    [
+        *WRONG.values(),
+        *([], [(1.0, 2)], [(1.0, 2, "error")], [("1", 2, None)], [(float("nan"), 2, None)]),
+        [(1.0, 2, None)] * 2,
+    ],
+)
+def test_wrong_answer_of_a_batch_costs_its_calls(
+    results: Any, client: FakeClient, executor: dask_cluster.DaskExecutor
+) -> None:
+    """A worker of a cluster that answers something else fails the calls that it got; none waits for ever."""
+    future = executor.submit(abs, -3)
+    waited(client)
+    client.tasks[-1].result = lambda: results  # type: ignore[method-assign]
+    client.tasks[-1].end("finished")
+    with pytest.raises(TypeError, match="not that of 1 calls"):
+        future.result(timeout=60.0)
 
 
 def fetched() -> None:

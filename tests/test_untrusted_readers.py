@@ -8,13 +8,17 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.pinned_libraries import duckdb_connection
 from bodycheck._util.untrusted import number_of
+from bodycheck.reports.cache.journal import Journal
 from bodycheck.reports.recordings.formats import read_recording
+from bodycheck.reports.run_files.tables import as_csv
 from bodycheck.reports.run_files.trajectory_files import MAX_BYTES, read_npz
+from bodycheck.runs import directory
 from bodycheck.scenarios.library import load_scenario
 from bodycheck.scenarios.shapes import load_mesh
 from tests.helpers.child_process import run_in_child
@@ -236,3 +240,49 @@ def test_number_that_no_engine_reads_is_refused(word: str, tmp_path: Path) -> No
 def test_decimal_number_is_read_as_float_reads_it(word: str) -> None:
     """What C reads in its own locale is read."""
     np.testing.assert_equal(number_of(word), float(word))
+
+
+FORMULAS = ("=cmd|x!A1", "+1", "-1", "@SUM(A1)")
+
+
+@pytest.mark.parametrize("name", FORMULAS)
+def test_scenario_name_is_no_formula(name: str, tmp_path: Path) -> None:
+    """A name that a spreadsheet would evaluate is refused."""
+    (tmp_path / "mine.toml").write_text(tumbling().replace('"mine"', json.dumps(name)))
+    with pytest.raises(InputError, match="formula"):
+        load_scenario(tmp_path / "mine.toml")
+
+
+@pytest.mark.parametrize("text", [*FORMULAS, "\t=1"])
+def test_text_of_a_table_is_no_formula(text: str) -> None:
+    """Text that begins like a formula has a leading space in CSV; numbers and other text are unchanged."""
+    table = pd.DataFrame({"message": [text, "a=b", None], "size": [-1.5, 2.0, np.nan], text: [1, 2, 3]})
+    assert as_csv(table) == f"message,size, {text}\n {text},-1.5,1\na=b,2.0,2\n,,3\n".encode()
+
+
+@pytest.mark.parametrize("product", ["1e308*1e308*yaw", "1e308/1e-308*yaw", "1e300*deg*1e300*yaw"])
+def test_factor_that_overflows_is_refused_without_a_warning(product: str, tmp_path: Path) -> None:
+    """The line names the product; no line of Python's is printed."""
+    (tmp_path / "mine.toml").write_text(tumbling())
+    (tmp_path / "motion.csv").write_text("t_s,yaw\n0,0.1\n1,0.2\n2,0.3\n")
+    words = ["judge", "motion.csv", "--scenario", "mine.toml", "--map", f"wx_body_rad_s={product}"]
+    done = run_bodycheck(tmp_path, *words)
+    assert done.returncode == 2
+    assert product in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_run_that_lacks_memory_says_how_it_is_continued(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Finished cases are not lost: the line names --resume."""
+
+    def fail(*_: object, journal: Journal, **__: object) -> None:
+        journal.put("a finished case", {})
+        raise MemoryError
+
+    monkeypatch.setattr(directory, "run_selection", fail)
+    (tmp_path / "mine.toml").write_text(tumbling())
+    done = run_bodycheck(tmp_path, "run", "mine.toml", "--engine", "reference:rk4", "--out", "out")
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1] == "out of memory; continue with: bodycheck run --resume out"

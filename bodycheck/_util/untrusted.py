@@ -22,6 +22,15 @@ _CUT = " ... "
 _SHORT = 200
 
 
+FORMULA = ("=", "+", "-", "@", "\t", "\r")
+"""A cell that begins with one of these is a formula for programs that open CSV files."""
+
+
+def no_formula(cell: Any) -> Any:
+    """Return a cell of a CSV file: text that begins like a formula gets a leading space."""
+    return f" {cell}" if isinstance(cell, str) and cell.startswith(FORMULA) else cell
+
+
 def printable(text: str, longest: int = LONGEST_LINE) -> str:
     """Return text as one line: escape control characters, and leave out the middle of long text."""
     if len(text) > 2 * longest:  # escaping can only lengthen it

@@ -175,6 +175,9 @@ def _status_after(command: Callable[[], int], name: str) -> int:
         raise
     except BrokenPipeError:
         return _closed_pipe()
+    except MemoryError:
+        _print_error("out of memory")
+        return INPUT
     except Exception as error:  # noqa: BLE001 - unexpected exceptions have their own status
         return report_fault(error, name)
 

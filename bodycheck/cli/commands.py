@@ -128,6 +128,14 @@ def run(
         str | None, typer.Option(help="PEM certificate of this client.", rich_help_panel=HOW)
     ] = None,
     tls_key: Annotated[str | None, typer.Option(help="PEM key of this client.", rich_help_panel=HOW)] = None,
+    insecure: Annotated[
+        bool,
+        typer.Option(
+            "--insecure",
+            help="Allow a cluster on other machines without TLS, in a network that you trust.",
+            rich_help_panel=HOW,
+        ),
+    ] = False,
     commit: Commit = None,
     engines: EnginesFile = None,
     allow_code: AllowCode = False,
@@ -164,6 +172,7 @@ def run(
         tls_ca_file=tls_ca_file,
         tls_cert=tls_cert,
         tls_key=tls_key,
+        insecure=insecure,
         commit=commit,
         allow_code=allow_code,
     )

@@ -13,7 +13,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.metadata import version
+from ipaddress import ip_address
 from typing import Any, ParamSpec, TypeVar
+from urllib.parse import urlsplit
 
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.formatting import count, names
@@ -58,12 +60,20 @@ class Cluster:
 
 
 @contextmanager
-def connected(address: str, tls: TlsFiles | None, *, speed: bool) -> Iterator[Cluster]:
+def connected(
+    address: str, tls: TlsFiles | None, *, speed: bool, insecure: bool = False
+) -> Iterator[Cluster]:
     """Connect to the Dask scheduler at an address like tls://host:8786.
 
-    Raises InputError where it cannot be reached, has no workers, they have another version of bodycheck, or
-    speeds are requested and no worker declares the resource `timing`; UnavailableError without Dask.
+    insecure: whether the connection to another machine may be without TLS. Raises InputError where it may
+    not, it cannot be reached, has no workers, they have another version of bodycheck, or speeds are
+    requested and no worker declares the resource `timing`; UnavailableError without Dask.
     """
+    if not (insecure or tls is not None or address.startswith("tls://") or _is_loopback(address)):
+        raise InputError(
+            f"--cluster {address}: without TLS anybody on the network can run code here; give --tls-ca-file, "
+            "--tls-cert and --tls-key, or --insecure if you trust the network"
+        )
     client = _client(address, tls)
     try:
         option = f"--cluster {address}"
@@ -78,6 +88,15 @@ def connected(address: str, tls: TlsFiles | None, *, speed: bool) -> Iterator[Cl
                     yield Cluster(executor, Timing(timing, facts))
     finally:
         client.close(timeout=_CONNECTION_S)
+
+
+def _is_loopback(address: str) -> bool:
+    """Whether an address like tcp://127.0.0.1:8786 is on this machine."""
+    host = urlsplit(address if "://" in address else f"tcp://{address}").hostname or ""
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
 
 
 def _client(address: str, tls: TlsFiles | None) -> Any:
@@ -126,6 +145,9 @@ def _timing_workers(client: Any, option: str) -> dict[str, Mapping[str, Any]]:
             f"--resources '{TIMING}=1', or add --no-speed"
         )
     machines: dict[str, dict[str, Any]] = client.run(machine, workers=declared)
+    for worker, facts in machines.items():
+        if not isinstance(facts, dict) or machine().keys() - facts.keys():
+            raise InputError(f"{option}: {worker} does not state the facts of its machine")
     classes = Counter(machine_class(facts) for facts in machines.values())
     chosen = max(sorted(classes), key=lambda name: classes[name])
     return {address: facts for address, facts in machines.items() if machine_class(facts) == chosen}
@@ -305,7 +327,7 @@ class DaskExecutor(Executor):
 
     def _ended(self, batch: _Batch, key: str, task: Any) -> None:
         """Set the results of a task, or run its calls again one by one."""
-        found = _results_of(task)
+        found = _results_of(task, len(batch.items))
         failed = isinstance(found, Exception)
         with self._changed:
             batch.copies.pop(key, None)
@@ -410,13 +432,27 @@ class DaskExecutor(Executor):
             self._set(item, None, BrokenExecutor(self._lost))
 
 
-def _results_of(task: Any) -> list[tuple[float, Any, Exception | None]] | Exception:
-    """Return what `run_batch` returned, or why the task has no result."""
+def _results_of(task: Any, count: int) -> list[tuple[float, Any, Exception | None]] | Exception:
+    """Return what `run_batch` returned for so many calls, or why the task has no such result."""
     try:
         if task.status == "finished":
             results: list[tuple[float, Any, Exception | None]] = task.result()
-            return results
+            if isinstance(results, list) and len(results) == count and all(map(_is_result, results)):
+                return results
+            return TypeError(f"a worker's answer is not that of {count} calls")
         fault: Exception = task.exception() if task.status == "error" else RuntimeError(f"task {task.status}")
     except Exception as error:  # noqa: BLE001 - the connection may be lost while the result is fetched
         fault = error
     return fault
+
+
+def _is_result(found: Any) -> bool:
+    """Whether this is the time, the result and the error of a call."""
+    if not isinstance(found, tuple) or len(found) != 3:
+        return False
+    seconds, _, error = found
+    return (
+        isinstance(seconds, float)
+        and 0.0 <= seconds < math.inf
+        and (error is None or isinstance(error, Exception))
+    )

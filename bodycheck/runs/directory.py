@@ -72,6 +72,7 @@ class RunRequest:
     tls_ca_file: StrictStr | None = None
     tls_cert: StrictStr | None = None
     tls_key: StrictStr | None = None
+    insecure: StrictBool = False
     commit: StrictStr | None = None
 
     def selection(self, file: Path | None = None) -> Selection:
@@ -118,7 +119,7 @@ class RunRequest:
         from bodycheck.runs.cluster import TlsFiles, connected
 
         tls = TlsFiles(*given) if given else None
-        with connected(self.cluster, tls, speed=self.speed) as cluster:
+        with connected(self.cluster, tls, speed=self.speed, insecure=self.insecure) as cluster:
             yield replace(options, executor=cluster.executor, timing=cluster.timing)
 
 
@@ -315,6 +316,11 @@ def _run_journaled(
             shutil.rmtree(partial, ignore_errors=True)
             raise
         raise InputError(f"{error}; {_continue_hint(storage.again, request)}") from None
+    except MemoryError:
+        raise InputError(f"out of memory; {_continue_hint(storage.again, request)}") from None
+    except Exception as error:
+        error.add_note(_continue_hint(storage.again, request))
+        raise
     shutil.rmtree(partial, ignore_errors=True)
     return stored
 

@@ -19,6 +19,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.measurement.case import reproducing_command
 from bodycheck.reports.render.figures import figure_bytes, rendering
 from bodycheck.reports.run_files.sentinels import write_sentinels
+from bodycheck.reports.run_files.tables import as_csv
 from bodycheck.reports.summary.quantiles import SHARES, QuantileSketch
 from bodycheck.runs.ensemble_cases import ROTATION_MEASURES
 from bodycheck.runs.ensemble_result import EnsembleResult, Key, MethodStatistics, key_text
@@ -125,7 +126,7 @@ def write_summaries(result: EnsembleResult, folder: Path, out: Path) -> None:
         "sketches": list(_sketch_rows(result)),
     }
     for name in ("quantiles", "methods", "worst"):
-        pd.DataFrame(tables[name]).to_csv(folder / f"{name}.csv", index=False)
+        (folder / f"{name}.csv").write_bytes(as_csv(pd.DataFrame(tables[name])))
     with Dataset(folder) as dataset:
         sketches = pd.DataFrame(tables["sketches"])
         dataset.add(("sketches",), {name: sketches[name].to_numpy() for name in sketches.columns})

@@ -22,6 +22,7 @@ from bodycheck.adapters.engine_names import with_method
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.random_bodies import COORDINATES, Bodies, bodies_at
 from bodycheck.reports.measurement.case import ALLOW_CODE
+from bodycheck.reports.run_files.tables import as_csv
 from bodycheck.reports.run_files.writer import atomic_folder
 from bodycheck.runs.ensemble_cases import ROTATION_MEASURES, BatchTruth, EnginePools, measured, truth_of
 from bodycheck.runs.ensemble_files import SCHEMA_VERSION
@@ -331,6 +332,6 @@ def write_hunt(result: HuntResult, out: Path) -> None:
     }
     with atomic_folder(out) as folder:
         (folder / "worst.toml").write_text(scenario_text(scenario), encoding="utf-8")
-        pd.DataFrame(columns).to_csv(folder / "path.csv", index=False)
+        (folder / "path.csv").write_bytes(as_csv(pd.DataFrame(columns)))
         text = json.dumps(manifest, indent=2, allow_nan=False) + "\n"
         (folder / "manifest.json").write_text(text, encoding="utf-8")

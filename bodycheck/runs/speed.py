@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from bodycheck._util.errors import UnavailableError, WorkerLostError
+from bodycheck._util.errors import InputError, UnavailableError, WorkerLostError
 from bodycheck.adapters.contract import Engine, Setting
 from bodycheck.adapters.engine_names import Program
 from bodycheck.adapters.execution import Case
@@ -151,11 +151,27 @@ def _one_pass(
     def started(one: _Timed) -> Callable[[], Message]:
         if executor is None or is_only_here(one.engine.name):
             return partial(clock.laps, one.request)
-        return executor.submit(time_case, one.request).result
+        return partial(_laps_of, executor.submit(time_case, one.request))
 
     running = ((index, started(one)) for index, one in timed.items())
     for index, laps in running if executor is None else list(running):
         yield index, _merged(found.get(index), laps())
+
+
+def _laps_of(future: Future[Any]) -> Message:
+    """Return the laps of a case that an executor timed, whose answer may be anything; else why none exist."""
+    try:
+        found = protocol.message_of(protocol.line_of(future.result()))
+        if "lost" not in found:
+            return {
+                name: [received_messages.lap_of({"outcome": "ok", "cpu_s": cpu_s}) for cpu_s in found[name]]
+                for name in ("own_s", "reference_s")
+            }
+        return {"lost": protocol.one_line(protocol.text_of(found, "lost"))}
+    except BrokenExecutor as error:
+        raise InputError(f"the executor cannot time any more cases: {error}") from None
+    except Exception as error:  # noqa: BLE001 - an executor may raise anything; only this case has no speed
+        return {"lost": protocol.one_line(f"executor: {type(error).__name__}: {error}")}
 
 
 def _merged(before: Message | None, laps: Message) -> Message:

@@ -13,6 +13,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, StrictInt, StrictStr, ValidationInfo, field_validator
 
+from bodycheck._util.untrusted import FORMULA
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import normalised, quaternion_to_matrix
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
@@ -99,6 +100,8 @@ class Scenario(Table):
     def _one_line(cls, value: str) -> str:
         if not value.isprintable() or value != value.strip():
             raise ValueError("must be one line of printable text without leading or trailing spaces")
+        if value.startswith(FORMULA):
+            raise ValueError("must not begin with =, +, - or @, which makes it a formula in tables")
         return value
 
     @field_validator("name")

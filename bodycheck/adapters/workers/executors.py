@@ -138,7 +138,8 @@ class ExecutorEngines:
             if not future.done():
                 future.cancel()
                 raise WorkerLostError("the run was stopped")
-            return future.result()
+            # as from a worker: a mapping of plain data; whoever uses it checks its content
+            return protocol.message_of(protocol.line_of(future.result()))
         except BrokenExecutor as error:
             raise InputError(f"the executor cannot run any more cases: {error}") from None
         except WorkerLostError:

@@ -23,7 +23,7 @@ from pydantic import (
     model_validator,
 )
 
-from bodycheck._util.untrusted import escaped, printable
+from bodycheck._util.untrusted import FORMULA, escaped, printable
 from bodycheck.adapters.batches import BatchAnswer, RowEnding
 from bodycheck.adapters.contract import (
     Adapter,
@@ -73,6 +73,8 @@ _STORED_TEXTS = ("build", "run")
 def _on_one_line(text: str) -> str:
     if not text.isprintable():
         raise ValueError("should be one line of printable text")
+    if text.startswith(FORMULA):
+        raise ValueError("should not begin with =, +, - or @, which makes it a formula in tables")
     return text
 
 

@@ -135,6 +135,8 @@ class Product:
             if name in UNITS:
                 size, dimension = UNITS[name]
                 scale *= size**power
+                if not math.isfinite(scale) or scale == 0.0:
+                    raise InputError(f"{target}={self.text}: the factor {scale} is of no use")
                 powers += power * np.array(dimension)
                 has_unit = True
             elif power < 0:
@@ -192,6 +194,8 @@ def parse_product(text: str, where: str) -> Product:
             if not math.isfinite(number) or (power < 0 and number == 0.0):
                 raise InputError(f"{where}={text}: {word} is not a usable factor")
             scale *= number**power
+            if not math.isfinite(scale):
+                raise InputError(f"{where}={text}: the factor is not a finite number")
         elif kind == "name":
             names.append((word, power))
         elif power < 0:

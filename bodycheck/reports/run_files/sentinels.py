@@ -14,7 +14,7 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import setting
-from bodycheck._util.untrusted import escaped, open_input
+from bodycheck._util.untrusted import escaped, no_formula, open_input
 from bodycheck.adapters.contract import Build, Engine, Method, Setting
 from bodycheck.adapters.execution import Answer
 from bodycheck.reference_impl.arrays import Array
@@ -78,7 +78,7 @@ def write_sentinels(sentinels: Sequence[Sentinel], folder: Path) -> None:
         rows.writerow(_COLUMNS)
         for index, one in enumerate(sentinels):
             name = "" if one.trajectory is None else f"{index:04d}.npz"
-            rows.writerow([*(getattr(one, column) for column in _COLUMNS[:-1]), name])
+            rows.writerow([*(no_formula(getattr(one, column)) for column in _COLUMNS[:-1]), name])
             if one.trajectory is not None:
                 (folder / _FOLDER / name).write_bytes(npz(stored_arrays(one.trajectory)))
 

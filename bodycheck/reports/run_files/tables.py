@@ -14,7 +14,7 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.pinned_libraries import duckdb_connection
-from bodycheck._util.untrusted import escaped, open_input
+from bodycheck._util.untrusted import escaped, no_formula, open_input
 from bodycheck.reference_impl.truth.truth import QUANTITIES
 from bodycheck.reports.document import markdown_table
 from bodycheck.reports.measurement.measures import IDENTITY, MEASURES
@@ -260,8 +260,12 @@ def _row(
 
 
 def as_csv(table: pd.DataFrame) -> bytes:
-    """Return a header and one line per row; what was not measured is empty."""
-    return table.to_csv(index=False).encode()
+    """Return a header and one line per row; what was not measured is empty, and no cell is a formula."""
+    from pandas.api import types as pd_types
+
+    texts = [name for name in table.columns if not pd_types.is_numeric_dtype(table[name])]
+    table = table.assign(**{name: table[name].map(no_formula, na_action="ignore") for name in texts})
+    return table.rename(columns=no_formula).to_csv(index=False).encode()
 
 
 def as_json(table: pd.DataFrame) -> bytes:

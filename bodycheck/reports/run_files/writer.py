@@ -17,6 +17,7 @@ from bodycheck.reference_impl.truth.truth import QUANTITIES
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.sentinels import write_sentinels
+from bodycheck.reports.run_files.tables import as_csv
 from bodycheck.reports.run_files.trajectory_files import npz, stored_arrays
 
 
@@ -69,13 +70,8 @@ def write_files(run: Run, report: str, out: Path, *, temp_dir: Path | None = Non
 
 def write_tables(run: Run, folder: Path) -> None:
     """Write the tables, manifest.json and read_back.json: all that read_tables needs, and the read-backs."""
-    run.results.to_csv(folder / "results.csv", index=False)
-    run.methods.to_csv(folder / "methods.csv", index=False)
-    run.stability.to_csv(folder / "stability.csv", index=False)
-    run.probes.to_csv(folder / "probes.csv", index=False)
-    run.diagnoses.to_csv(folder / "diagnoses.csv", index=False)
-    run.fingerprints.to_csv(folder / "fingerprints.csv", index=False)
-    run.laws.to_csv(folder / "laws.csv", index=False)
+    for name in ("results", "methods", "stability", "probes", "diagnoses", "fingerprints", "laws"):
+        (folder / f"{name}.csv").write_bytes(as_csv(getattr(run, name)))
     (folder / "manifest.json").write_text(json.dumps(run.manifest, indent=2) + "\n", encoding="utf-8")
     (folder / "read_back.json").write_text(json.dumps(_read_backs(run)) + "\n", encoding="utf-8")
 
