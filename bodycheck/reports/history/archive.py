@@ -14,6 +14,7 @@ from pathlib import Path
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.files import check_folder
+from bodycheck._util.untrusted import check_regular
 
 _RUN_ID = re.compile(r"\d{8}T\d{6}Z-[0-9a-f]{6}")
 _STAMP, _STAMP_LENGTH = "%Y%m%dT%H%M%SZ", 16  # the beginning of a run id
@@ -76,6 +77,8 @@ class History:
         Remove the unfinished folders of killed processes: while the lock is held, nobody writes to them.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
+        if (self.folder / _LOCK).exists():
+            check_regular(self.folder / _LOCK)
         with (self.folder / _LOCK).open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             for abandoned in self.folder.glob(f"{_UNFINISHED}*"):

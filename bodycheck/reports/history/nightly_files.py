@@ -6,6 +6,7 @@ import csv
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
+from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET
@@ -13,6 +14,7 @@ from xml.etree import ElementTree as ET
 from bodycheck._util.errors import InputError
 from bodycheck._util.files import write_file
 from bodycheck._util.formatting import count
+from bodycheck._util.untrusted import open_input
 from bodycheck.reports.comparison.change import FAILING
 from bodycheck.reports.comparison.compare import unversioned
 from bodycheck.reports.comparison.describe import HEADINGS
@@ -103,7 +105,7 @@ def remove_old_motions(runs: Sequence[Path]) -> None:
 
 def _changed_motions(folder: Path) -> Iterator[Path]:
     """Yield the files of the cases that became worse, and those of methods that did, in trajectories/."""
-    with (folder / "changes.csv").open(encoding="utf-8", newline="") as file:
+    with TextIOWrapper(open_input(folder / "changes.csv"), encoding="utf-8", newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["status"] in FAILING]
     studies = {(row["scenario"], row["engine"], row["method"]) for row in rows if not row["fineness"]}
     cases = {
