@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -155,21 +155,26 @@ def as_table(rows: Iterable[Mapping[str, Any]], columns: tuple[str, ...]) -> pd.
     import pandas as pd  # imported here: takes a third of a second
 
     rows = list(rows)
-    for row in rows:
-        if unknown := row.keys() - set(columns):
-            raise ValueError(f"unknown column {', '.join(sorted(unknown))}")
-    return pd.DataFrame({column: pd.Series(_cells(rows, column), dtype=_dtype(column)) for column in columns})
-
-
-def _cells(rows: list[Mapping[str, Any]], column: str) -> list[Any]:
-    """Return the cells of a column; a missing boolean is False."""
-    return [row.get(column, False if column in _YES_OR_NO else None) for row in rows]
+    known = set(columns)
+    cells: dict[str, list[Any]] = {
+        column: [False if column in _YES_OR_NO else None] * len(rows) for column in columns
+    }
+    for index, row in enumerate(rows):
+        if not row.keys() <= known:
+            raise ValueError(f"unknown column {', '.join(sorted(row.keys() - known))}")
+        for column, cell in row.items():
+            cells[column][index] = cell
+    return pd.DataFrame({column: pd.Series(cells[column], dtype=_dtype(column)) for column in columns})
 
 
 def plain_rows(table: pd.DataFrame) -> list[dict[str, Any]]:
     """Return the rows of a table without their empty cells."""
-    rows: list[dict[Any, Any]] = table.astype(object).where(table.notna(), None).to_dict("records")
-    return [{name: cell for name, cell in row.items() if cell is not None} for row in rows]
+    names = [str(name) for name in table.columns]
+    columns = (zip(table[name].tolist(), table[name].notna().tolist(), strict=True) for name in names)
+    return [
+        {name: cell for name, (cell, known) in zip(names, row, strict=True) if known}
+        for row in zip(*columns, strict=True)
+    ]
 
 
 def no_probes() -> pd.DataFrame:
@@ -225,32 +230,39 @@ def read_rows(path: Path, columns: tuple[str, ...], needed: tuple[str, ...]) -> 
         raise InputError(f"{path}: not a table of a run: missing column {', '.join(missing)}")
     if unknown := [name for name in head if name not in columns]:
         raise InputError(f"{path}: this version of bodycheck has no column {', '.join(unknown)}")
-    return [_row(path, number, head, line, needed) for number, line in enumerate(lines[1:], 1)]
+    columns = [(name, _reader_of(name)) for name in head]
+    return [_row(path, number, columns, line, needed) for number, line in enumerate(lines[1:], 1)]
 
 
-def _value(column: str, cell: str) -> Any:
-    """Return the value of a cell; raise ValueError where it does not fit its column."""
+def _reader_of(column: str) -> Callable[[str], Any]:
+    """Return what reads a cell of a column, and raises ValueError where it does not fit."""
     if column in _YES_OR_NO:
-        return _yes_or_no(cell)
+        return _yes_or_no
     if column in _TEXTS:
-        return escaped(cell)
-    if column not in _WHOLE_NUMBERS:
-        return float(cell)
+        return escaped
+    return _whole_number if column in _WHOLE_NUMBERS else float
+
+
+def _whole_number(cell: str) -> int:
     if abs(integer := int(cell)) > _LARGEST_WHOLE:
         raise ValueError(cell)
     return integer
 
 
 def _row(
-    path: Path, number: int, head: list[str], line: list[str], needed: tuple[str, ...]
+    path: Path,
+    number: int,
+    columns: Sequence[tuple[str, Callable[[str], Any]]],
+    line: list[str],
+    needed: tuple[str, ...],
 ) -> dict[str, Any]:
-    if len(line) != len(head):
-        raise InputError(f"{path}: row {number} has {len(line)} cells, not {len(head)}")
+    if len(line) != len(columns):
+        raise InputError(f"{path}: row {number} has {len(line)} cells, not {len(columns)}")
     row: dict[str, Any] = {}
-    for name, cell in zip(head, line, strict=True):
+    for (name, read), cell in zip(columns, line, strict=True):
         if cell:
             try:
-                row[name] = _value(name, cell)
+                row[name] = read(cell)
             except ValueError:
                 expected = "True or False" if name in _YES_OR_NO else "a number"
                 raise InputError(f"{path}: row {number}: {name} is {cell!r}, not {expected}") from None
