@@ -230,8 +230,8 @@ def read_rows(path: Path, columns: tuple[str, ...], needed: tuple[str, ...]) -> 
         raise InputError(f"{path}: not a table of a run: missing column {', '.join(missing)}")
     if unknown := [name for name in head if name not in columns]:
         raise InputError(f"{path}: this version of bodycheck has no column {', '.join(unknown)}")
-    columns = [(name, _reader_of(name)) for name in head]
-    return [_row(path, number, columns, line, needed) for number, line in enumerate(lines[1:], 1)]
+    readers = [(name, _reader_of(name)) for name in head]
+    return [_row(path, number, readers, line, needed) for number, line in enumerate(lines[1:], 1)]
 
 
 def _reader_of(column: str) -> Callable[[str], Any]:
