@@ -19,10 +19,7 @@ import numpy as np
 from bodycheck.reports.measurement.order import MIN_POINTS, Order, predicted_error, settled_order
 
 FACTOR = 10.0
-"""The ratio of an error to the nearest end of its predicted interval, beyond which it is excluded.
-
-Of the 3,720 healthy series of the suites `standard` and `hard` none is excluded by a factor of 3.
-"""
+"""The ratio of an error to the nearest end of its predicted interval, beyond which it is excluded."""
 
 _SUSPECTED = math.log(10.0)  # deviation of log e from its neighbours, from which the others are fitted alone
 _MOST_SUSPECTS = 4
