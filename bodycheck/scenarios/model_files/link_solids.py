@@ -10,17 +10,15 @@ from typing import TypeAlias
 
 import numpy as np
 
-from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import parallel_axis_tensor
 from bodycheck.reference_impl.mass_properties.solid import MassProperties, Triangles, primitive
-from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh
 from bodycheck.scenarios.model_files.exact import doubles
 from bodycheck.scenarios.model_files.mjcf_shapes import mesh_inertia
 from bodycheck.scenarios.model_files.model_file import ModelFile, Shape
+from bodycheck.scenarios.model_files.shape_sizes import mesh_of
 from bodycheck.scenarios.model_files.urdf import resolved
 
-_MAX_BYTES = 30_000_000  # of a mesh file: larger ones take seconds
 _Scale: TypeAlias = tuple[float, ...]
 
 
@@ -130,13 +128,10 @@ def _placed(solid: MassProperties | None, R: Array, p: Array) -> MassProperties 
 @lru_cache(maxsize=64)
 def _mesh(path: Path, scale: _Scale) -> tuple[Array, MassProperties | None] | None:
     """Return the vertices (n, 3) of a mesh and its solid, None if it is open; None if it cannot be read."""
-    try:
-        if not path.is_file() or path.stat().st_size > _MAX_BYTES:
-            return None
-        with open_mesh(path) as file:
-            vertices, triangles = parse_mesh(path, file)
-    except (InputError, OSError, ValueError):
-        return None  # its size is then unknown; importers report what they make of it
+    mesh = mesh_of(path)
+    if mesh is None:
+        return None
+    vertices, triangles = mesh
     return closed_solid(vertices * scale, triangles)
 
 

@@ -9,13 +9,13 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.solid import MassProperties, primitive
+from bodycheck.reference_impl.mass_properties.solid import MassProperties, Triangles, primitive
 from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh
 from bodycheck.scenarios.model_files.exact import doubles
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, Shape
 from bodycheck.scenarios.model_files.urdf import resolved
 
-_LARGEST_MESH = 30_000_000  # bytes
+_LARGEST_MESH = 30_000_000  # bytes: larger ones take seconds
 
 
 def half_extents(shape: Shape, model: ModelFile) -> tuple[Array, Array] | None:
@@ -42,14 +42,22 @@ def half_extents(shape: Shape, model: ModelFile) -> tuple[Array, Array] | None:
 
 @cache
 def _mesh_box(path: Path) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+    mesh = mesh_of(path)
+    if mesh is None:
+        return None
+    vertices, _ = mesh
+    return tuple(vertices.min(axis=0).tolist()), tuple(vertices.max(axis=0).tolist())
+
+
+def mesh_of(path: Path) -> tuple[Array, Triangles] | None:
+    """Return vertices (n, 3) and triangles (m, 3) of a mesh file; None if it is large or cannot be read."""
     try:
         if not path.is_file() or path.stat().st_size > _LARGEST_MESH:
             return None
         with open_mesh(path) as file:
-            vertices, _ = parse_mesh(path, file)
+            return parse_mesh(path, file)
     except (InputError, OSError, ValueError):
         return None  # its size is then unknown; importers report what they make of it
-    return tuple(vertices.min(axis=0).tolist()), tuple(vertices.max(axis=0).tolist())
 
 
 def uniform(link: ModelLink, model: ModelFile) -> MassProperties | None:
