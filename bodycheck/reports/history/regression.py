@@ -67,9 +67,8 @@ class Judgement:
 
     @property
     def open(self) -> tuple[Regression, ...]:
-        """The regressions that are neither gone nor accepted, the newest and the largest first."""
-        order = sorted(self.state.regressions, key=lambda one: -one.change.size)
-        return tuple(sorted(order, key=lambda one: (not one.newly, _reversed(one.since))))
+        """The regressions that are neither gone nor accepted."""
+        return self.state.regressions
 
     @property
     def changes(self) -> tuple[Change, ...]:
@@ -86,11 +85,6 @@ class Judgement:
         if self.open:
             return "regression"
         return "no regression" if self.comparison and self.comparison.paired else "insufficient history"
-
-
-def _reversed(run_id: str) -> tuple[int, ...]:
-    """Return a sort key by which the latest run comes first."""
-    return tuple(-ord(letter) for letter in run_id)
 
 
 def judge_run(history: History, newest: Tables, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> Judgement:
