@@ -47,9 +47,8 @@ from bodycheck.reports.diagnosis.faults.fault import Fault, FaultContext
 from bodycheck.reports.diagnosis.fit import planted
 from bodycheck.reports.diagnosis.flow import BASES, Base, Flow, States
 from bodycheck.reports.diagnosis.transitions import Transitions
-from bodycheck.reports.judge import explained_file
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.recordings.column_map import read_map
+from bodycheck.runs import runner
 from bodycheck.scenarios.library import load_scenario
 from bodycheck.scenarios.model import Scenario
 
@@ -187,8 +186,8 @@ def written(path: Path, motion: Trajectory, resolution: str, *, translation: boo
 
 
 def explained(path: Path, scenario: Scenario, dt_s: float | None) -> Diagnosis | None:
-    """Return the diagnosis of a file."""
-    return explained_file(path, scenario, scenario.name, Cache.default(), read_map(()), dt_s).diagnosis
+    """Return the diagnosis of a file; that of the scenario is beside it."""
+    return runner.explain(path, path.parent / f"{scenario.name}.toml", dt_s=dt_s).diagnosis
 
 
 def apart(one: Trajectory, other: Trajectory) -> float:

@@ -93,20 +93,24 @@ class Fit:
             return np.zeros(0)
         sizes, values, axes = self.curvature
         determined = values > _UNDETERMINED * values[0]
-        known = self.remaining[np.any(self.slopes.reshape(*self.remaining.shape, -1), axis=(1, 2))]
-        freedom = max(known.size - int(np.count_nonzero(determined)), 1)
-        deviation = max(math.sqrt(float(np.sum(known**2)) / freedom), self.least)
+        deviation = max(self._scatter, self.least)
         spread = np.sum((axes[determined] / values[determined, None]) ** 2, axis=0)
         loose = np.any(np.abs(axes[~determined]) > _INVOLVED, axis=0)
         return np.where(loose, np.inf, 1.96 * deviation * np.sqrt(spread) / sizes)
 
     @property
+    def _scatter(self) -> float:
+        """The standard deviation of the remaining differences of the quantities that vary."""
+        known = self.remaining[np.any(self.slopes.reshape(*self.remaining.shape, -1), axis=(1, 2))]
+        return math.sqrt(float(np.sum(known**2)) / max(known.size - self.size, 1))
+
+    @property
     def smallest_half_widths(self) -> Array:
-        """Half the 95 % intervals of Cramer and Rao, for differences with the smallest deviation."""
+        """Half the 95 % intervals of Cramer and Rao, for the scatter alone."""
         sizes, values, axes = self.curvature
         determined = values > _UNDETERMINED * values[0]
         spread = np.sum((axes[determined] / values[determined, None]) ** 2, axis=0)
-        return np.asarray(1.96 * self.least * np.sqrt(spread) / sizes)
+        return np.asarray(1.96 * self._scatter * np.sqrt(spread) / sizes)
 
     @property
     def undetermined(self) -> Array:
@@ -227,8 +231,7 @@ def _step(one: _Candidate, here: Array, slopes: Array, transitions: Transitions)
         one.settled = one.share < 0.05
     assert best is not None
     one.promised = min(one.promised, best.cost)
-    if not len(best.values) or (transitions.whitening is None and best.cost <= transitions.round_off):
-        one.settled = True
+    one.settled |= not len(best.values)
     if one.settled:
         return
     sizes = best.curvature[0]

@@ -53,7 +53,7 @@ _FAR_OFF = 1e3  # a difference that is not finite
 _SWEEPS = 20  # at most, of the fixed point that finds a state from quantities of two instants
 _SETTLED = 1e-15  # relative change of that fixed point that is round-off
 AT_ROUND_OFF = 30.0  # multiples of the round-off that count as it
-_LEAST = 0.25  # of the round-off, which is that of the worst operation
+_LEAST = 0.15  # of the round-off, which is that of the worst operation
 WITHIN = 1.8  # root mean square of whitened differences: rounding leaves at most sqrt(3)
 SHIFT = 1e-5
 """The shift of a state, over the scale of its quantity, for the derivatives of a map."""
