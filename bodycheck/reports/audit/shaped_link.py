@@ -52,7 +52,8 @@ class Shaped:
         found = []
         for parts in (self.collisions, self.visuals):
             solid = united(parts or (), self.body.mass_kg)
-            if parts and solid is not None:
+            known = [one.inertia.tobytes() + one.centre.tobytes() for _, one in found]
+            if parts and solid and solid.inertia.tobytes() + solid.centre.tobytes() not in known:
                 found.append((parts, solid))
         return found
 
