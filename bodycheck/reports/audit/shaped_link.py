@@ -49,7 +49,7 @@ class Shaped:
     @cached_property
     def solids(self) -> list[tuple[list[Part], MassProperties]]:
         """The parts that together may be the body, at its mass and uniform density: collisions, visuals."""
-        found = []
+        found: list[tuple[list[Part], MassProperties]] = []
         for parts in (self.collisions, self.visuals):
             solid = united(parts or (), self.body.mass_kg)
             known = [one.inertia.tobytes() + one.centre.tobytes() for _, one in found]
