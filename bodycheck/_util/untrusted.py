@@ -130,10 +130,18 @@ def check_regular(path: Path) -> None:
         raise InputError(f"{path}: is {_KINDS.get(kind, 'something else')}, not a regular file")
 
 
-def read_bytes(path: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
-    """Return the content of a file; raises as `open_input` does."""
-    with open_input(path, max_bytes) as file:
-        content = file.read(max_bytes + 1)
+def read_bytes(path: Path, max_bytes: int = MAX_FILE_BYTES, *, from_shell: bool = False) -> bytes:
+    """Return the content of a file; raises as `open_input` does.
+
+    from_shell: whether to read a pipe that the shell made, as in `... | bodycheck judge /dev/stdin`.
+    """
+    is_pipe = from_shell and (path == Path("/dev/stdin") or path.parent == Path("/dev/fd"))
+    if is_pipe and stat.S_ISFIFO(path.stat().st_mode):
+        with path.open("rb") as pipe:
+            content = pipe.read(max_bytes + 1)
+    else:
+        with open_input(path, max_bytes) as file:
+            content = file.read(max_bytes + 1)
     if len(content) > max_bytes:  # it has grown, or its system does not know its size
         raise InputError(f"{path}: too large (limit: {max_bytes} bytes)")
     return content

@@ -52,7 +52,7 @@ def read_recording(path: Path, topic: str) -> Recording:
 
 def _read_table(path: Path) -> Recording:
     """Return the columns of text; the formats that are read are named where an unknown one is no table."""
-    content = read_bytes(path, MAX_BYTES)
+    content = read_bytes(path, MAX_BYTES, from_shell=True)
     try:
         return read_aem(path, content) if content.startswith(BEGINS) else read_text_table(path, content)
     except InputError as error:
