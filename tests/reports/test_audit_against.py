@@ -134,7 +134,7 @@ def test_unit_hides_no_other_fault(tmp_path: Path) -> None:
 
 
 @needs_usd
-def test_reported_axes_are_94_6_degrees_off(tmp_path: Path) -> None:
+def test_axes_turned_by_their_inverse_are_named(tmp_path: Path) -> None:
     """The conjugate of the reported link's axes, with its converter's signs, is 94.6 degrees off."""
     arm = replace(LINKS[1])
     moments, axes = np.linalg.eigh(REPORTED)

@@ -39,9 +39,9 @@ class History:
 
         Call this before anything is run. Raises InputError if nothing can be stored there.
         """
+        check_folder(f"--history {folder}", folder)
         if (folder / "manifest.json").exists():
             raise InputError(f"--history {folder}: is the folder of a run, not of a history")
-        check_folder(f"--history {folder}", folder)
         return cls(folder)
 
     @classmethod

@@ -35,6 +35,12 @@ def test_folder_of_a_run_is_no_history(tmp_path: Path, expected_message: Expecte
     assert [path.name for path in tmp_path.iterdir()] == ["manifest.json"]
 
 
+def test_name_too_long_for_a_folder_is_refused(tmp_path: Path) -> None:
+    """The operating system refuses it; nothing is run first."""
+    with pytest.raises(InputError):
+        History.at(tmp_path / ("n" * 3000))
+
+
 def test_start_is_that_of_the_run_id() -> None:
     """The start is in UTC, to the second."""
     assert started_at("20260102T030405Z-0a1b2c") == datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
