@@ -318,31 +318,38 @@ def explain(
 def report(
     context: typer.Context,
     run: _Run,
+    html: HtmlFile = None,
     markdown: MarkdownFile = None,
     allow_code: _AllowCode = False,
 ) -> None:
-    """Render the report.html of a stored run again; with --markdown, write only its summary."""
+    """Render the report.html of a stored run again, or to another file; with --markdown only its summary."""
     from bodycheck._util.files import write_file
     from bodycheck.reports.run_files.run_reader import read_run, read_tables
 
+    files = {"html": html, "markdown": markdown}
+    if (run / "night.json").exists():
+        for path in (html, markdown) if any(files.values()) else (run / "report.html",):
+            if path is not None and run.resolve() in path.resolve().parents:
+                raise InputError(
+                    f"{path}: belongs to a nightly run, which is not changed; "
+                    "--html FILE renders its report to another file"
+                )
+    check_files(files)
     if markdown is not None:
-        refuse_others(context, "--markdown: measures nothing again", ("run", "markdown"))
         from bodycheck.reports.document import markdown as as_markdown
         from bodycheck.reports.summary.sentences import run_document
 
-        check_files({"markdown": markdown})
+        if html is None:
+            refuse_others(context, "--markdown: measures nothing again", ("run", "markdown"))
         write_file(markdown, as_markdown(run_document(read_tables(run))).encode())
         print(markdown)
-        return
+        if html is None:
+            return
     from bodycheck.reports.cache.disk_cache import Cache
     from bodycheck.reports.render.html import render_report
     from bodycheck.reports.render.progress import status_line
 
-    if (run / "night.json").exists():
-        raise InputError(
-            f"{run}: is a nightly run, which is not changed; its report is {run / 'report.html'}"
-        )
-    page = run / "report.html"
+    page = html or run / "report.html"
     with status_line("measuring the stored motions again"):
         rendered = render_report(read_run(run, allow_code=allow_code, cache=Cache.default()))
     write_file(page, rendered.encode())

@@ -68,11 +68,46 @@ def test_motion_is_computed_only_by_the_same_version(stored: Path, tmp_path: Pat
         _ = case.trajectory
 
 
+def content(folder: Path) -> dict[Path, bytes]:
+    """Return every file of a folder."""
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
 @pytest.mark.slow
-def test_report_of_a_nightly_run_is_not_rendered_again(stored: Path) -> None:
-    """It would change a file whose checksum is stored."""
-    done = CliRunner().invoke(commands.app, ["report", str(stored)])
-    assert "is a nightly run, which is not changed" in str(done.exception)
+def test_report_of_a_nightly_run_is_rendered_elsewhere(stored: Path, tmp_path: Path) -> None:
+    """In the run it would change a file whose checksum is stored."""
+    before, page, summary = content(stored), tmp_path / "page.html", tmp_path / "summary.md"
+    for place in ([], ["--html", str(stored / "new.html")], ["--markdown", str(stored / "new.md")]):
+        done = CliRunner().invoke(commands.app, ["report", str(stored), *place])
+        assert "belongs to a nightly run, which is not changed" in str(done.exception)
+    command = ["report", str(stored), "--html", str(page), "--markdown", str(summary)]
+    done = CliRunner().invoke(commands.app, command, catch_exceptions=False)
+    assert done.stdout.split() == [str(summary), str(page)]
+    assert page.read_text(encoding="utf-8").startswith("<!doctype html>")
+    assert "reference:m1" in summary.read_text(encoding="utf-8")
+    assert content(stored) == before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("command", "kind", "first"),
+    [
+        (["plot", "--figure", "drift", "--scenario", "slow"], "svg", b"<?xml"),
+        (["movie", "--scenario", "slow"], "gif", b"GIF89a"),
+        (["explain"], "html", b"<!doctype html>"),
+    ],
+    ids=["plot", "movie", "explain"],
+)
+def test_motions_of_a_nightly_run_are_drawn_and_explained(
+    command: list[str], kind: str, first: bytes, stored: Path, tmp_path: Path
+) -> None:
+    """Like those of any run; the files of the nightly run are the same afterwards."""
+    before, file = content(stored), tmp_path / f"file.{kind}"
+    name, *options = command
+    arguments = [name, str(stored), *options, f"--{kind}", str(file)]
+    done = CliRunner().invoke(commands.app, arguments, catch_exceptions=False)
+    assert (done.exit_code, file.read_bytes()[: len(first)]) == (0, first)
+    assert content(stored) == before
 
 
 @pytest.mark.slow
