@@ -210,7 +210,7 @@ def _speed_sentence(judged: Judgement) -> str:
     speeds, required = judged.speeds.series, MIN_BEFORE + MIN_AFTER
     if not judged.newest.manifest["speed"]:
         return "Speed was not measured."
-    if speeds.measured < required:
+    if not judged.speeds.judged:
         return (
             f"Speed is not judged yet: {speeds.measured} of the {required} required nightly runs measured it."
         )

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.untrusted import open_input
 from bodycheck.reports.comparison.change import Change, ChangeKey
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measures import IDENTITY, MEASURES
@@ -30,6 +31,7 @@ from bodycheck.reports.run_files.tables import (
 FOLDER = "accepted"
 """The folder of the levels in a nightly run: its tables with each value at its level, and settings.csv."""
 
+_SETTINGS = "settings.csv"
 _FORMER_FILE = "accepted.csv"  # of results only, in the histories of earlier versions
 
 ABSENT = "absent"
@@ -248,8 +250,17 @@ def read_levels(folder: Path, tables: Tables) -> Levels:
         {case_key(row): row for row in results},
         _by_quantity(read_rows(place / "methods.csv", METHOD_COLUMNS, of_method)),
         {study_key(row): row for row in read_rows(place / "stability.csv", STABILITY_COLUMNS, of_search)},
-        dict(_settings(place / "settings.csv")),
+        dict(_settings(place / _SETTINGS)),
     )
+
+
+def settings_of(folder: Path) -> bytes:
+    """Return the content of the settings after a nightly run, which changes where a level is set."""
+    try:
+        with open_input(folder / FOLDER / _SETTINGS) as file:
+            return file.read()
+    except FileNotFoundError:  # of an earlier version
+        return b""
 
 
 def _settings(path: Path) -> Iterable[tuple[ChangeKey, Setting]]:

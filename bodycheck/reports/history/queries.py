@@ -49,11 +49,11 @@ def recorded_cases(runs: Sequence[Path], measures: Iterable[str] = ()) -> pd.Dat
     return found.reindex(columns=["run", *columns])
 
 
-def recorded_changes(runs: Sequence[Path]) -> pd.DataFrame:
-    """Return one row per change of each run, with its run; raises InputError if a file cannot be read."""
+def recorded(runs: Sequence[Path], table: str) -> pd.DataFrame:
+    """Return the rows of a table of each run, with its run; raises InputError if a file cannot be read."""
     with _connection() as database:
-        changes = read_parquet(database, _files(runs, "changes"), union_by_name=True)
-        return changes.project("*, run_id AS run").df()
+        rows = read_parquet(database, _files(runs, table), union_by_name=True)
+        return rows.project("*, run_id AS run").df()
 
 
 def query(runs: Sequence[Path], sql: str) -> pd.DataFrame:

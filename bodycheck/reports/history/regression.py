@@ -28,6 +28,8 @@ from bodycheck.reports.history.open_regressions import Measured, Regression, Sta
 from bodycheck.reports.history.queries import recorded_cases
 from bodycheck.reports.history.step_detection import (
     CASE,
+    MIN_AFTER,
+    MIN_BEFORE,
     MIN_STEP,
     Key,
     Series,
@@ -278,6 +280,11 @@ class Speeds:
     series: Series
     steps: dict[Key, list[Step]]
     above: Mapping[Key, float]
+
+    @property
+    def judged(self) -> bool:
+        """Whether enough nightly runs measured the speeds."""
+        return self.series.measured >= MIN_BEFORE + MIN_AFTER
 
     @property
     def changes(self) -> Iterator[Change]:

@@ -35,9 +35,11 @@ function draw(chosen) {
       hovertemplate: `%{y:.4g}<br>${one.f}<br>%{customdata}<extra></extra>`,
     };
     if (!one.l) return [value];
-    const [from, level] = one.l;
-    const ends = [data.dates[from], data.dates.at(-1)];
-    const accepted = { mode: "lines", x: ends, y: [level, level], hoverinfo: "skip", showlegend: false, line: { ...line, dash: "dash", width: 1 } };
+    const steps = [...one.l, [data.dates.length - 1, one.l.at(-1)[1]]];
+    const accepted = {
+      mode: "lines", x: steps.map(([run]) => data.dates[run]), y: steps.map(([, level]) => level),
+      hoverinfo: "skip", showlegend: false, line: { ...line, shape: "hv", dash: "dash", width: 1 },
+    };
     return [value, accepted];
   });
   const half = at => new Date(at).toISOString();
@@ -52,7 +54,7 @@ function draw(chosen) {
   const marks = releases.map(([run]) => ({
     type: "line", yref: "paper", y0: 0, y1: 1, x0: data.dates[run], x1: data.dates[run], line: { color: colour("--faint"), width: 1, dash: "dot" },
   }));
-  const positive = chosen.every(one => one.v.every(([, , value]) => value > 0));
+  const positive = measure.value !== "order" && chosen.every(one => one.v.every(([, , value]) => value > 0));
   Plotly.react(plot, traces, {
     font: { family: "system-ui, sans-serif", size: 12, color: colour("--ink") },
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",

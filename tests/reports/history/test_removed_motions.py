@@ -119,7 +119,7 @@ def test_trends_have_every_measure_with_its_level_and_when_it_was_worse(stored: 
     series = {(one["m"], one["s"], one["q"], one["f"]): one for one in data["series"]}
     worse = series["reference:m1", "slow", ERROR, "dt 0.01 s"]
     (first, _, before), (second, _, after) = worse["v"]
-    assert (first, second, worse["w"], worse["l"]) == (0, 1, [1], [0, before])
+    assert (first, second, worse["w"], worse["l"]) == (0, 1, [1], [[0, before]])
     assert after == pytest.approx(1.5 * before, rel=1e-4)
     same = series["reference:m1", "slow", ERROR, "dt 0.005 s"]
     assert ([len(same["v"]), same["v"][0][:2]], "w" in same) == ([1, [0, 2]], False)
