@@ -238,6 +238,11 @@ def _link_of_file(folder: Traversable, file: str, kind: str, name: str | None) -
 
     path = Path(str(folder)) / file
     model = read_model(path)
+    if model.format not in MODEL_FORMATS:
+        raise InputError(
+            f"{path}: is {model.format.upper()}, and [body] takes a link of URDF or MJCF only; write "
+            f"mass_kg and inertia_kg_m2, which 'bodycheck audit {file} --lint --json' prints"
+        )
     if model.format != kind:
         raise InputError(f"{path}: is {model.format.upper()}; write {model.format} = {file!r}")
     known = [link.name for link in model.links if link.stated is not None]

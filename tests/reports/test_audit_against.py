@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,7 +16,8 @@ from bodycheck._util.errors import InputError
 from bodycheck.cli.commands import app
 from bodycheck.reports.audit.audit import SINGLE, Audit
 from bodycheck.reports.audit.audit_document import audit_document
-from bodycheck.reports.document import Sentence, Table
+from bodycheck.reports.audit.audit_page import audit_page
+from bodycheck.reports.document import Sentence, Table, markdown
 from bodycheck.runs.audit_against import audit_against
 from bodycheck.runs.audit_run import AuditOptions, audit
 from bodycheck.scenarios.model_files import read_model, usd
@@ -259,6 +261,15 @@ def test_answer_comes_first(tmp_path: Path, expected_message: ExpectedMessage) -
         expected_message("\n".join(sentences), tmp_path)
     (bodies,) = [part for part in alone.parts if isinstance(part, Table) and part.rows]
     assert [row[0] for row in bodies.rows] == ["base", "arm", "tip"]
+
+
+@needs_usd
+def test_comparison_of_two_files_names_no_importer(tmp_path: Path) -> None:
+    """Neither the page nor the text calls a file an importer or an engine."""
+    compared = against(tmp_path, Stage(axes="lost"))
+    for text in (audit_page(compared), markdown(audit_document(compared))):
+        assert "robot.usda" in text
+        assert not re.search("importer(?!-)|in the engine", text, re.IGNORECASE)
 
 
 BAD = {

@@ -57,6 +57,48 @@ def test_large_moment_on_the_wrong_axis_is_named(tmp_path: Path) -> None:
     assert _lint(_inertial(2.637, (0.02467, 0.04411, 0.02467)) + shape, tmp_path) == []
 
 
+def test_box_around_partial_shapes_is_no_slip(tmp_path: Path) -> None:
+    """Only the top of a table collides, and 53.5 kg have the tensor of the box around its top and its legs."""
+    moments = tuple(53.5 / 12 * (a**2 + b**2) for a, b in ((0.762, 0.762), (0.7112, 0.762), (0.7112, 0.762)))
+    top = _shape('box size="0.7112 0.762 0.057"', 'xyz="0 0 0.736"')
+    leg = _shape('box size="0.05 0.05 0.762"', 'xyz="0.33 0.35 0.381"', tag="visual")
+    assert _lint(_inertial(53.5, moments) + top + leg, tmp_path) == []
+    (found,) = _lint(_inertial(53.5, moments) + top, tmp_path)
+    assert found.rule == "shape-slip"
+
+
+@pytest.mark.parametrize("wrong", ["left", "right"])
+def test_mirror_image_that_differs_from_its_shapes_is_accused(wrong: str, tmp_path: Path) -> None:
+    """Of two legs that are no mirror images, the one whose tensor differs from that of its shapes."""
+    legs = {}
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        ixy = 4e-4 * sign * (-1.0 if side == wrong else 1.0)
+        foot = _shape('box size="0.6 0.2 0.2"', f'xyz="0.1 {0.2 * sign} 0" rpy="0 0 {-0.3 * sign}"')
+        legs[side] = _inertial(1.0, (0.0068, 0.033, 0.033), f"0.1 {0.2 * sign} 0", str(ixy * 10)) + foot
+    path = tmp_path / "robot.urdf"
+    links = "".join(f'<link name="{side}">{content}</link>' for side, content in legs.items())
+    path.write_text(f'<robot name="r">{links}</robot>')
+    found = [one for one in lint(read_model(path)) if one.rule == "mirrored-axes"]
+    assert [one.link for one in found] == [wrong]
+
+
+def test_links_without_shapes_are_no_twins(tmp_path: Path) -> None:
+    """A link that has no shape is not one of another shape; three shapes with the same numbers are noted."""
+    same = _inertial(1.0, (0.2, 0.3, 0.4))
+    shapes = [_shape(f'box size="1.5 1.2 {z}"') for z in (1.0, 1.1, 1.2)]
+    for last, twins in (("", 0), (shapes[2], 3)):
+        others = "".join(f'<link name="b{k}">{same}{one}</link>' for k, one in enumerate((shapes[1], last)))
+        found = _lint(same + shapes[0], tmp_path, others)
+        assert [one.rule for one in found].count("placeholder-inertia") == twins
+
+
+def test_mesh_that_is_not_finite_hides_nothing(tmp_path: Path) -> None:
+    """The size of a mesh with vertices that are no numbers is not known; an impossible tensor still is one."""
+    (tmp_path / "part.obj").write_text("v nan nan nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (found,) = _lint(_inertial(0.1, (1, 1, 0)) + _shape('mesh filename="part.obj"'), tmp_path)
+    assert (found.rule, found.severity) == ("not-positive", "error")
+
+
 def test_parts_added_without_the_parallel_axis_are_named(tmp_path: Path) -> None:
     """Two cubes 0.6 m apart: 2 (m / 6 a^2 + m d^2 across the line between them)."""
     cubes = "".join(_shape('box size="0.1 0.1 0.1"', f'xyz="{x} 0 0"') for x in (0.3, -0.3))

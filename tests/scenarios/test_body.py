@@ -234,6 +234,18 @@ def test_errors_of_file_and_mesh_are_reported_together(tmp_path: Path) -> None:
     assert sorted(paths) == ["body.density_kg_m3", "body.mass_kg", "body.mesh", "duration_s"]
 
 
+def test_file_of_another_format_is_refused_with_the_way_out(
+    tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
+    """[body] names the key of an MJCF file, and where the numbers of an SDFormat file are printed."""
+    (tmp_path / "robot.xml").write_text("<mujoco><worldbody/></mujoco>")
+    (tmp_path / "robot.sdf").write_text('<sdf version="1.9"><model name="m"><link name="a"/></model></sdf>')
+    for name in ("robot.xml", "robot.sdf"):
+        with pytest.raises(InputError) as caught:
+            parse_scenario(f'{HEAD}urdf = "{name}"\n', "file.toml", tmp_path)
+        expected_message(str(caught.value), tmp_path)
+
+
 @pytest.mark.parametrize("density", [1.0, 7.3, 2700.0])
 def test_density_scales_the_body(density: float, tmp_path: Path) -> None:
     """Mass and inertia of mesh and shape are those of unit density times the density."""

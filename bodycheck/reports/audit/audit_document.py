@@ -99,13 +99,16 @@ def _importers(audit: Audit) -> Table:
         summary = names([f"{amount} {state}" for state, amount in states.items()])
         result: Cell = summary or Span(f"{one.outcome}: {one.message}", "fault")
         rows.append((one.name, one.version, result, one.settings))
+    if audit.compared:
+        files = tuple((name, result) for name, _, result, _ in rows)
+        return Table((Column("file", "fixed"), Column("result")), files, "Compared file")
     return Table(columns, tuple(rows), "Importers")
 
 
 def _differences(audit: Audit) -> Table:
     columns = (
         Column("link", "name"),
-        Column("importer", "fixed"),
+        Column("file" if audit.compared else "importer", "fixed"),
         Column("mass", "number"),
         Column("centre", "number"),
         Column("tensor", "number"),
@@ -119,7 +122,8 @@ def _differences(audit: Audit) -> Table:
                 rows.append(
                     (link.name, name, *_relative(one.difference), Span("; ".join(one.causes), tint_of(one)))
                 )
-    return Table(columns, tuple(rows), "Differences, relative to the file")
+    file = Path(audit.file).name if audit.compared else "the file"
+    return Table(columns, tuple(rows), f"Differences, relative to {file}")
 
 
 def _relative(difference: Difference | None) -> tuple[str, str, str]:

@@ -1,9 +1,10 @@
-"""The page of an audit: one row per link, one column per importer, and ellipsoids of inertia."""
+"""The page of an audit: one row per link, one column per importer or file, and ellipsoids of inertia."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from markupsafe import Markup, escape
@@ -71,8 +72,17 @@ def audit_page(audit: Audit) -> str:
         )
         for link in audit.links
     ]
+    file, other = Path(audit.file).name, Path(audit.compared).name
     return page(
-        audit_document(audit), "audit.html", heads=heads, rows=rows, file=audit.file, sha256=audit.sha256
+        audit_document(audit),
+        "audit.html",
+        heading="Every link in both files" if audit.compared else "Every link in every importer",
+        stated=f"in {file}" if audit.compared else "in the file",
+        held=f"in {other}" if audit.compared else "in the engine",
+        heads=heads,
+        rows=rows,
+        file=audit.file,
+        sha256=audit.sha256,
     )
 
 
@@ -132,7 +142,7 @@ def _ellipsoids(one: Comparison) -> Markup:
             f'<circle class="{kind}" cx="{at[0]:.1f}" cy="{-at[1]:.1f}" r="1.6"/>'
         )
     half = _VIEW / 2.0
-    label = escape("ellipsoids of inertia: dashed as in the file, solid as held")
+    label = escape("ellipsoids of inertia: dashed as stated, solid as held")
     return Markup(
         f'<svg viewBox="{-half} {-half} {_VIEW} {_VIEW}" width="{_VIEW:.0f}" height="{_VIEW:.0f}" role="img" '
         f'aria-label="{label}">{"".join(paths)}</svg>'

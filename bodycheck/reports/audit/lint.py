@@ -17,7 +17,7 @@ from bodycheck._util.formatting import number, vector
 from bodycheck.reference_impl.dynamics import parallel_axis_tensor
 from bodycheck.reports.audit.audit import Body, Confidence, Finding, Severity
 from bodycheck.reports.audit.mesh_lint import weighed_meshes
-from bodycheck.reports.audit.shape_lint import against_shapes, fits_shapes, slip_of
+from bodycheck.reports.audit.shape_lint import against_shapes, closer_to_shapes, fits_shapes, slip_of
 from bodycheck.reports.audit.shaped_link import is_placeholder
 from bodycheck.scenarios.model_files.exact import doubles
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, triangle_excess
@@ -175,7 +175,8 @@ def _twins(model: ModelFile) -> Iterator[Finding]:
     same: dict[tuple[float, bytes], list[ModelLink]] = {}
     for link in model.links:
         body = _written(link)
-        if body is not None and body.mass_kg > 0.0 and body.inertia_kg_m2.any() and not is_placeholder(link):
+        weighs = body is not None and body.mass_kg > 0.0 and body.inertia_kg_m2.any()
+        if body is not None and weighs and link.collisions and not is_placeholder(link):
             same.setdefault((body.mass_kg, body.inertia_kg_m2.tobytes()), []).append(link)
     for links in same.values():
         shapes = Counter(map(_shape_key, links))
@@ -237,13 +238,16 @@ def _mirrored(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
             wrong = float(np.max(np.abs(expected - twin.inertia_kg_m2)))
             same_moments = np.allclose(body.principal[0], twin.principal[0], rtol=1e-3)
             if wrong > 1e-3 * size and same_moments:
+                sides = [(other, link, expected), (link, other, M @ twin.inertia_kg_m2 @ M)]
+                closer = [closer_to_shapes(one, model, mirrored) for one, _, mirrored in sides]
+                one, right, mirrored = sides[closer == [False, True]]
                 yield _finding(
                     "mirrored-axes",
                     "warning",
                     "likely",
-                    other,
-                    f"its centre of mass mirrors that of {link.name} in {'xyz'[axis]}, its tensor does not",
-                    f"{vector(expected[np.triu_indices(3)])} kg m^2 (xx, xy, xz, yy, yz, zz) in link axes",
+                    one,
+                    f"its centre of mass mirrors that of {right.name} in {'xyz'[axis]}, its tensor does not",
+                    f"{vector(mirrored[np.triu_indices(3)])} kg m^2 (xx, xy, xz, yy, yz, zz) in link axes",
                 )
             return
 

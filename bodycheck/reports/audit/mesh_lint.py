@@ -17,7 +17,7 @@ from bodycheck.scenarios.model_files.link_solids import closed_solid
 from bodycheck.scenarios.model_files.mjcf_shapes import mesh_inertia
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, WeighedMesh
 
-_ROUND_OFF = 1e-6
+_SMALL = 1e-3  # relative difference up to which a mesh is as good as the solid
 _CLEAR = 0.01  # relative difference from which a mesh is a warning
 _WHY = {
     "legacy": "concave parts and walls of cavities count more than once",
@@ -43,7 +43,7 @@ def _compared(link: ModelLink, mesh: WeighedMesh) -> Iterator[Finding]:
         return
     held_body, solid_body = (_weighed(one, mesh) for one in (held, solid))
     difference = Difference.between(solid_body, held_body)
-    if difference.largest <= _ROUND_OFF:
+    if difference.largest <= _SMALL:
         return
     large = difference.largest > _CLEAR and mesh.kind != "shell"
     what = f'mesh {mesh.name!r}, inertia="{mesh.kind}" ({_WHY[mesh.kind]}): MuJoCo '

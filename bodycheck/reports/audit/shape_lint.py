@@ -12,8 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from bodycheck._util.formatting import number, vector
+from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import parallel_axis_tensor
-from bodycheck.reference_impl.mass_properties.solid import MassProperties
+from bodycheck.reference_impl.mass_properties.solid import MassProperties, primitive
 from bodycheck.reports.audit.audit import Body, Finding
 from bodycheck.reports.audit.shaped_link import (
     CENTRE_OFF,
@@ -30,6 +31,7 @@ from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink
 from bodycheck.scenarios.shapes import DENSITIES
 
 _FITS = 0.05  # the same for a tensor with few decimals
+_PARTIAL = 0.9  # of the edge of the box around all shapes, below which some of them are a part only
 _RATIO = 2.0  # of a moment to that of the shape, or its inverse, from which it is a note
 _SIMPLIFIED = 1.1  # how far simplified shapes may stay behind the moment of the real ones
 _ROUND_OFF = 1e-6
@@ -51,7 +53,7 @@ def against_shapes(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
     shaped = Shaped(model, link, body)
     rules: tuple[Callable[[Shaped], Finding | None], ...] = (_beyond,)
     if shaped.solids and not is_placeholder(link):
-        exact = agrees(shaped, EXPLAINED)
+        exact = agrees(shaped, EXPLAINED) or _of_outer_box(shaped)
         rules += (_centre,) if exact else (_slip, _centre, _symmetry, _about, _unit, _ratio)
     for rule in rules:
         if (finding := rule(shaped)) is not None:
@@ -66,12 +68,38 @@ def fits_shapes(link: ModelLink, model: ModelFile) -> bool:
     return agrees(Shaped(model, link, Body.of(link.stated.in_link)), _FITS)
 
 
+def closer_to_shapes(link: ModelLink, model: ModelFile, tensor: Array) -> bool:
+    """Return whether a tensor (3, 3) in link axes is closer to that of the link's shapes than the stated."""
+    if link.stated is None:
+        return False
+    shaped = Shaped(model, link, Body.of(link.stated.in_link))
+    return any(
+        np.linalg.norm(tensor - solid.inertia) < np.linalg.norm(shaped.body.inertia_kg_m2 - solid.inertia)
+        for _, solid in shaped.solids[:1]
+    )
+
+
 def slip_of(link: ModelLink, model: ModelFile) -> Finding | None:
     """Return the slip that explains a tensor, also one that no body has."""
     if link.stated is None or link.stated.derived or link.static:
         return None
     shaped = Shaped(model, link, Body.of(link.stated.in_link))
     return _slip(shaped) if shaped.solids else None
+
+
+def _of_outer_box(shaped: Shaped) -> bool:
+    """Return whether the tensor is about that of the box around all shapes, of which those of a kind are part.
+
+    A table whose top alone collides may have the tensor of the box around its top and its legs.
+    """
+    low, high = shaped.span
+    edges = high - low
+    spans = (np.array([part.span for part in parts]) for parts, _ in shaped.solids)
+    inner = [np.max(span[:, 1], axis=0) - np.min(span[:, 0], axis=0) for span in spans]
+    if not np.all(edges > 0.0) or all(np.all(one > _PARTIAL * edges) for one in inner):
+        return False
+    box = primitive("box", edges.tolist())
+    return near(shaped.body.inertia_kg_m2, box.inertia * (shaped.body.mass_kg / box.mass), _FITS)
 
 
 def _beyond(shaped: Shaped) -> Finding | None:

@@ -69,11 +69,16 @@ class Shaped:
         return found or None
 
     @cached_property
-    def holds_centre(self) -> bool:
-        """Whether the centre of mass is within the box around the shapes of the link, along its axes."""
+    def span(self) -> tuple[Array, Array]:
+        """The least and the greatest coordinates (3,) of the box around the shapes, along the link's axes."""
         parts = [part for parts in (self.collisions, self.visuals) for part in parts or ()]
         low = np.min([part.span[0] for part in parts], axis=0)
-        high = np.max([part.span[1] for part in parts], axis=0)
+        return low, np.max([part.span[1] for part in parts], axis=0)
+
+    @cached_property
+    def holds_centre(self) -> bool:
+        """Whether the centre of mass is within the box around the shapes of the link."""
+        low, high = self.span
         margin = EXPLAINED * (high - low)
         return bool(np.all((self.body.centre_m >= low - margin) & (self.body.centre_m <= high + margin)))
 

@@ -50,14 +50,18 @@ def _mesh_box(path: Path) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
 
 
 def mesh_of(path: Path) -> tuple[Array, Triangles] | None:
-    """Return vertices (n, 3) and triangles (m, 3) of a mesh file; None if it is large or cannot be read."""
+    """Return vertices (n, 3) and triangles (m, 3) of a mesh file.
+
+    None if it is large, cannot be read or has vertices that are not finite.
+    """
     try:
         if not path.is_file() or path.stat().st_size > _LARGEST_MESH:
             return None
         with open_mesh(path) as file:
-            return parse_mesh(path, file)
+            vertices, triangles = parse_mesh(path, file)
     except (InputError, OSError, ValueError):
         return None  # its size is then unknown; importers report what they make of it
+    return (vertices, triangles) if np.isfinite(vertices).all() else None
 
 
 def uniform(link: ModelLink, model: ModelFile) -> MassProperties | None:

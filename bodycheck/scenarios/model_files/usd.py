@@ -9,9 +9,9 @@ from __future__ import annotations
 import importlib.util
 import json
 import math
+import os
 import re
 import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from bodycheck._util.child_python import child_python
 from bodycheck._util.errors import InputError
 from bodycheck._util.untrusted import open_input, printable
 from bodycheck.scenarios.model_files.exact import (
@@ -82,10 +83,16 @@ def _facts(path: Path) -> dict[str, Any]:
 
 def asked(path: Path) -> dict[str, Any]:
     """Return what a process of its own reads from a stage, or {"error": WHY}."""
-    # -P: the current folder, which may be a stranger's, is not searched for modules
-    command = [sys.executable, "-P", "-m", "bodycheck.scenarios.model_files.usd_stage", str(path.absolute())]
+    command, variables = child_python("bodycheck.scenarios.model_files.usd_stage", str(path.absolute()))
     try:
-        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=_TIMEOUT_S)
+        done = subprocess.run(
+            command,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=_TIMEOUT_S,
+            env={**os.environ, **variables},
+        )
     except subprocess.TimeoutExpired:
         raise InputError(f"{path}: cannot be read: OpenUSD did not finish within {_TIMEOUT_S:g} s") from None
     if done.returncode:
