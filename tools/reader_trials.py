@@ -136,6 +136,7 @@ def _inputs(sound: Path) -> list[Reader]:
         "g.glb": glb(),
         "h.3mf": packed(model_3mf()),
         "i.dae": dae(),
+        "j.obj": obj().encode("utf-16"),
     }
     for name, content in meshes.items():
         (sound / name).write_bytes(content if isinstance(content, bytes) else content.encode())

@@ -58,7 +58,7 @@ def test_large_moment_on_the_wrong_axis_is_named(tmp_path: Path) -> None:
 
 
 def test_box_around_partial_shapes_is_no_slip(tmp_path: Path) -> None:
-    """Only the top of a table collides, and 53.5 kg have the tensor of the box around its top and its legs."""
+    """Only the top of a table collides, and the tensor is that of the box around its top and its legs."""
     moments = tuple(53.5 / 12 * (a**2 + b**2) for a, b in ((0.762, 0.762), (0.7112, 0.762), (0.7112, 0.762)))
     top = _shape('box size="0.7112 0.762 0.057"', 'xyz="0 0 0.736"')
     leg = _shape('box size="0.05 0.05 0.762"', 'xyz="0.33 0.35 0.381"', tag="visual")
@@ -93,7 +93,7 @@ def test_links_without_shapes_are_no_twins(tmp_path: Path) -> None:
 
 
 def test_mesh_that_is_not_finite_hides_nothing(tmp_path: Path) -> None:
-    """The size of a mesh with vertices that are no numbers is not known; an impossible tensor still is one."""
+    """The size of a mesh with vertices that are no numbers is not known; an impossible tensor is reported."""
     (tmp_path / "part.obj").write_text("v nan nan nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     (found,) = _lint(_inertial(0.1, (1, 1, 0)) + _shape('mesh filename="part.obj"'), tmp_path)
     assert (found.rule, found.severity) == ("not-positive", "error")

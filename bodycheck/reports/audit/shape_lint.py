@@ -88,7 +88,7 @@ def slip_of(link: ModelLink, model: ModelFile) -> Finding | None:
 
 
 def _of_outer_box(shaped: Shaped) -> bool:
-    """Return whether the tensor is about that of the box around all shapes, of which those of a kind are part.
+    """Return whether the tensor is about that of the box around all shapes, of which some are a part only.
 
     A table whose top alone collides may have the tensor of the box around its top and its legs.
     """
