@@ -102,11 +102,17 @@ def _with_fault(search: Search, *, stepped: bool) -> Diagnosis:
     exact = None
     if left is not None and left.is_small:
         exact = Diagnosis("healthy", EXACT.name, "the exact flow", per_sample=left.size)
-        if not left.is_smooth and not (left.is_rounding and stepped):
+        if not left.has_structure and not (left.is_rounding and stepped):
             return exact
     found = search.diagnosis(bases_for(None) if stepped else (EXACT,), (), None)
+    if search.own is not None and not stepped and len(found.faults) != 1:
+        # as without a fault, maps with one step per sample are tried
+        one = search.diagnosis(bases_for(None), (), None)
+        if one.verdict == "explained" and one.after <= search.own.limit:
+            return one
     # the errors of a method of many steps are smooth, too, but then there is no step to name
-    if found.verdict == "unexplained" and exact is not None and not (stepped and left and left.is_smooth):
+    is_like_solver = left is not None and not left.is_one_sided and not (stepped and left.is_smooth)
+    if found.verdict == "unexplained" and not found.nearly and exact is not None and is_like_solver:
         return exact
     return found
 

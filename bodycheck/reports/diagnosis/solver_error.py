@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.diagnosis.flow import EXACT
 from bodycheck.reports.diagnosis.transitions import QUANTITIES, ROUND_OFF, Transitions
 
@@ -16,6 +18,7 @@ _FEWEST, _WINDOWS = 8, 4  # samples in a window, and windows
 _SMOOTH = 0.5  # share of the energy that means over windows keep
 _SIGNIFICANT = 9.0  # of such energy, over that of rounding
 _ROUNDED = 2.0  # energy over that of rounding, below which nothing else shows per sample
+_ONE_SIDED = 0.6  # correlation with the state: at most 0.5 for solvers of SciPy, 1 for damping
 
 
 @dataclass(frozen=True)
@@ -26,13 +29,20 @@ class SolverError:
     solver could leave it; not what stands out in a few transitions. is_smooth:
     whether most of it varies as slowly as the state, as the effect of a fault does; the errors of a solver
     vary with its steps, and the errors of its interpolation within them. is_rounding: whether it is as small
-    as the rounding of the recording.
+    as the rounding of the recording. is_one_sided: whether it brings energy in, or takes it out, in nearly
+    every transition, as damping does.
     """
 
     size: float
     usual: float
     is_smooth: bool
     is_rounding: bool
+    is_one_sided: bool
+
+    @property
+    def has_structure(self) -> bool:
+        """Whether it may be the effect of a fault."""
+        return self.is_smooth or self.is_one_sided
 
     @property
     def is_small(self) -> bool:
@@ -62,4 +72,26 @@ def solver_error(transitions: Transitions) -> SolverError:
         rounding &= energy <= _ROUNDED * noise
         lengths = np.linalg.norm(own, axis=0)
         size, usual = max(size, float(np.max(lengths))), max(usual, float(np.quantile(lengths, 0.9)))
-    return SolverError(size, usual, smooth, rounding)
+    return SolverError(size, usual, smooth, rounding, _is_one_sided(transitions, gaps))
+
+
+def _is_one_sided(transitions: Transitions, gaps: Array) -> bool:
+    """Whether differences (12, s) of omega or velocity change the energy as steadily as their size allows.
+
+    |sum omega . I d| / sqrt(sum omega . I omega sum d . I d), with v and d of the velocity for omega and I.
+    """
+    path = transitions.trajectory
+    inertia = transitions.scene.body.inertia
+    parts = (("omega", path.omega_body, inertia), ("velocity", path.velocity_m_s, np.eye(3)))
+    for name, states, weight in parts:
+        if name not in transitions.known:
+            continue
+        own, state = gaps[QUANTITIES[name]].T, states[transitions.indices]
+        if name == "omega" and transitions.world_omega:
+            own = np.einsum("nji,nj->ni", path.rotation_matrices[transitions.indices + 1], own)
+        noise = float(np.max(transitions.noise[QUANTITIES[name]]))
+        work = float(np.sum(state @ weight * own))
+        size = math.sqrt(float(np.sum(state @ weight * state) * np.sum(own @ weight * own)))
+        if np.mean(own**2) > noise**2 and abs(work) > _ONE_SIDED * size:
+            return True
+    return False

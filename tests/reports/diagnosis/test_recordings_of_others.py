@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
+from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.diagnosis.diagnosis import Diagnosis
 from bodycheck.runs import runner
 from tests.helpers.expected_messages import ExpectedMessage
@@ -221,3 +223,76 @@ def test_a_log_of_gyro_rates_alone_is_examined(reversed_axis: str | None, tmp_pa
         assert found.start is not None
         assert found.start.meaning == "its omega about y has the opposite sign"
     assert "attitude" not in " ".join(fault.sentence for fault in found.faults)
+
+
+INERTIA = np.array([[0.05, 0.004, -0.003], [0.004, 0.07, 0.006], [-0.003, 0.006, 0.09]])
+FREE = f"""
+name = "free"
+duration_s = 2.0
+samples = 201
+[body]
+mass_kg = 2.0
+inertia_kg_m2 = {INERTIA.tolist()}
+[initial]
+omega_body_rad_s = [1.0, -2.0, 3.0]
+"""
+
+
+def diagnosis_of_rates(folder: Path, omega: Array) -> Diagnosis:
+    """Return the diagnosis of rates (201, 3) of the free body alone, without the step that made them."""
+    table = np.column_stack([np.linspace(0.0, 2.0, 201).round(2), omega])
+    head = "t_s,wx_body_rad_s,wy_body_rad_s,wz_body_rad_s"
+    np.savetxt(folder / "rates.csv", table, "%.17g", ",", header=head, comments="")
+    (folder / "free.toml").write_text(FREE)
+    found = runner.explain(folder / "rates.csv", folder / "free.toml").diagnosis
+    assert found is not None
+    return found
+
+
+def solved_rates(solver: str, tolerance: float, *, damping: float = 0.0, inertia: Array = INERTIA) -> Array:
+    """Return the rates (201, 3) of the dense output of a solver."""
+
+    def change(_: float, omega: Array) -> Array:
+        return np.linalg.solve(inertia, -np.cross(omega, inertia @ omega)) - damping * omega
+
+    t_s = np.linspace(0.0, 2.0, 201)
+    found = solve_ivp(
+        change, (0.0, 2.0), [1.0, -2.0, 3.0], solver, t_s, rtol=tolerance, atol=1e-2 * tolerance
+    )
+    return np.asarray(found.y.T)
+
+
+@pytest.mark.parametrize("rate", [0.05, -0.02])
+def test_damping_of_a_map_is_named_without_its_step(rate: float, tmp_path: Path) -> None:
+    """Steps of h = 0.01 s of omega+ = omega + h (omega' - rate omega) are no exact motion of a solver."""
+    omega = [np.array([1.0, -2.0, 3.0])]
+    for _ in range(200):
+        now = omega[-1]
+        change = np.linalg.solve(INERTIA, -np.cross(now, INERTIA @ now)) - rate * now
+        omega.append(now + 0.01 * change)
+    found = diagnosis_of_rates(tmp_path, np.array(omega))
+    assert ("damping-angular",) in listed(found)
+    assert found.faults[0].parameters[0].value == pytest.approx(rate, rel=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("solver", ["RK45", "LSODA", "DOP853"])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
+def test_a_solver_that_chooses_its_steps_is_right(solver: str, tolerance: float, tmp_path: Path) -> None:
+    """What remains of the exact motion varies with the steps, or is not as one-sided as damping."""
+    found = diagnosis_of_rates(tmp_path, solved_rates(solver, tolerance))
+    assert (found.verdict, found.base) == ("healthy", "exact")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("solver", ["RK45", "LSODA"])
+@pytest.mark.parametrize("fault", ["damped", "anti-damped", "another moment"])
+def test_the_errors_of_a_coarse_solver_hide_no_fault(solver: str, fault: str, tmp_path: Path) -> None:
+    """At a tolerance of 1e-3, the energy that is lost or gained, or the other tensor, still shows."""
+    other = INERTIA * np.where(np.eye(3) * [1, 0, 0], 1.02, 1.0)
+    damping = {"damped": 0.05, "anti-damped": -0.05}.get(fault, 0.0)
+    inertia = other if fault == "another moment" else INERTIA
+    found = diagnosis_of_rates(tmp_path, solved_rates(solver, 1e-3, damping=damping, inertia=inertia))
+    assert found.verdict != "healthy"
+    named = {one.name for one in (*found.faults, *found.nearly)}
+    assert named & ({"smallest-moment"} if fault == "another moment" else {"damping-angular"})
