@@ -13,6 +13,7 @@ import bodycheck
 from bodycheck.adapters.contract import Adapter, Method, ReadBack, Reading, Stepping
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.registry import registered
+from bodycheck.reference_impl.rotations import exp_matrix
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import Wrench
 from bodycheck.reports.measurement.measures import ORIENTATION
@@ -62,6 +63,40 @@ class WrongInLongCalls(FaultySimulation):
         super().advance(steps)
         if steps > 60:
             self._state[6:9] *= 1.0 - 1e-4
+
+
+class Unknown(AtSomeSteps):
+    """An engine with a term that no known fault has: -2 W x v in v', or -c |omega|^2 omega in omega'."""
+
+    name = "unknown-terms"
+    methods: Mapping[str, Method] = {name: replace(RK4, name=name) for name in ("coriolis", "cubic-damping")}
+
+    def build(self, scene: Scene, method: str, dt_s: float) -> FaultySimulation:
+        """Return a simulation with the term."""
+        return UnknownTerm(scene, method, dt_s)
+
+
+class UnknownTerm(FaultySimulation):
+    """Makes half of the term before each step, and half after it."""
+
+    def __init__(self, scene: Scene, term: str, dt_s: float) -> None:
+        self._term = term
+        self._turn = exp_matrix(-dt_s * np.array([7e-4, -9e-4, 1.1e-3]))  # by 2 W, half a step
+        super().__init__(Model.of(scene), 4, dt_s)
+
+    def _half(self) -> None:
+        if self._term == "coriolis":
+            self._state[3:6] = self._turn @ self._state[3:6]
+        else:
+            omega = self._state[6:9]
+            omega /= np.sqrt(1.0 + 8e-4 * self._dt_s * (omega @ omega))
+
+    def advance(self, steps: int) -> None:
+        """Make the steps."""
+        for _ in range(steps):
+            self._half()
+            super().advance(1)
+            self._half()
 
 
 SPIN = """
@@ -190,6 +225,21 @@ def test_diagnosis_is_of_the_case_of_the_finding_and_of_the_engine() -> None:
     assert found["long-calls", "powered-flight"]["verdict"] != "explained"
     assert not any(row["verdict"] == "healthy" for row in found.values())
     assert {method for method, _ in found} == {"one", "reversed-torque", "long-calls"}
+
+
+@pytest.mark.nightly
+def test_motion_that_no_fault_makes_is_explained_in_no_scene() -> None:
+    """Terms that constant faults imitate in one scene are not named for the engine: other scenes differ."""
+    adapter = Unknown()
+    with registered(adapter):
+        run = bodycheck.run(["smoke"], engines=[adapter.name], speed=False)
+    rows = run.diagnoses.to_dict("records")
+    assert len(rows) == len(adapter.methods) * 3
+    assert {row["verdict"] for row in rows} == {"this-scene-only", "unexplained"}
+    assert not any("of the error" in row["diagnosis"] for row in rows)
+    refuted = {(row["method"], row["scenario"]): row for row in rows if row["verdict"] == "this-scene-only"}
+    assert "free-flight refutes it" in refuted["coriolis", "fast-flight"]["diagnosis"]
+    assert "powered-flight refutes it" in refuted["cubic-damping", "free-flight"]["diagnosis"]
 
 
 @pytest.mark.slow

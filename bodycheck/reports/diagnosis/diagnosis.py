@@ -110,6 +110,11 @@ class Diagnosis:
     circumstances: FaultContext | None = field(default=None, repr=False, compare=False)
 
     @property
+    def fault_names(self) -> frozenset[str]:
+        """The names of the faults."""
+        return frozenset(fault.name for fault in self.faults)
+
+    @property
     def sentence(self) -> str:
         """The faults in one sentence, with those that would explain the motion as well."""
         if self.verdict == "healthy":
@@ -416,7 +421,7 @@ class Search:
         fine, *others = self._refitted(base, full, [best, *equivalent])
         return Diagnosis(
             "explained", base.name, base.text, _described(fine), _share(best, before),
-            tuple("; and ".join(fault.text(values) for fault, values in one.parts) for one in others),
+            tuple("; and ".join(one.sentence for one in _described(fit)) for fit in others),
             tuple(tuple(fault.name for fault in one.faults) for one in others),
             before=before, after=best.cost, round_off=round_off, fit=fine,
             circumstances=self._context(base, full),

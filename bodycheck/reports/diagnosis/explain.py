@@ -146,8 +146,9 @@ def explained_cases(
     for one in found:
         if one.diagnosis is not None and one.diagnosis.faults and not one.diagnosis.alike:
             certain.setdefault(one.key, []).append(_names(one.diagnosis))
-    separated = (_separated(one, certain.get(one.key, ()), orders) for one in found)
-    return [_tested(one, problems, by_method) for one in separated]
+    separated = [_separated(one, certain.get(one.key, ()), orders) for one in found]
+    diagnoses = {(one.problem.scenario.name, one.key): one.diagnosis for one in separated}
+    return [_tested(one, problems, by_method, diagnoses) for one in separated]
 
 
 def _names_a_fault(one: ExplainedCase) -> bool:
@@ -165,6 +166,7 @@ def _tested(
     one: ExplainedCase,
     problems: Sequence[Problem],
     by_method: Mapping[str, Mapping[MethodKey, Sequence[CaseResult]]],
+    diagnoses: Mapping[tuple[str, tuple[str, ...]], Diagnosis | None],
 ) -> ExplainedCase:
     """Return the case, marked if its faults are not those of its method in another scene of the run."""
     found = one.diagnosis
@@ -176,7 +178,8 @@ def _tested(
         case = None if scenario == one.problem.scenario.name else _comparable(own, one, problem)
         if case is None or case.trajectory is None:
             continue
-        if is_refuted(found.fit, BASES[found.base], problem, case.trajectory, case.dt_s):
+        there = diagnoses.get((scenario, one.key))
+        if is_refuted(found.fit, BASES[found.base], problem, case.trajectory, case.dt_s, there):
             return replace(one, diagnosis=replace(found, verdict="this-scene-only", refuted_by=scenario))
     return one
 
