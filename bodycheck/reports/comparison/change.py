@@ -31,6 +31,12 @@ Status: TypeAlias = Literal["worse", "missing", "improved", "moved", "new"]
 FAILING: tuple[Status, ...] = ("worse", "missing")
 """The statuses that fail a comparison or a nightly run."""
 
+MAP_KINDS: tuple[Kind, ...] = ("fingerprint", "law")
+"""Which map a method is, and the laws that it obeys: such a change never fails, whatever its size."""
+
+NOT_MEASURED = ("not measured", "not-measured")
+"""The fingerprint, and the verdict of a law, of a method for which there is none."""
+
 
 class ChangeKey(NamedTuple):
     """What changed, whatever its values: the same in every nightly run."""

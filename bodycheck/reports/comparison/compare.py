@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from bodycheck.adapters.engine_names import pin_of
 from bodycheck.reports.comparison.change import (
     FAILING,
+    NOT_MEASURED,
     Change,
     Floors,
     Ratio,
@@ -178,7 +179,7 @@ def _fingerprints(before: Tables, after: Tables) -> Iterator[Change]:
     }
     for row in after.fingerprints.to_dict("records"):
         was, now = old.get((row["engine"], row["method"])), row["fingerprint"]
-        if was is not None and was != now and "not measured" not in (was, now):
+        if was is not None and was != now and not {was, now} & {*NOT_MEASURED}:
             yield Change("fingerprint", None, row["engine"], row["method"], "one-step map", was, now, "moved")
 
 
@@ -193,7 +194,7 @@ def _laws(before: Tables, after: Tables) -> Iterator[Change]:
     )
     for (engine, method, law), now in new.items():
         was = old.get((engine, method, law))
-        if was is None or "not-measured" in (was, now) or (was == "broken") == (now == "broken"):
+        if was is None or {was, now} & {*NOT_MEASURED} or (was == "broken") == (now == "broken"):
             continue
         yield Change("law", None, engine, method, f"law {law}", was, now, "moved")
 

@@ -12,7 +12,7 @@ from typing import Literal, TypeAlias
 
 from bodycheck._util.formatting import count, names, number, setting
 from bodycheck._util.source_commit import commit_range
-from bodycheck.reports.comparison.change import FAILING, Change, Kind
+from bodycheck.reports.comparison.change import FAILING, MAP_KINDS, Change, Kind
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.measurement.measures import ORIENTATION
@@ -94,7 +94,7 @@ def lines_of(comparison: Comparison) -> list[Line]:
     for (engine, method), changes in by_method.items():
         failing = [one for one in changes if one.status in FAILING]
         better = [one for one in changes if one.status == "improved"]
-        identity = [one for one in changes if one.kind in ("fingerprint", "law")]
+        identity = [one for one in changes if one.kind in MAP_KINDS]
         broken = any(one.kind in BROKEN for one in failing)
         directions: list[tuple[Direction, list[Change]]] = [
             ("worse", failing),
@@ -246,9 +246,7 @@ def _others(changes: Sequence[Change], _: Direction) -> list[str]:
     for one in _of_kind(changes, "speed")[:1]:
         slow = "slower" if (one.decades or 0.0) > 0.0 else "faster"
         found.append(f"{number(10.0**one.size, 3)} times {slow}")
-    found += [
-        f"{one.quantity} {one.before} -> {one.after}" for one in _of_kind(changes, "fingerprint", "law")
-    ]
+    found += [f"{one.quantity} {one.before} -> {one.after}" for one in _of_kind(changes, *MAP_KINDS)]
     return found
 
 

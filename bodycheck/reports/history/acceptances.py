@@ -172,7 +172,9 @@ def _accepted_regressions(
 
 
 def _by_id(state: State) -> dict[str, Sequence[Regression]]:
-    lines = {line.id: line.regressions for line in open_lines(state.regressions)}
+    lines: dict[str, tuple[Regression, ...]] = {}
+    for line in open_lines(state.regressions):  # a map may have changed with an error: one id for both
+        lines[line.id] = (*lines.get(line.id, ()), *line.regressions)
     return {**{one.id: (one,) for one in state.regressions}, **lines}
 
 

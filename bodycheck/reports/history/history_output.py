@@ -148,6 +148,8 @@ def _line(decades: Array, steps: Sequence[Step], releases: Sequence[tuple[int, s
     )
 
 
+_CHANGED = {"worse": "was worse", "moved": "was another map"}
+
 _TINTS = {
     "regression": "bad",
     "no regression": "good",
@@ -159,7 +161,7 @@ _TINTS = {
 def nightly_sentences(judged: Judgement) -> list[str]:
     """Return sentences: what improved, closed or was accepted, what was compared, what was left out."""
     found = [
-        f"{one.line.subject}: back at its level; it was worse since {one.duration}."
+        f"{one.line.subject}: back at its level; it {_CHANGED[one.line.direction]} since {one.duration}."
         for one in open_lines(judged.closed)
     ]
     earlier = () if not judged.baseline.runs else judged.baseline.runs[0].state.acceptances
@@ -182,10 +184,12 @@ def nightly_sentences(judged: Judgement) -> list[str]:
 def nightly_commands(judged: Judgement) -> list[Command]:
     """Return the command that accepts what is open, and those that find the releases of the changes."""
     found = [] if judged.comparison is None else searches(judged.comparison)
-    if not judged.open:
-        return found
-    first = open_lines(judged.open)[0]
-    return [Command(_accept_command(judged, first), "To accept it"), *found]
+    accept = [
+        Command(_accept_command(judged, open_lines(some)[0]), words)
+        for some, words in ((judged.open, "To accept it"), (judged.other_maps, "To accept the map"))
+        if some
+    ]
+    return [*accept, *found]
 
 
 def _accept_command(judged: Judgement, line: OpenLine) -> str:

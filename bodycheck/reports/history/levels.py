@@ -13,12 +13,14 @@ from typing import Any, Literal, TypeAlias, get_args
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.untrusted import open_input
-from bodycheck.reports.comparison.change import Change, ChangeKey
+from bodycheck.reports.comparison.change import NOT_MEASURED, Change, ChangeKey
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measures import IDENTITY, MEASURES
 from bodycheck.reports.run_files.run_reader import Tables
 from bodycheck.reports.run_files.run_tables import case_key, study_key
 from bodycheck.reports.run_files.tables import (
+    FINGERPRINT_COLUMNS,
+    LAW_COLUMNS,
     METHOD_COLUMNS,
     RESULT_COLUMNS,
     STABILITY_COLUMNS,
@@ -62,7 +64,7 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """The rows of results.csv, methods.csv and stability.csv with every value at its accepted level.
+    """The rows of the tables of a run with every value at its accepted level.
 
     run_id of a row: the nightly run that first measured it. settings: of the levels that are not first
     values, by change; those of speeds say from which run on a method's times are its level.
@@ -72,6 +74,8 @@ class Levels:
     methods: Mapping[_Key, _Row]
     stability: Mapping[_Key, _Row]
     settings: Mapping[ChangeKey, Setting] = field(default_factory=dict)
+    fingerprints: Mapping[_Key, _Row] = field(default_factory=dict)
+    laws: Mapping[_Key, _Row] = field(default_factory=dict)
 
     @classmethod
     def of(cls, tables: Tables) -> Levels:
@@ -81,6 +85,8 @@ class Levels:
             {case_key(row): row for row in results},
             _by_quantity(plain_rows(tables.methods)),
             {study_key(row): row for row in plain_rows(tables.stability)},
+            fingerprints=_by_map(plain_rows(tables.fingerprints)),
+            laws=_by_law(plain_rows(tables.laws)),
         )
 
     def setting(self, change: Change) -> Setting | None:
@@ -117,7 +123,13 @@ class Levels:
             return {key: row for key, row in rows.items() if row["scenario"] in known}
 
         settings = {k: s for k, s in self.settings.items() if k.scenario is None or k.scenario in known}
-        return Levels(mine(self.results), mine(self.methods), mine(self.stability), settings)
+        return replace(
+            self,
+            results=mine(self.results),
+            methods=mine(self.methods),
+            stability=mine(self.stability),
+            settings=settings,
+        )
 
     def with_first_values(self, newest: Tables, new: Iterable[Change]) -> Levels:
         """Return the levels with the rows of a run that have none, and the values of changes that are new.
@@ -137,6 +149,8 @@ class Levels:
             results=results,
             methods={**own.methods, **self.methods},
             stability={**own.stability, **self.stability},
+            fingerprints={**own.fingerprints, **self.fingerprints},
+            laws={**own.laws, **self.laws},
         )
         for change in new:
             if change.kind == "accuracy":
@@ -156,7 +170,7 @@ class Levels:
         return found
 
     def as_tables(self, run: Tables, returned: Iterable[_Key] = ()) -> Tables:
-        """Return a run with its cases, methods and stable steps replaced by their levels.
+        """Return a run with its cases, methods, stable steps, maps and laws replaced by their levels.
 
         returned: keys of the cases that the next run has; those accepted as absent are left out otherwise.
         """
@@ -172,6 +186,8 @@ class Levels:
             cases=tuple(map(CaseResult, cases)),
             methods=as_table(self.methods.values(), METHOD_COLUMNS),
             stability=as_table(self.stability.values(), STABILITY_COLUMNS),
+            fingerprints=as_table(self.fingerprints.values(), FINGERPRINT_COLUMNS),
+            laws=as_table(self.laws.values(), LAW_COLUMNS),
         )
 
     def renamed(self, names: Mapping[str, str]) -> Levels:
@@ -185,6 +201,8 @@ class Levels:
             _by_quantity(rows(self.methods)),
             {study_key(row): row for row in rows(self.stability)},
             {key._replace(engine=names.get(key.engine, key.engine)): s for key, s in self.settings.items()},
+            _by_map(rows(self.fingerprints)),
+            _by_law(rows(self.laws)),
         )
 
     @property
@@ -209,12 +227,28 @@ def _place(change: Change) -> tuple[str, _Key, tuple[str, ...]]:
         case "stability":
             columns = tuple(name for name in STABILITY_COLUMNS if name not in _IDENTITY)
             return "stability", study, columns
+        case "fingerprint":
+            columns = tuple(name for name in FINGERPRINT_COLUMNS if name not in ("run_id", *IDENTITY))
+            return "fingerprints", (change.engine, change.method), columns
+        case "law":
+            columns = tuple(name for name in LAW_COLUMNS if name not in ("run_id", *IDENTITY, "law"))
+            return "laws", (change.engine, change.method, change.quantity.removeprefix("law ")), columns
         case _:
             return "", (), ()
 
 
 def _by_quantity(rows: Iterable[_Row]) -> dict[_Key, _Row]:
     return {(*study_key(row), row["quantity"]): row for row in rows}
+
+
+def _by_map(rows: Iterable[_Row]) -> dict[_Key, _Row]:
+    return {(row["engine"], row["method"]): row for row in rows if row["fingerprint"] not in NOT_MEASURED}
+
+
+def _by_law(rows: Iterable[_Row]) -> dict[_Key, _Row]:
+    return {
+        (row["engine"], row["method"], row["law"]): row for row in rows if row["verdict"] not in NOT_MEASURED
+    }
 
 
 def _measures(row: Cells) -> set[str]:
@@ -232,7 +266,7 @@ def read_levels(folder: Path, tables: Tables) -> Levels:
     """Return the levels accepted after a nightly run; raises InputError if a file is damaged.
 
     tables: of the run. Of a run of an earlier version, the levels are as it accepted them: those of its file,
-    and its own verdicts, orders, outcomes and stable steps.
+    and otherwise its own values.
     """
     of_case = ("run_id", "scenario", "engine", "method", "control", "outcome")
     if not (folder / FOLDER).is_dir():
@@ -246,11 +280,17 @@ def read_levels(folder: Path, tables: Tables) -> Levels:
     of_method = ("run_id", "scenario", "engine", "method", "quantity", "verdict")
     of_search = ("run_id", "scenario", "engine", "method", "outcome")
     results = read_rows(place / "results.csv", RESULT_COLUMNS, of_case)
+    own = Levels.of(tables)
+    maps, laws = place / "fingerprints.csv", place / "laws.csv"  # missing from runs of earlier versions
+    of_map = ("run_id", "engine", "method", "fingerprint")
+    of_law = ("run_id", "engine", "method", "law", "verdict")
     return Levels(
         {case_key(row): row for row in results},
         _by_quantity(read_rows(place / "methods.csv", METHOD_COLUMNS, of_method)),
         {study_key(row): row for row in read_rows(place / "stability.csv", STABILITY_COLUMNS, of_search)},
         dict(_settings(place / _SETTINGS)),
+        _by_map(read_rows(maps, FINGERPRINT_COLUMNS, of_map)) if maps.exists() else own.fingerprints,
+        _by_law(read_rows(laws, LAW_COLUMNS, of_law)) if laws.exists() else own.laws,
     )
 
 
@@ -286,6 +326,8 @@ def write_levels(levels: Levels, folder: Path) -> None:
         ("results", levels.results.values(), RESULT_COLUMNS),
         ("methods", levels.methods.values(), METHOD_COLUMNS),
         ("stability", levels.stability.values(), STABILITY_COLUMNS),
+        ("fingerprints", levels.fingerprints.values(), FINGERPRINT_COLUMNS),
+        ("laws", levels.laws.values(), LAW_COLUMNS),
         ("settings", settings, _SETTING_COLUMNS),
     ):
         (place / f"{name}.csv").write_bytes(as_csv(as_table(rows, columns)))

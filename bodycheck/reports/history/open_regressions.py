@@ -1,4 +1,4 @@
-"""The deteriorations that are neither gone nor accepted, as they stand after each nightly run."""
+"""The deteriorations, and other maps, that are neither gone nor accepted, after each nightly run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pydantic import TypeAdapter, ValidationError
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import count
 from bodycheck._util.untrusted import read_json
-from bodycheck.reports.comparison.change import FAILING, Change, ChangeKey
+from bodycheck.reports.comparison.change import FAILING, MAP_KINDS, NOT_MEASURED, Change, ChangeKey
 from bodycheck.reports.comparison.headlines import Line
 from bodycheck.reports.document import json_text
 from bodycheck.reports.gates.thresholds import Thresholds
@@ -32,7 +32,7 @@ FILE = "regressions.json"
 
 @dataclass(frozen=True)
 class Regression:
-    """A deterioration from the accepted level that is neither gone nor accepted.
+    """A deterioration from the accepted level, or another map or law, that is neither gone nor accepted.
 
     change: as last measured. since: the nightly run that reported it first. runs: the number of nightly runs
     from then on. cause: the diagnosis of the motion. release: like "3.16.0 -> 3.17.0" if the version of the
@@ -52,6 +52,11 @@ class Regression:
     def id(self) -> str:
         """The id of the changed value, the same in every nightly run."""
         return self.change.key.id
+
+    @property
+    def is_failing(self) -> bool:
+        """Whether it fails the nightly run; another map does not."""
+        return self.change.status in FAILING
 
 
 @dataclass(frozen=True)
@@ -92,26 +97,27 @@ class OpenLine:
 
 def open_lines(regressions: Iterable[Regression]) -> list[OpenLine]:
     """Return the lines of open regressions: what is newly worse first, then the gravest."""
-    of_method: dict[tuple[str, str, bool], list[Regression]] = {}
+    of_method: dict[tuple[str, str, bool, bool], list[Regression]] = {}
     for one in sorted(regressions, key=lambda one: -one.change.size):
-        of_method.setdefault((one.change.engine, one.change.method, one.newly), []).append(one)
-    of_cause: dict[tuple[str, str, bool], list[Regression]] = {}
-    for (engine, method, newly), own in of_method.items():
+        group = one.change.engine, one.change.method, one.newly, one.is_failing
+        of_method.setdefault(group, []).append(one)
+    of_cause: dict[tuple[str, str, bool, bool], list[Regression]] = {}
+    for (engine, method, newly, failing), own in of_method.items():
         cause = next((one.cause for one in own if one.cause), "")
-        of_cause.setdefault((engine, cause or f":{method}", newly), []).extend(own)
+        of_cause.setdefault((engine, cause or f":{method}", newly, failing), []).extend(own)
     found = [
         OpenLine(
             Line(
                 engine,
                 tuple(dict.fromkeys(one.change.method for one in own)),
-                "worse",
+                "worse" if failing else "moved",
                 tuple(one.change for one in own),
                 cause="" if cause.startswith(":") else cause,
                 release=next((one.release for one in own if one.release), ""),
             ),
             tuple(own),
         )
-        for (engine, cause, _), own in of_cause.items()
+        for (engine, cause, _, failing), own in of_cause.items()
     ]
     heaviest = sorted(found, key=lambda one: one.line.weight, reverse=True)
     return sorted(heaviest, key=lambda one: not one.newly)
@@ -168,15 +174,15 @@ def next_regressions(
     causes: Mapping[StudyKey, str],
     releases: Mapping[str, str],
 ) -> Iterator[Regression]:
-    """Yield what is open after a nightly run: failing changes, and earlier ones that it could not measure.
+    """Yield what is open after a nightly run: failing changes, other maps, and earlier ones not measured.
 
     before: what was open, without what was accepted since. changes: from the accepted levels. causes,
     releases: diagnoses and versions that differ from those of the run before.
     """
     known = {one.change.key: one for one in before}
-    failing = {change.key: change for change in changes if change.status in FAILING}
+    found = {one.key: one for one in changes if one.status in FAILING or one.kind in MAP_KINDS}
     measured = Measured(newest)
-    for key, change in failing.items():
+    for key, change in found.items():
         earlier = known.get(key)
         if earlier is None:
             cause = causes.get((change.scenario or "", change.engine, change.method), "")
@@ -185,12 +191,12 @@ def next_regressions(
             newly = _is_worse(change, earlier.change, thresholds)
             yield replace(earlier, change=change, runs=earlier.runs + 1, newly=newly, measured=True)
     for key, earlier in known.items():
-        if key not in failing and key not in measured:
+        if key not in found and key not in measured:
             yield replace(earlier, runs=earlier.runs + 1, newly=False, measured=False)
 
 
 def _is_worse(change: Change, earlier: Change, thresholds: Thresholds) -> bool:
-    """Whether a value that was already worse deteriorated again by more than its threshold."""
+    """Whether what was already worse deteriorated beyond its threshold, or a map changed again."""
     if change.decades is not None and earlier.decades is not None:
         factor = abs(change.decades) - abs(earlier.decades)
         return factor > log10(1.0 + thresholds.of(change.quantity))
@@ -199,6 +205,8 @@ def _is_worse(change: Change, earlier: Change, thresholds: Thresholds) -> bool:
         return earlier.after - change.after > thresholds.of_order(quantity)
     if change.kind == "verdict":
         return severity(str(change.after)) > severity(str(earlier.after))
+    if change.kind in MAP_KINDS:
+        return change.after != earlier.after
     return change.after is None and earlier.after is not None
 
 
@@ -214,6 +222,15 @@ class Measured:
         }
         self._methods: dict[tuple[object, ...], dict[str, Any]] = {
             (*study_key(row), row["quantity"]): row for row in plain_rows(newest.methods)
+        }
+        maps = (
+            *((row, "one-step map", row["fingerprint"]) for row in plain_rows(newest.fingerprints)),
+            *((row, f"law {row['law']}", row["verdict"]) for row in plain_rows(newest.laws)),
+        )
+        self._maps = {
+            (row["engine"], row["method"], quantity)
+            for row, quantity, found in maps
+            if found not in NOT_MEASURED
         }
         self._searches = {study_key(row) for row in plain_rows(newest.stability)}
         self._timed = {
@@ -233,6 +250,8 @@ class Measured:
                 row = self._methods.get((*study, key.quantity.removeprefix(f"{key.kind} of ")), {})
                 # a sound verdict needs no order, as of errors at round-off
                 return bool(row) and (key.kind in row or severity(row["verdict"]) == 0)
+            case "fingerprint" | "law":
+                return (key.engine, key.method, key.quantity) in self._maps
             case "speed":
                 return (key.engine, key.method) in self._timed
             case _:

@@ -69,15 +69,20 @@ class Judgement:
 
     @property
     def open(self) -> tuple[Regression, ...]:
-        """The regressions that are neither gone nor accepted."""
-        return self.state.regressions
+        """The deteriorations that are neither gone nor accepted."""
+        return tuple(one for one in self.state.regressions if one.is_failing)
+
+    @property
+    def other_maps(self) -> tuple[Regression, ...]:
+        """The changes of maps and laws that are neither gone nor accepted; they fail nothing."""
+        return tuple(one for one in self.state.regressions if not one.is_failing)
 
     @property
     def changes(self) -> tuple[Change, ...]:
         """All changes from the levels, the largest first, with those that the run could not measure."""
         own = () if self.comparison is None else self.comparison.changes
         present = {change.key for change in own}
-        return (*own, *(one.change for one in self.open if one.change.key not in present))
+        return (*own, *(one.change for one in self.state.regressions if one.change.key not in present))
 
     @property
     def status(self) -> RunStatus:
@@ -171,7 +176,7 @@ def _definitions(baseline: Baseline, tables: Tables) -> dict[str, Any]:
 
 
 def _compared(former: Tables, levels: Levels, newest: Tables, thresholds: Thresholds) -> Comparison:
-    """Compare a run with the levels; settings, maps and laws with the run before, `former`.
+    """Compare a run with the levels; settings with the run before, `former`.
 
     A case whose level is not to end well is compared with what it measured when it last did.
     """
@@ -211,7 +216,7 @@ def _next_levels(
     kept = {row["scenario"] for row in levels.results.values()} - set(redefined_names)
     found = levels.of_scenarios(kept)
     found = found.with_first_values(newest, [change for change in changes if change.status == "new"])
-    broken = {(one.change.engine, one.change.method) for one in open_now}
+    broken = {(one.change.engine, one.change.method) for one in open_now if one.is_failing}
     own, measured = Levels.of(newest), Measured(newest)
     improved = [change for change in before.improved if change.key not in measured]
     for change in changes:

@@ -42,6 +42,7 @@ def test_a_regression_is_an_entry_of_the_feed(nightly_run: Run, tmp_path: Path) 
     links = re.findall(r'href="(\.\./[^"]+)"', page)
     pages = ("night.html", "report.html")
     assert links == [
+        "../trends.html",
         "../feed.xml",
         *(f"../{run.newest.run_id}/{name}" for run in runs[::-1] for name in pages),
     ]

@@ -18,6 +18,7 @@ from bodycheck._util.errors import InputError
 from bodycheck.reports.comparison.change import Change as OneChange
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.history import regression
+from bodycheck.reports.history.acceptances import accept
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import seal_run
 from bodycheck.reports.history.history_output import nightly_sentences
@@ -25,9 +26,16 @@ from bodycheck.reports.history.levels import ABSENT, Levels, Setting, read_level
 from bodycheck.reports.history.open_regressions import State
 from bodycheck.reports.history.queries import history_table, query
 from bodycheck.reports.history.regression import Judgement, judge_run, speeds_of
+from bodycheck.reports.measurement.measures import SIGNED
 from bodycheck.reports.run_files.run_reader import Tables, read_tables
 from bodycheck.reports.run_files.run_tables import Run
-from bodycheck.reports.run_files.tables import RESULT_COLUMNS, as_csv, as_table
+from bodycheck.reports.run_files.tables import (
+    FINGERPRINT_COLUMNS,
+    LAW_COLUMNS,
+    RESULT_COLUMNS,
+    as_csv,
+    as_table,
+)
 from tests.helpers.gate_tables import make_tables
 from tests.helpers.nightly_runs import Change, as_nightly_run, scaled, slower, store_nightly_runs, unchanged
 
@@ -332,10 +340,13 @@ def of(results: pd.DataFrame, method: str, dt_s: float | None = None, scenario: 
 
 
 def planted(measure: str, amount: float, method: str = "m1", dt_s: float = 0.01) -> Change:
-    """Return a change that adds an amount to one cell."""
+    """Return a change that adds an amount to one cell, and to its size with its sign."""
 
     def change(results: pd.DataFrame) -> pd.DataFrame:
-        results.loc[of(results, method, dt_s), measure] += amount
+        mine, signed = of(results, method, dt_s), f"{measure}{SIGNED}"
+        results.loc[mine, measure] += amount
+        if signed in results:
+            results.loc[mine, signed] = np.copysign(results.loc[mine, measure], results.loc[mine, signed])
         return results
 
     return change
@@ -462,6 +473,42 @@ def test_small_steps_add_up(nightly_run: Run, tmp_path: Path, percent: float) ->
         again = [*3 * ["moved"], "improved", "improved"]
         assert found == [*again, *again]
         assert len(set(levels)) == 3  # the first level, and one for each confirmed improvement
+
+
+@pytest.mark.slow
+def test_another_map_stays_open_until_it_returns_or_is_accepted(nightly_run: Run, tmp_path: Path) -> None:
+    """It is compared with the accepted map and law, not with the run before, and fails nothing."""
+
+    def night(number: int, fingerprint: str, verdict: str) -> Judgement:
+        row = {"engine": "reference", "method": "m1", "engine_version": "1", "reproduce": "bodycheck list"}
+        run = replace(
+            nightly_run,
+            fingerprints=as_table([{**row, "fingerprint": fingerprint}], FINGERPRINT_COLUMNS),
+            laws=as_table([{**row, "law": "boost", "verdict": verdict}], LAW_COLUMNS),
+        )
+        (judged,) = store_nightly_runs(run, tmp_path, [unchanged], first=number)
+        assert judged.status in ("no regression", "insufficient history")
+        assert judged.open == ()
+        return judged
+
+    def found(judged: Judgement) -> list[tuple[Any, ...]]:
+        return [(one.change.before, one.change.after, one.runs, one.newly) for one in judged.other_maps]
+
+    assert found(night(0, "M1", "holds")) == []
+    assert found(night(1, "M2", "broken")) == [("M1", "M2", 1, True), ("holds", "broken", 1, True)]
+    still = night(2, "M2", "broken")
+    assert found(still) == [("M1", "M2", 2, False), ("holds", "broken", 2, False)]
+    assert "reference:m1: one-step map M1 -> M2, law boost holds -> broken." in nightly_sentences(still)
+    assert found(night(3, "not measured", "not-measured")) == [
+        ("M1", "M2", 3, False),
+        ("holds", "broken", 3, False),
+    ]
+    assert found(night(4, "M3", "holds")) == [("M1", "M3", 4, True)]
+    assert found(night(5, "M1", "holds")) == []
+    changed = night(6, "M2", "holds")
+    accept(History(tmp_path), run_id=None, ids=[changed.other_maps[0].id], reason="as meant", author="Ada")
+    assert found(night(7, "M2", "holds")) == []
+    assert found(night(8, "M1", "holds")) == [("M2", "M1", 1, True)]
 
 
 @pytest.mark.slow
