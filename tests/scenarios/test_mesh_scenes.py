@@ -140,6 +140,7 @@ def test_scene_is_the_sum_of_its_instances_in_metres(case: str, tmp_path: Path) 
     assert found.notes[:-1] == ((scenes._SINGLE,) if "DAE" in case else ())
 
 
+MANY_CORNERS = dae().replace("<vcount>", "<vcount><!-- 4 -->1000000000 ")
 BAD: dict[str, tuple[str, bytes]] = {
     "GLB cut off": ("a.glb", glb()[:200]),
     "text as GLB": ("a.glb", b"solid cube\n"),
@@ -149,6 +150,7 @@ BAD: dict[str, tuple[str, bytes]] = {
     "3MF without items": ("a.3mf", packed(model_3mf().replace("<item", "<other"))),
     "DAE cut off": ("a.dae", dae().encode()[:300]),
     "DAE of a broken reference": ("a.dae", dae().replace('url="#box"', 'url="#sphere"').encode()),
+    "DAE of a billion corners": ("a.dae", MANY_CORNERS.encode("utf-16")),
     "DAE of entities": (
         "a.dae",
         dae().replace("<COLLADA", '<!DOCTYPE x [<!ENTITY a SYSTEM "/etc/passwd">]><COLLADA').encode(),

@@ -50,8 +50,7 @@ def parse_scene(suffix: str, file: BufferedIOBase) -> Polygons:
     options: dict[str, Any] = {}
     if suffix == ".dae":
         options = {"ignore_broken": False}  # parts would be left out silently
-        if any("<!ENTITY".encode(encoding) in content for encoding in ("utf-8", "utf-16-le", "utf-16-be")):
-            raise ValueError("declares entities, which are not expanded; write their text instead")
+        _check_collada(content.replace(b"\0", b""))  # UTF-16, too
     try:
         # numbers that are not finite are refused later, and named
         with np.errstate(all="ignore"), warnings.catch_warnings():
@@ -66,6 +65,16 @@ def parse_scene(suffix: str, file: BufferedIOBase) -> Polygons:
         raise ValueError(f"cannot be read by trimesh: {reason}") from None
     metre = 1.0 if suffix == ".glb" or not len(triangles) else float(_metre(unit))
     return Polygons.of_triangles(vertices * metre, triangles, *((_SINGLE,) if suffix == ".dae" else ()))
+
+
+def _check_collada(content: bytes) -> None:
+    """Refuse what takes more memory than the file: entities, and more corners of polygons than it has."""
+    if b"<!ENTITY" in content:
+        raise ValueError("declares entities, which are not expanded; write their text instead")
+    for counts in re.findall(rb"<[^<>/\s]*vcount\b.*?>(.*?)</[^<>\s]*vcount", content, re.DOTALL):
+        corners = sum(int(count) for count in re.findall(rb"\d{1,18}", counts))
+        if corners > len(content):
+            raise ValueError(f"<vcount> has {corners} corners of polygons, more than the file has bytes")
 
 
 def _instances(scene: Any) -> tuple[Array, Triangles, str]:
