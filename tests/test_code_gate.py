@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import json
-import re
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -274,6 +273,4 @@ def test_data_starts_nothing_without_permission(
     assert not (folder / "RAN").exists()
     assert sorted(path.name for path in folder.iterdir()) == before
     assert done.returncode in (1, 2)
-    said = (done.stderr if done.returncode == 2 else done.stdout).strip()
-    # the lines before it depend on the machine
-    expected_message(re.sub(r"(manifest\.json:)\d+", r"\1LINE", said))
+    expected_message((done.stderr if done.returncode == 2 else done.stdout).strip())

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from bodycheck._util.errors import InputError, UnavailableError
+from bodycheck._util.pinned_libraries import matplotlib
 from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.pivot import rotational_inertia
 from bodycheck.reports.cache.disk_cache import Cache
@@ -219,5 +220,6 @@ def test_a_missing_matplotlib_is_named(
 ) -> None:
     """Without matplotlib the message names the extra."""
     monkeypatch.setitem(sys.modules, "matplotlib", None)
+    matplotlib.cache_clear()  # another test may have imported it
     with expected_message.raises(UnavailableError):
         check_drawable("figures")
