@@ -33,7 +33,6 @@ class _UnprintableError(Exception):
 UNEXPECTED: dict[str, Callable[[], BaseException]] = {
     "TypeError: 3": lambda: TypeError(3),
     "OSError: [Errno 5] Input/output error": lambda: OSError(5, "Input/output error"),
-    "MemoryError": MemoryError,
     "_UnprintableError": _UnprintableError,
     r"ValueError: \x1b[31m": lambda: ValueError("\x1b[31m" + 10_000 * "z"),
 }
