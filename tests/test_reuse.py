@@ -72,9 +72,8 @@ def _no_run(monkeypatch: pytest.MonkeyPatch) -> None:
     def nothing(*_: object, **__: object) -> Selection:
         return Selection((), (), {}, None, None)
 
-    for module in ("directory", "gate_run", "nightly_run", "runner"):
-        monkeypatch.setattr(f"bodycheck.runs.{module}.run_selection", ended)
     for module in ("directory", "gate_run", "runner"):
+        monkeypatch.setattr(f"bodycheck.runs.{module}.run_selection", ended)
         monkeypatch.setattr(f"bodycheck.runs.{module}.select", nothing)  # no worker is started
 
 
