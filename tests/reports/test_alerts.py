@@ -12,6 +12,7 @@ import pytest
 from bodycheck.reports.alerts import Alert, github_commands, sarif
 from bodycheck.reports.comparison.compare import compare
 from bodycheck.reports.comparison.describe import alerts_of as alerts_of_comparison
+from bodycheck.reports.comparison.describe import sentences
 from bodycheck.reports.gates.gate import gate_lines, parse_gates
 from bodycheck.reports.gates.gate_output import alerts_of, as_junit, badge_of, results_data, results_document
 from bodycheck.reports.gates.verdict import GateResult, check_gates
@@ -171,6 +172,7 @@ def test_one_annotation_per_method_that_got_worse() -> None:
     assert [one.level for one in alerts_of_comparison(comparison, ())] == ["warning"]
     both = alerts_of_comparison(comparison, ("worse", "missing", "moved"))
     assert [one.message for one in both] == [alert.message, "mujoco:implicit moved by up to 1 %"]
+    assert sentences(comparison)[1] == "mujoco:implicit moved by up to 1 %."
 
 
 def test_a_comparison_of_nothing_is_an_alert() -> None:

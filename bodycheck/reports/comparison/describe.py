@@ -22,6 +22,7 @@ from bodycheck.reports.comparison.headlines import (
     headlines,
     lines_of,
     moved_text,
+    moved_texts,
 )
 from bodycheck.reports.comparison.overlays import overlays_of
 from bodycheck.reports.document import MEDIA, Column, Command, Document, Sentence, Span, Table, page
@@ -146,7 +147,8 @@ def sentences(comparison: Comparison) -> list[str]:
     A different build under the same version comes first, because no version number shows it.
     """
     lines = lines_of(comparison)
-    changed = headlines(lines) if comparison.changes else [nothing(comparison)]
+    changed = [*headlines(lines), *(f"{text}." for text in moved_texts(comparison, lines))]
+    changed = changed if comparison.changes else [nothing(comparison)]
     others = scope(comparison, lines)
     first = BUILD_OF in others[0]
     return [*others[:first], *changed, *others[first:]]
@@ -258,24 +260,16 @@ def comparison_document(comparison: Comparison) -> Document:
 
 
 def alerts_of(comparison: Comparison, statuses: Collection[Status]) -> list[Alert]:
-    """Return one alert per method that fails, or per cause of several: an error, or else a warning.
+    """Return one alert per method that fails, or of several with one cause: an error, or else a warning.
 
     statuses: those of changes that fail; empty for worse and missing ones, which then only warn.
     """
     if not comparison.paired:
         texts = [nothing(comparison)]
     else:
-        failing = [line for line in lines_of(comparison) if line.direction == "worse"]
-        named = {(line.engine, method) for line in failing for method in line.methods}
-        moved: dict[tuple[str, str], list[Change]] = {}
-        for change in comparison.of_status("moved") if "moved" in statuses else ():
-            moved.setdefault((change.engine, change.method), []).append(change)
-        texts = [line.text for line in failing]
-        texts += [
-            f"{engine}:{method} moved{moved_text(changes, comparison.thresholds)}"
-            for (engine, method), changes in moved.items()
-            if (engine, method) not in named
-        ]
+        listed = [line for line in lines_of(comparison) if line.direction in ("worse", *statuses)]
+        texts = [line.text for line in listed]
+        texts += moved_texts(comparison, listed) if "moved" in statuses else []
     return [Alert("regression", text, "error" if statuses else "warning") for text in texts]
 
 

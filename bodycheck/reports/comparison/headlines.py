@@ -52,11 +52,7 @@ class Line:
     @property
     def subject(self) -> str:
         """Engine and methods."""
-        return (
-            f"{self.engine}:{self.methods[0]}"
-            if len(self.methods) == 1
-            else (f"{self.engine}: {names(self.methods)}")
-        )
+        return _subject(self.engine, self.methods)
 
     @property
     def text(self) -> str:
@@ -72,6 +68,10 @@ class Line:
         why = "; ".join(filter(None, (self.cause, since, commits)))
         improved = " improved" if self.direction == "improved" else ""
         return f"{self.subject}{improved}: {', '.join(found)}{where}" + (f" ({why})" if why else "")
+
+
+def _subject(engine: str, methods: Sequence[str]) -> str:
+    return f"{engine}:{methods[0]}" if len(methods) == 1 else f"{engine}: {names(methods)}"
 
 
 def names_of(scenarios: Sequence[str]) -> str:
@@ -140,6 +140,23 @@ def headlines(lines: Sequence[Line]) -> list[str]:
         if rest := own[_MAX_LINES:]:
             found.append(f"{count(len(rest), 'more method')} {direction}.")
     return found
+
+
+def moved_texts(comparison: Comparison, lines: Iterable[Line]) -> list[str]:
+    """Return "mujoco: euler and rk4 moved by up to 1.2 %", one text per engine.
+
+    lines: those that name their methods already.
+    """
+    named = {(line.engine, method) for line in lines for method in line.methods}
+    by_engine: dict[str, list[Change]] = {}
+    for change in comparison.of_status("moved"):
+        if (change.engine, change.method) not in named:
+            by_engine.setdefault(change.engine, []).append(change)
+    return [
+        f"{_subject(engine, list(dict.fromkeys(one.method for one in moved)))} moved"
+        f"{moved_text(moved, comparison.thresholds)}"
+        for engine, moved in by_engine.items()
+    ]
 
 
 def new_causes(before: Tables, after: Tables) -> dict[StudyKey, str]:
