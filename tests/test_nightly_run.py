@@ -113,7 +113,7 @@ def test_feed_lists_the_runs_up_to_the_stored_one(history: History, monkeypatch:
     monkeypatch.setattr(
         nightly_run,
         "write_feed",
-        lambda folder, reported: listed.append((folder, [one["run_id"] for one in reported])),
+        lambda folder, reported, _: listed.append((folder, [one["run_id"] for one, _ in reported])),
     )
     store_nightly(RUN, history)
     assert listed == [(history.folder, [EARLIER, TONIGHT])]

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.files import write_file
 from bodycheck.reports.document import markdown
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
+from bodycheck.reports.history.acceptances import read_acceptances
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import TRAJECTORIES, read_summary, readable_runs, seal_run
 from bodycheck.reports.history.history_output import nightly_document, nightly_page
@@ -20,6 +23,7 @@ from bodycheck.reports.history.nightly_files import (
     write_nightly_tables,
     write_unjudged,
 )
+from bodycheck.reports.history.open_regressions import State, read_state
 from bodycheck.reports.history.regression import Judgement, judge_run
 from bodycheck.reports.history.trends import FILE as TRENDS
 from bodycheck.reports.history.trends import trends_page
@@ -116,11 +120,21 @@ def store_nightly(
         stored = [folder for folder in history.runs() if folder not in history.dated_in_future(run.run_id)]
         readable, _ = readable_runs(stored)
         try:
-            write_feed(history.folder, map(read_summary, readable))
+            write_feed(history.folder, _reports(readable), read_acceptances(history))
             write_file(history.folder / TRENDS, trends_page(judged).encode())
         except InputError as error:  # the run is stored and judged
             print(f"{error}; the feed and the trends lack this run", file=sys.stderr)
     return judged, stored_folder
+
+
+def _reports(runs: Iterable[Path]) -> Iterator[tuple[dict[str, Any], State]]:
+    """Yield night.json and what is open after each nightly run, without those of which it is damaged."""
+    for folder in runs:
+        try:
+            report = read_summary(folder), read_state(folder)
+        except InputError:
+            continue
+        yield report
 
 
 def _judged(run: Run, history: History, folder: Path, thresholds: Thresholds) -> Judgement:

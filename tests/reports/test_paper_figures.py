@@ -16,6 +16,7 @@ from bodycheck._util.pinned_libraries import matplotlib
 from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.pivot import rotational_inertia
 from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.measurement.case import MeasuredMotion
 from bodycheck.reports.render.body_figures import polhode
 from bodycheck.reports.render.figures import (
     BODIES,
@@ -213,6 +214,28 @@ def test_what_has_no_points_is_no_figure(figure: str, run: Run, expected_message
     """An empty figure would suggest that all is well, so it is refused."""
     with expected_message.raises(InputError):
         picture(run, figure, "nowhere", "orientation_error_rad", ".svg")
+
+
+@pytest.mark.parametrize(
+    ("figure", "quantity"),
+    [("work-precision", "energy_drift"), ("order", "invariant_drift"), ("drift", "omega_error")],
+)
+def test_why_a_figure_has_nothing_is_stated(
+    figure: str, quantity: str, run: Run, expected_message: ExpectedMessage
+) -> None:
+    """The run has no times, no case has the measure, or there are no motions."""
+    unmeasured = {"cpu_s", "invariant_drift"}
+    cases = (
+        replace(
+            case,
+            columns={name: cell for name, cell in case.columns.items() if name not in unmeasured},
+            motion=MeasuredMotion(),
+        )
+        for case in run.cases
+    )
+    empty = replace(run, cases=tuple(cases), manifest={**run.manifest, "speed": False})
+    with expected_message.raises(InputError):
+        picture(empty, figure, "free", quantity, ".svg")
 
 
 def test_a_missing_matplotlib_is_named(

@@ -148,8 +148,6 @@ def _line(decades: Array, steps: Sequence[Step], releases: Sequence[tuple[int, s
     )
 
 
-_CHANGED = {"worse": "was worse", "moved": "was another map"}
-
 _TINTS = {
     "regression": "bad",
     "no regression": "good",
@@ -160,10 +158,7 @@ _TINTS = {
 
 def nightly_sentences(judged: Judgement) -> list[str]:
     """Return sentences: what improved, closed or was accepted, what was compared, what was left out."""
-    found = [
-        f"{one.line.subject}: back at its level; it {_CHANGED[one.line.direction]} since {one.duration}."
-        for one in open_lines(judged.closed)
-    ]
+    found = [f"{one.text_closed}." for one in open_lines(judged.state.closed)]
     earlier = () if not judged.baseline.runs else judged.baseline.runs[0].state.acceptances
     found += [f"Acceptance {acceptance_text(one)}." for one in judged.acceptances if one.id not in earlier]
     if judged.comparison is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from io import TextIOWrapper
 from pathlib import Path
@@ -18,6 +19,7 @@ from bodycheck._util.untrusted import open_input
 from bodycheck.reports.comparison.change import FAILING
 from bodycheck.reports.comparison.compare import unversioned
 from bodycheck.reports.comparison.describe import HEADINGS
+from bodycheck.reports.history.acceptances import Acceptance, acceptance_text
 from bodycheck.reports.history.archive import started_at
 from bodycheck.reports.history.baseline import (
     NOT_JUDGED,
@@ -28,7 +30,7 @@ from bodycheck.reports.history.baseline import (
 )
 from bodycheck.reports.history.headline import headline
 from bodycheck.reports.history.levels import write_levels
-from bodycheck.reports.history.open_regressions import write_state
+from bodycheck.reports.history.open_regressions import State, open_lines, write_state
 from bodycheck.reports.history.regression import Judgement
 from bodycheck.reports.render.html import render_report
 from bodycheck.reports.run_files.run_reader import read_tables
@@ -177,32 +179,67 @@ _ENTRIES = 50
 _NEVER = datetime(1970, 1, 1, tzinfo=UTC)
 
 
-def write_feed(folder: Path, runs: Iterable[Mapping[str, Any]]) -> None:
-    """Write the feed of the newest regressions atomically; raises InputError if it cannot be written.
+def write_feed(
+    folder: Path, runs: Iterable[tuple[Mapping[str, Any], State]], acceptances: Iterable[Acceptance]
+) -> None:
+    """Write the feed of a history atomically; raises InputError if it cannot be written.
 
-    runs: the content of each night.json, the oldest first.
+    runs: the content of each night.json with what is open after the run, the oldest first.
     """
-    write_file(folder / _FEED_FILE, feed(runs))
+    write_file(folder / _FEED_FILE, feed(runs, acceptances))
 
 
-def feed(runs: Iterable[Mapping[str, Any]]) -> bytes:
-    """Return the feed of the newest regressions; its links are relative to the folder of the history."""
-    regressions = [run for run in runs if run["status"] == "regression"][::-1][:_ENTRIES]
-    updated = started_at(regressions[0]["run_id"]) if regressions else _NEVER
+@dataclass(frozen=True)
+class _Entry:
+    """What a nightly run opened, closed or found accepted. name: unique within the run."""
+
+    run: Mapping[str, Any]
+    name: str
+    title: str
+    summary: str
+
+
+def feed(runs: Iterable[tuple[Mapping[str, Any], State]], acceptances: Iterable[Acceptance] = ()) -> bytes:
+    """Return the feed: an entry per regression that is newly worse, gone or accepted, the newest first.
+
+    Its links are relative to the folder of the history.
+    """
+    entries = list(_entries(runs, {one.id: one for one in acceptances}))[::-1][:_ENTRIES]
+    updated = started_at(entries[0].run["run_id"]) if entries else _NEVER
     root = ET.Element("feed", xmlns=_ATOM)
     _describe(root, "urn:bodycheck:history", "bodycheck: regressions", updated)
     ET.SubElement(ET.SubElement(root, "author"), "name").text = "bodycheck"
     ET.SubElement(root, "link", rel="self", href=_FEED_FILE)
-    for run in regressions:
-        entry = ET.SubElement(root, "entry")
-        former = f"{run['worse']} worse, {run['missing']} no longer measured"  # of an earlier version
-        title = run.get("headline", former)
-        _describe(entry, f"urn:bodycheck:{run['run_id']}", title, started_at(run["run_id"]))
-        ET.SubElement(entry, "link", rel="alternate", href=f"{run['run_id']}/night.html")
-        summary = f"{count(run['cases'], 'case')} of {run['engines']} on {run['machine']}"
-        ET.SubElement(entry, "summary").text = summary
+    for one in entries:
+        entry, run_id = ET.SubElement(root, "entry"), one.run["run_id"]
+        _describe(entry, f"urn:bodycheck:{run_id}{one.name}", one.title, started_at(run_id))
+        ET.SubElement(entry, "link", rel="alternate", href=f"{run_id}/night.html")
+        ET.SubElement(entry, "summary").text = one.summary
     ET.indent(root)
     return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
+
+
+def _entries(
+    runs: Iterable[tuple[Mapping[str, Any], State]], acceptances: Mapping[str, Acceptance]
+) -> Iterator[_Entry]:
+    """Yield the entries of each run, the gravest last."""
+    told: set[str] = set()
+    for run, state in runs:
+        measured = f"{count(run['cases'], 'case')} of {run['engines']} on {run['machine']}"
+        for one in open_lines(one for one in state.closed if one.is_failing):
+            yield _Entry(run, f":closed:{one.id}", one.text_closed, measured)
+        for name in state.acceptances:
+            if name in acceptances and name not in told:
+                told.add(name)
+                yield _Entry(
+                    run, f":accepted:{name}", f"Acceptance {acceptance_text(acceptances[name])}", measured
+                )
+        for one in reversed(open_lines(one for one in state.regressions if one.is_failing)):
+            if one.newly:
+                since = f"worse since {one.duration}; {measured}"
+                yield _Entry(run, f":opened:{one.id}", one.text, since)
+        if run["status"] == "regression" and not state.regressions:  # of an earlier version
+            yield _Entry(run, "", f"{run['worse']} worse, {run['missing']} no longer measured", measured)
 
 
 def _describe(parent: ET.Element, identity: str, title: str, updated: datetime) -> None:

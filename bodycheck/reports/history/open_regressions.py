@@ -94,6 +94,12 @@ class OpenLine:
         unknown = "" if any(one.measured for one in self.regressions) else " (not measured in this run)"
         return f"{self.line.text}{unknown}"
 
+    @property
+    def text_closed(self) -> str:
+        """That it is gone, and since when it was open."""
+        was = "worse" if self.line.direction == "worse" else "another map"
+        return f"{self.line.subject}: back at its level; it was {was} since {self.duration}"
+
 
 def open_lines(regressions: Iterable[Regression]) -> list[OpenLine]:
     """Return the lines of open regressions: what is newly worse first, then the gravest."""
@@ -125,15 +131,16 @@ def open_lines(regressions: Iterable[Regression]) -> list[OpenLine]:
 
 @dataclass(frozen=True)
 class State:
-    """What a nightly run leaves to the next one, besides the levels.
+    """What a nightly run leaves to the next one, besides the levels, and what it closed.
 
     regressions: the open ones. improved: the changes that a second run has to confirm. acceptances: ids of
-    those that the levels contain.
+    those that the levels contain. closed: what was open after the run before and is back at its level.
     """
 
     regressions: tuple[Regression, ...] = ()
     improved: tuple[Change, ...] = ()
     acceptances: tuple[str, ...] = ()
+    closed: tuple[Regression, ...] = ()
 
     def improvement(self, change: Change) -> Change | None:
         """Return the improvement of the same value in the run before; None if there was none."""

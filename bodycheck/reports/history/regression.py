@@ -52,7 +52,7 @@ class Judgement:
     """The newest nightly run compared with the accepted levels.
 
     comparison: with the levels; None if there is no baseline run. levels, state: what the next nightly run is
-    compared with. closed: the regressions that are gone. acceptances: those that count on such a machine.
+    compared with. acceptances: those that count on such a machine.
     speeds, errors: of all methods, over the baseline runs and the newest run. history: its folder.
     """
 
@@ -62,7 +62,6 @@ class Judgement:
     comparison: Comparison | None
     levels: Levels
     state: State
-    closed: tuple[Regression, ...]
     acceptances: tuple[Acceptance, ...]
     speeds: Speeds
     errors: Series
@@ -105,7 +104,7 @@ def judge_run(history: History, newest: Tables, thresholds: Thresholds = DEFAULT
     if last is None:
         speeds = speeds_of(runs, cases, (), earlier)
         levels, state = Levels.of(newest), State()
-        return Judgement(history.folder, newest, baseline, None, levels, state, (), (), speeds, errors)
+        return Judgement(history.folder, newest, baseline, None, levels, state, (), speeds, errors)
     tables, levels = last.tables, last.levels
     engines = (*newest.manifest["engines"], *(case.columns["engine"] for case in newest.cases))
     names = _common_names(engines, levels.engines)
@@ -126,6 +125,7 @@ def judge_run(history: History, newest: Tables, thresholds: Thresholds = DEFAULT
     open_now = tuple(next_regressions(before.regressions, changes, aligned, thresholds, *why))
     changes = _without_gains_of_broken(changes, open_now)
     still = {one.change.key for one in open_now}
+    closed = (replace(one, newly=False) for one in before.regressions if one.change.key not in still)
     levels, improved = _next_levels(known, aligned, comparison.redefined, changes, open_now, before)
     own = {names.get(name, name): name for name in engines}
     return Judgement(
@@ -135,8 +135,7 @@ def judge_run(history: History, newest: Tables, thresholds: Thresholds = DEFAULT
         # speeds have their own series
         comparison=replace(comparison, changes=tuple(changes), timed=0) if baseline.runs else None,
         levels=_with_speeds(levels, speeds).renamed(own),
-        state=State(open_now, improved, before.acceptances),
-        closed=tuple(one for one in before.regressions if one.change.key not in still),
+        state=State(open_now, improved, before.acceptances, tuple(closed)),
         acceptances=acceptances,
         speeds=speeds,
         errors=errors,

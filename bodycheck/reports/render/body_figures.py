@@ -43,7 +43,7 @@ def draw(page: Figure, run: Run, figure: str, scenario: str, cases: Sequence[Cas
     at_s = coarsest_shared_step(cases)
     cases_drawn = shown_cases(cases, at_s)
     if problem is None or not cases_drawn:
-        raise InputError(f"--figure {figure}: nothing to draw for {scenario}")
+        raise InputError(f"--figure {figure}: nothing to draw for {scenario}: no case has a motion")
     page.suptitle(f"{scenario}, dt {step(at_s)} s", fontsize=8)
     (_polhodes if figure == "polhode" else draw_frames)(page, problem, cases_drawn)
 

@@ -198,10 +198,27 @@ def drawn_figure(
     elif lines:
         FIGURES[figure](axes, lines, drawn, quantity)
     if not any(len(line.get_xdata()) for line in axes.lines):  # type: ignore[arg-type]
-        raise InputError(f"--figure {figure}: nothing to draw for {scenario}")
+        cases = [case for own in lines.values() for case in own]
+        why = _why_nothing(run, figure, cases, quantity)
+        raise InputError(f"--figure {figure}: nothing to draw for {scenario}: {why}")
     if figure != STABILITY:
         _legend(page, axes, appearance.columns)
     return page
+
+
+def _why_nothing(run: RunTables, figure: str, cases: Iterable[CaseResult], quantity: str) -> str:
+    """Return why none of the cases of a scenario has a point in a figure."""
+    ended_well = [case for case in cases if case.ok]
+    if figure == STABILITY:
+        return "the run has no search for stable steps there"
+    if not ended_well:
+        return "no case has outcome ok"
+    if figure == "work-precision" and not run.manifest["speed"]:
+        return "the run was made with --no-speed (--figure order needs no times)"
+    if not any(quantity in case.columns for case in ended_well):
+        return f"no case has {quantity}"
+    missing = {"work-precision": "a time", "order": "a step", "drift": "a motion that shows it"}
+    return f"no case with {quantity} has {missing[figure]}"
 
 
 def _legend(page: Figure, axes: Axes, columns: int) -> None:

@@ -142,7 +142,7 @@ def test_recovered_case_is_compared_with_its_level(monkeypatch: pytest.MonkeyPat
     found = judgement_of(*runs, monkeypatch=monkeypatch)
     assert kinds_and_steps(found) == [("accuracy", "worse", 0.01), ("accuracy", "worse", 0.02)]
     assert [one.change.before for one in found.open] == [1e-9, 1e-8]
-    assert sorted((one.change.kind, one.since) for one in found.closed) == [
+    assert sorted((one.change.kind, one.since) for one in found.state.closed) == [
         ("outcome", "night 1"),
         ("outcome", "night 2"),
     ]
@@ -566,7 +566,7 @@ def test_stored_history_has_the_last_success_of_a_case(nightly_run: Run, tmp_pat
     assert ("accuracy", "orientation_error_rad", "worse") in changes_of(judged)
     (same,) = store_nightly_runs(nightly_run, tmp_path / "same", [unchanged], first=4)
     assert changes_of(same) == []
-    assert {one.change.kind for one in same.closed} == {"outcome"}
+    assert {one.change.kind for one in same.state.closed} == {"outcome"}
 
 
 @pytest.mark.slow

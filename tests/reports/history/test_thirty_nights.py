@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import pandas as pd
 import pytest
@@ -167,11 +169,21 @@ def planted(run: Run, night: Night, number: int) -> Run:
     return as_nightly_run(made, 24 * number + 3, unchanged, engines=engines, cores=night.cores)
 
 
+def events(history: History) -> Iterator[list[str]]:
+    """Yield run id and kind of what the feed lists: what was opened, closed and accepted in each run."""
+    ended = [night for night in NIGHTS if not night.killed]
+    for folder, before, night in zip(history.runs()[1:], ended, ended[1:], strict=False):
+        still = night.says.startswith("Still")
+        yield from [[folder.name, "closed"]] * len(() if still or night.accepted else before.open)
+        yield from [[folder.name, "accepted"]] * bool(night.accepted)
+        yield from [[folder.name, "opened"]] * len(() if still else night.open)
+
+
 @pytest.mark.slow
 def test_every_night_of_a_month_says_what_is_open(
     engines_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Status, first line and open list are the right ones, whatever happened before."""
+    """Status, first line, open list and feed are the right ones, whatever happened before."""
     for name in ("write_nightly_report", "write_trajectories"):  # what is planted has no motions
         monkeypatch.setattr(nightly_run_module, name, lambda *_: None)
     monkeypatch.setattr(nightly_run_module, "trends_page", lambda _: "")
@@ -189,4 +201,6 @@ def test_every_night_of_a_month_says_what_is_open(
         status = next(code for code, name in STATUS.items() if name == judged.status)
         said.append((status, summary["headline"], tuple(one.text for one in open_lines(judged.open))))
     assert said == [(night.status, night.says, night.open) for night in NIGHTS]
+    feed = ET.parse(tmp_path / "feed.xml").getroot().iterfind("{*}entry/{*}id")
+    assert [str(one.text).split(":")[2:4] for one in feed][::-1] == list(events(history))
     assert len(NIGHTS) == 30
