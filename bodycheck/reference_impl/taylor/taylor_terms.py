@@ -99,7 +99,7 @@ def rotated_to_body(series: Numbers, j: int, k: int) -> Three:
 
 
 @inlined_kernel
-def _row_times(numbers: Numbers, i: int, v: Three) -> Any:
+def row_times(numbers: Numbers, i: int, v: Three) -> Any:
     """m . v, m the three numbers starting at i."""
     total = add_product(nothing(numbers), entry(numbers, i), v[0])
     total = add_product(total, entry(numbers, i + 1), v[1])
@@ -107,9 +107,9 @@ def _row_times(numbers: Numbers, i: int, v: Three) -> Any:
 
 
 @inlined_kernel
-def _matrix_times(numbers: Numbers, i: int, v: Three) -> Three:
+def matrix_times(numbers: Numbers, i: int, v: Three) -> Three:
     """M v, M the nine numbers starting at i."""
-    return _row_times(numbers, i, v), _row_times(numbers, i + 3, v), _row_times(numbers, i + 6, v)
+    return row_times(numbers, i, v), row_times(numbers, i + 3, v), row_times(numbers, i + 6, v)
 
 
 @inlined_kernel
@@ -133,7 +133,7 @@ def added(a: Three, b: Three) -> Three:
 
 
 @inlined_kernel
-def _subtracted(a: Three, b: Three) -> Three:
+def subtracted(a: Three, b: Three) -> Three:
     """a - b."""
     return minus(a[0], b[0]), minus(a[1], b[1]), minus(a[2], b[2])
 
@@ -184,10 +184,10 @@ def own_torque(
 ) -> Three:
     """(tau - C omega + I omega x omega)_k, tau given in body axes; extends q and the sines to k + 1."""
     omega = vector_terms(series, OMEGA, k)
-    put_vector(series, L, k, _matrix_times(rotational, INERTIA, omega))
+    put_vector(series, L, k, matrix_times(rotational, INERTIA, omega))
     torque = _spin(series, k, share)
     if damping is not None:
-        torque = _subtracted(torque, _matrix_times(damping, 0, omega))
+        torque = subtracted(torque, matrix_times(damping, 0, omega))
     if k == 0:
         constant = (
             entry(rotational, TORQUE_BODY),
@@ -285,7 +285,7 @@ def gradient_torque(series: Numbers, rotational: Numbers, orbit: Numbers, k: int
         )
     u = (renorm(x), renorm(y), renorm(z))
     put_vector(series, U, k, u)
-    put_vector(series, IU, k, _matrix_times(rotational, INERTIA, u))
+    put_vector(series, IU, k, matrix_times(rotational, INERTIA, u))
     _move_sine(series, ORBIT, entry(orbit, ORBIT_RATE), k)
     a, b, c = _cross_product(series, U, IU, k)
     factor = entry(orbit, GRADIENT)
@@ -339,8 +339,8 @@ def acceleration(series: Numbers, translational: Numbers, k: int) -> Three:
             entry(translational, ACCELERATION_WORLD + 1),
             entry(translational, ACCELERATION_WORLD + 2),
         )
-        return _subtracted(constant, drag)
-    return _subtracted((none, none, none), drag)
+        return subtracted(constant, drag)
+    return subtracted((none, none, none), drag)
 
 
 @kernel
@@ -363,4 +363,4 @@ def rotated_acceleration(series: Numbers, translational: Numbers, k: int) -> Thr
 @inlined_kernel
 def angular_rate(series: Numbers, rotational: Numbers, torque: Three, k: int, share: Any) -> None:
     """omega' = I^-1 torque: the coefficient k + 1 = 1 / share of omega."""
-    put_rate(series, OMEGA, k, _matrix_times(rotational, INERTIA_INVERSE, torque), share)
+    put_rate(series, OMEGA, k, matrix_times(rotational, INERTIA_INVERSE, torque), share)
