@@ -14,6 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bodycheck._util.errors import UnavailableError
 from bodycheck._util.untrusted import check_regular
 
 if TYPE_CHECKING:
@@ -63,17 +64,31 @@ def cma() -> Any:
     return found
 
 
-def duckdb_connection() -> DuckDBPyConnection:
-    """Return a database in memory that loads no extensions and writes nothing to the working directory."""
-    import duckdb
+@cache
+def duckdb() -> Any:
+    """Import DuckDB; raises UnavailableError if it is not installed."""
+    try:
+        import duckdb as found
+    except ImportError:
+        raise UnavailableError(
+            "histories, ensembles and Parquet files need DuckDB: pip install 'bodycheck[history]'"
+        ) from None
+    return found
 
+
+def duckdb_connection() -> DuckDBPyConnection:
+    """Return a database in memory that loads no extensions and writes nothing to the working directory.
+
+    Raises UnavailableError without DuckDB.
+    """
     settings: dict[str, Any] = {
         "autoinstall_known_extensions": "false",
         "autoload_known_extensions": "false",
         "temp_directory": tempfile.gettempdir(),
         "python_enable_replacements": "false",
     }
-    return duckdb.connect(config=settings)
+    connection: DuckDBPyConnection = duckdb().connect(config=settings)
+    return connection
 
 
 def read_parquet(

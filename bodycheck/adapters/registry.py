@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -14,6 +15,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+from bodycheck._util.distributions import installed
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.file_digests import digest_of
 from bodycheck._util.formatting import suggestion
@@ -48,6 +50,7 @@ _OPTIONAL = {
 They state what their engine needs (`contract.Requirements`), and import it when they are made.
 """
 _DISTRIBUTIONS = {"mujoco": "mujoco", "pybullet": "pybullet", "dart": "dartpy"}
+_INSTALL = "pip install 'bodycheck[engines]'"
 _registered: dict[str, Adapter] = {}
 _programs: dict[str, tuple[Program, Path | None]] = {}
 """Name of an engine -> its program, which may be started, and the file that names it."""
@@ -107,6 +110,13 @@ def engine_names() -> tuple[str, ...]:
 def default_engines() -> tuple[str, ...]:
     """Return the names of the engines that run unless others are requested."""
     return tuple(dict.fromkeys([*_BUILT_IN, *_plugged_in(), *_registered]))
+
+
+def engines_to_install() -> str:
+    """Return how to install the engines if none is installed that would run by default, else ""."""
+    if _plugged_in() or _registered or any(installed(package) for package in _DISTRIBUTIONS.values()):
+        return ""
+    return _INSTALL
 
 
 def optional_engines() -> tuple[str, ...]:
@@ -207,8 +217,17 @@ def _plugged_in() -> dict[str, EntryPoint]:
     return {point.name: point for point in entry_points(group="bodycheck.adapters")}
 
 
+def _remedy(engine: str) -> str:
+    """Return how to get an engine of the extra `engines`."""
+    if engine == "pybullet" and sys.version_info >= (3, 12):
+        return "it has no wheels for Python 3.12 and later"
+    return _INSTALL
+
+
 @cache
 def _import(name: str) -> Adapter:
+    if name in _DISTRIBUTIONS and installed(_DISTRIBUTIONS[name]) is None:
+        raise UnavailableError(f"{name} is not installed: {_remedy(name)}")
     try:
         if name in _BUILT_IN:
             module, attribute = _BUILT_IN[name]

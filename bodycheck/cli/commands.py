@@ -151,6 +151,7 @@ def run(
     quiet: Quiet = False,
 ) -> None:
     """Run scenarios on engines, and write results.csv, methods.csv, trajectories/ and report.html."""
+    from bodycheck.adapters.registry import engines_to_install
     from bodycheck.reports.document import answer
     from bodycheck.reports.summary.sentences import run_data, run_document
     from bodycheck.runs.directory import RunRequest, run_to_folder
@@ -184,6 +185,8 @@ def run(
         )
         measured, report = go_on(resume, make_progress, allow_code=allow_code)
     else:
+        if engine is None and not quiet and (how := engines_to_install()):
+            print(f"no engine is installed, only the reference is measured: {how}", file=sys.stderr)
         measured, report = run_to_folder(request, out, make_progress)
     answer(run_document(measured), {**run_data(measured), "report": report}, as_json=json)
     if not json:

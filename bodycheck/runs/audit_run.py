@@ -80,13 +80,18 @@ class Imported:
 def audit(path: Path, options: AuditOptions) -> Audit:
     """Return the audit of a file.
 
-    Raises InputError if the file or the engines cannot be used. An importer that crashes, hangs or refuses
-    the file gives a column that states this.
+    Raises InputError if the file or the engines cannot be used, UnavailableError if none is installed. An
+    importer that crashes, hangs or refuses the file gives a column that states this.
     """
     engines = checked_engines(options.engines)
     model = read_model(path)
     if options.engines is None and model.format == "usd":
         engines = []  # no importer reads it
+    elif options.engines is None and not engines:
+        raise UnavailableError(
+            f"{path}: no engine that imports it is installed: pip install 'bodycheck[engines]'; "
+            "--lint checks the file alone"
+        )
     # products of extreme numbers overflow: their differences are infinite
     with closing(EnginePool()) as pool, np.errstate(all="ignore"):
         return imported_audit(pool, model, engines, options)

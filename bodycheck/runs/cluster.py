@@ -102,8 +102,8 @@ def _is_loopback(address: str) -> bool:
 def _client(address: str, tls: TlsFiles | None) -> Any:
     try:
         distributed: Any = import_module("distributed")
-    except ImportError as error:
-        raise UnavailableError(f"--cluster: {error} (pip install 'bodycheck[cluster]')") from None
+    except ImportError:
+        raise UnavailableError("--cluster needs Dask: pip install 'bodycheck[cluster]'") from None
     try:
         security = None
         if tls is not None:

@@ -85,6 +85,7 @@ class RunRequest:
             *(self.scenarios, self.engines, self.dt_s, self.tolerances),
             allow_code=self.allow_code,
             file=file,
+            partial=True,
         )
         return selection if shard is None else selection.of_shard(shard)
 

@@ -8,23 +8,24 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import version
-from importlib.util import find_spec
 from pathlib import Path
 
 from bodycheck._util.cache_dir import cache_dir
 from bodycheck._util.compiled_cache import cache_directory
+from bodycheck._util.distributions import installed, requirements
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.file_digests import files_below
 from bodycheck._util.files import check_folder
 from bodycheck._util.platform_identity import cpu_model
 from bodycheck.adapters.contract import Engine
-from bodycheck.adapters.registry import default_engines, distribution_of
+from bodycheck.adapters.registry import default_engines, optional_engines
 from bodycheck.adapters.versions.uv import uv_program
 from bodycheck.adapters.workers.engine_pool import announced
 from bodycheck.reference_impl.precompile import closed_forms_compiled
 from bodycheck.reports.document import Column, Document, Span, Table
 
-_LIBRARIES = ("numpy", "numba", "scipy", "pandas", "pydantic", "duckdb", "typer", "rich")
+_NOT_LISTED = {"", "all", "bench", "docs", "engines", "test"}
+"""Extras of developers, and those whose packages stand in lines of their own."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class Diagnosis:
 def diagnosis() -> Diagnosis:
     """Start every engine and look at the cache and at the optional programs."""
     versions = {"bodycheck": version("bodycheck"), "Python": platform.python_version()}
-    versions |= {name: version(name) for name in _LIBRARIES}
+    versions |= {name: _version(name) for name in requirements()[""]}
     versions |= {
         "system": platform.platform(),
         "processor": f"{cpu_model()}, {len(os.sched_getaffinity(0))} of {os.cpu_count()} cores",
@@ -78,9 +79,7 @@ def _engines() -> Iterator[Check]:
         if isinstance(engine, Engine):
             yield Check(name, True, f"{engine.version}, {len(engine.methods)} methods")
         else:
-            package = distribution_of(name)
-            remedy = f"; pip install {package}" if package and "No module" in engine else ""
-            yield Check(name, False, engine + remedy)
+            yield Check(name, False, engine.removeprefix(f"{name} is "))
 
 
 def _cache_checks() -> Iterator[Check]:
@@ -96,14 +95,25 @@ def _cache_checks() -> Iterator[Check]:
 
 
 def _optional() -> Iterator[Check]:
-    plots = find_spec("matplotlib") is not None
-    yield Check(
-        "plot", plots, f"matplotlib {version('matplotlib')}" if plots else "pip install 'bodycheck[plot]'"
-    )
-    try:
-        yield Check("pinned versions", True, uv_program())
-    except UnavailableError as error:
-        yield Check("pinned versions", False, str(error))
+    for extra, packages in requirements().items():
+        if extra in _NOT_LISTED or extra in optional_engines():
+            continue
+        if extra == "versions":  # uv may also be a program on the path
+            try:
+                yield Check(extra, True, uv_program())
+            except UnavailableError as error:
+                yield Check(extra, False, str(error))
+        elif missing := [name for name in packages if installed(name) is None]:
+            yield Check(extra, False, f"{', '.join(missing)} not installed: pip install 'bodycheck[{extra}]'")
+        else:
+            yield Check(extra, True, ", ".join(f"{name} {_version(name)}" for name in packages))
+    node = shutil.which("node")
+    yield Check("JavaScript engines", node is not None, node or "not on the path: node, of Node.js")
+
+
+def _version(name: str) -> str:
+    found = installed(name)
+    return "not installed" if found is None else found.version
 
 
 def _size(amount: int) -> str:

@@ -13,7 +13,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, NonNegativeInt, ValidationError
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.pinned_libraries import duckdb_connection, read_parquet
+from bodycheck._util.pinned_libraries import duckdb, duckdb_connection, read_parquet
 from bodycheck._util.shard import Shard
 from bodycheck._util.untrusted import escaped, read_json
 from bodycheck.adapters.contract import Engine, Method, Setting
@@ -202,12 +202,10 @@ def _add(result: EnsembleResult, part: _Part) -> None:
 
 def _sketches(folder: Path) -> Iterator[tuple[tuple[Any, ...], QuantileSketch]]:
     """Yield (engine, method, dt_s, tolerance, measure) and the sketch of it."""
-    import duckdb  # imported here: only stored datasets need it
-
     try:
         with duckdb_connection() as database:
             table = read_parquet(database, sorted(folder.glob("*.parquet"))).df()
-    except duckdb.Error as error:
+    except duckdb().Error as error:
         raise InputError(f"{folder}: cannot be read: {error}") from None
     identity = ["engine", "method", "dt_s", "tolerance", "measure"]
     for names, rows in table.groupby(identity, dropna=False, sort=False, observed=True):

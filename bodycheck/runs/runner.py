@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
@@ -76,7 +77,8 @@ def run(
     earlier runs by the same build of an engine; None reuses those of installed engines only, not of plug-ins
     and editable installs. allow_code: whether files may name functions and programs, whose code runs.
     engines_file: names programs, see docs/workers.md. executor: runs the cases elsewhere, each as one task;
-    its workers need bodycheck and the engines. Speeds are measured here. Raises InputError for wrong input.
+    its workers need bodycheck and the engines. Speeds are measured here. An engine that was named and is not
+    available is left out with a warning. Raises InputError for wrong input, and if no engine is available.
     """
     listed: dict[str, Any] = {
         "scenarios": scenarios,
@@ -92,7 +94,10 @@ def run(
     if engines_file is not None:
         admit_file(Path(engines_file), allow_code=allow_code)
     admit((name for name in engines or () if isinstance(name, str)), allow_code=True)
-    selection = select(scenarios, engines, dt_s, tolerances, allow_code=allow_code)
+    selection = select(scenarios, engines, dt_s, tolerances, allow_code=allow_code, partial=True)
+    if engines is not None:
+        for why in selection.unavailable.values():
+            warnings.warn(f"not measured: {why}", stacklevel=2)
     return run_selection(selection, options, Identity.new(), journal=None, progress=NULL_PROGRESS)
 
 

@@ -13,7 +13,7 @@ from bodycheck._util.errors import InputError, InsideWorkerError
 from bodycheck._util.formatting import suggestion
 from bodycheck._util.shard import Shard
 from bodycheck.adapters.contract import Engine, Method, Setting
-from bodycheck.adapters.engine_names import engine_fault, is_program, split_method
+from bodycheck.adapters.engine_names import engine_fault, split_method
 from bodycheck.adapters.registry import default_engines, register_adapter, registered_adapter
 from bodycheck.adapters.step_function import StepModule
 from bodycheck.adapters.workers.engine_pool import Announcement, announcing
@@ -122,12 +122,14 @@ def select(
     allow_code: bool = False,
     file: Path | None = None,
     predicate: Predicate | None = None,
+    partial: bool = False,
 ) -> Selection:
     """Resolve names, suites and paths; engines as `split_method` has them; steps in s for every scenario.
 
     allow_code: scenarios may name functions, whose code runs. file: has the names of the engines, unless the
-    user wrote them. predicate: replaces `engines`; selects from the
-    methods of all available engines.
+    user wrote them. predicate: replaces `engines`; selects from the methods of all available engines.
+    partial: an unavailable engine that was named is no error while another is available; the caller states
+    which are `unavailable`.
 
     Raises InputError with one line per error: unknown names, wrong files, steps that do not fit.
     """
@@ -145,7 +147,7 @@ def select(
     with announcing(requested) as announcement:
         loaded = checked_scenarios(scenarios, steps, requested_tolerances, allow_code=allow_code)
         if predicate is None:
-            methods, unavailable = _methods(names, announcement, by_name=bool(engines))
+            methods, unavailable = _methods(names, announcement, partial=partial or not engines)
         else:
             methods, unavailable = _selected_methods(predicate, announcement())
     refuse_unused_settings(methods, steps, requested_tolerances)
@@ -281,20 +283,18 @@ def _selected_methods(
 
 
 def _methods(
-    names: Sequence[tuple[str, str, str]], announcement: Announcement, *, by_name: bool
+    names: Sequence[tuple[str, str, str]], announcement: Announcement, *, partial: bool
 ) -> tuple[tuple[tuple[Engine, Method], ...], dict[str, str]]:
     """Return the requested methods, or all methods of all available engines, and why engines are unavailable.
 
-    by_name: whether the engines were requested by name, so that an unavailable one is an error; a program is
-    one only if no other engine is available.
+    partial: whether an unavailable engine is an error only if no other is available.
     """
     engine_names = dict.fromkeys(engine for engine, _, _ in names)
     faults = [fault for engine in engine_names if (fault := engine_fault(engine))]
     found = announcement()
     unavailable = {name: engine for name, engine in found.items() if isinstance(engine, str)}
-    if by_name:
-        others = any(isinstance(engine, Engine) for engine in found.values())
-        faults += [why for name, why in unavailable.items() if not (others and is_program(name))]
+    if not partial or len(unavailable) == len(found):
+        faults += unavailable.values()
     methods: dict[tuple[str, str], tuple[Engine, Method]] = {}
     for name, colon, method in names:
         engine = found.get(name)

@@ -216,7 +216,8 @@ def test_program_that_does_not_announce_itself_costs_its_own_cases(fault: str, f
     """The other engines are measured and the manifest has the reason; requested alone it is an error."""
     (folder / "worker.py").write_text(FAULTS[fault])
     program = f"cmd:{sys.executable} worker.py"
-    run = bodycheck.run(["mine.toml"], engines=[program, "reference:m1"], dt_s=[0.02], speed=False)
+    with pytest.warns(UserWarning, match="^not measured: "):
+        run = bodycheck.run(["mine.toml"], engines=[program, "reference:m1"], dt_s=[0.02], speed=False)
     assert list(run.results["engine"]) == ["reference"]
     assert program in run.manifest["engines"][program]["unavailable"]
     with pytest.raises(InputError, match=r"worker\.py"):

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.files import check_folder
+from bodycheck._util.pinned_libraries import duckdb
 from bodycheck._util.untrusted import check_regular
 
 _RUN_ID = re.compile(r"\d{8}T\d{6}Z-[0-9a-f]{6}")
@@ -37,8 +38,10 @@ class History:
     def at(cls, folder: Path) -> History:
         """Return the history in a folder, which is created when it is first needed.
 
-        Call this before anything is run. Raises InputError if nothing can be stored there.
+        Call this before anything is run. Raises InputError if nothing can be stored there, UnavailableError
+        without DuckDB, which writes the tables.
         """
+        duckdb()
         check_folder(f"--history {folder}", folder)
         if (folder / "manifest.json").exists():
             raise InputError(f"--history {folder}: is the folder of a run, not of a history")

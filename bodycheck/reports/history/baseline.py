@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.pinned_libraries import duckdb_connection, read_parquet
+from bodycheck._util.pinned_libraries import duckdb, duckdb_connection, read_parquet
 from bodycheck._util.untrusted import escaped, from_outside, open_input, printable, read_bytes, read_json
 from bodycheck.reports.comparison.environment_diff import redefined
 from bodycheck.reports.history.archive import History
@@ -89,8 +89,6 @@ def check_files(folder: Path, summary: dict[str, Any], names: Iterable[str] | No
 
 def _check_parquet(path: Path) -> None:
     """Raise InputError if a Parquet file without a known sum cannot be read completely."""
-    import duckdb
-
     try:
         content = read_bytes(path)
     except OSError as error:
@@ -100,7 +98,7 @@ def _check_parquet(path: Path) -> None:
     try:
         with duckdb_connection() as database:
             read_parquet(database, [path]).fetchall()
-    except (duckdb.Error, ValueError, OverflowError) as error:
+    except (duckdb().Error, ValueError, OverflowError) as error:
         raise InputError(f"{path}: is damaged: {printable(' '.join(str(error).split()), 200)}") from None
 
 

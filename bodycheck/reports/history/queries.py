@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.pinned_libraries import duckdb_connection, read_parquet
+from bodycheck._util.pinned_libraries import duckdb, duckdb_connection, read_parquet
 from bodycheck._util.untrusted import escaped
 from bodycheck.reports.history.baseline import read_summary
 
 if TYPE_CHECKING:
-    import duckdb
     import pandas as pd
+    from duckdb import DuckDBPyConnection
 
 TABLES = ("results", "methods", "stability", "changes")
 """The tables of each nightly run, as Parquet and CSV; with `nights`, the views of a query."""
@@ -61,12 +61,10 @@ def query(runs: Sequence[Path], sql: str) -> pd.DataFrame:
 
     runs: folders of nightly runs. Raises InputError if the statement is invalid or a file cannot be read.
     """
-    import duckdb
-
     with _connection() as database:
         # other statements write files, such as those of the runs
         kinds = [statement.type for statement in database.extract_statements(sql)]
-        if kinds != [duckdb.StatementType.SELECT]:
+        if kinds != [duckdb().StatementType.SELECT]:
             raise InputError(f"{sql!r}: must be one SELECT")
         database.register("nights", history_table(runs))
         for table in TABLES:
@@ -90,12 +88,10 @@ def _files(runs: Sequence[Path], table: str) -> list[Path]:
 
 
 @contextmanager
-def _connection() -> Iterator[duckdb.DuckDBPyConnection]:
+def _connection() -> Iterator[DuckDBPyConnection]:
     """Give a database in memory; turn its errors into InputError with one line."""
-    import duckdb
-
     try:
         with duckdb_connection() as database:
             yield database
-    except duckdb.Error as error:
+    except duckdb().Error as error:
         raise InputError(" ".join(str(error).split())) from None

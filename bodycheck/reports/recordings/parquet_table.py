@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.pinned_libraries import duckdb_connection, read_parquet
+from bodycheck._util.pinned_libraries import duckdb, duckdb_connection, read_parquet
 from bodycheck._util.untrusted import from_outside, printable
 from bodycheck.reports.recordings.recording import Recording
 from bodycheck.reports.recordings.records import columns_of, flat
@@ -75,14 +75,12 @@ class _ParquetColumns(Mapping[str, Any]):
 
 @contextmanager
 def _opened(path: Path) -> Iterator[DuckDBPyConnection]:
-    import duckdb
-
     try:
         with duckdb_connection() as database, from_outside(path):
             database.execute("SET memory_limit = '1GB'")
             yield database
     except InputError as error:
-        if isinstance(error.__cause__, duckdb.Error):
+        if isinstance(error.__cause__, duckdb().Error):
             why = printable(" ".join(str(error.__cause__).split()), 200)
             raise InputError(f"{path}: not a Parquet file: {why}") from None
         raise

@@ -117,6 +117,7 @@ def run_document(run: RunTables) -> Document:
     return Document(
         f"bodycheck: {count(len(summary.cells), 'scenario')}, {count(len(run.cases), 'case')}",
         (
+            *_without_engines(run),
             Sentence(_outcomes(run)),
             *_remarks(run),
             *(Sentence(sentence) for sentence in summary.sentences),
@@ -150,6 +151,13 @@ def _outcomes(run: RunTables) -> str:
     compiled = f", after compiling for {compiling:.0f} s" if round(compiling) else ""
     took = "" if seconds is None else f" in {seconds:.0f} s{compiled}"
     return f"{count(len(run.cases), 'case')}{took}" + (f": {ended}" if ended else "")
+
+
+def _without_engines(run: RunTables) -> Iterator[Sentence]:
+    """Yield that only the reference was measured, if engines were wanted; why follows in the remarks."""
+    engines = run.manifest["engines"]
+    if [name for name, entry in engines.items() if "version" in entry] == ["reference"] != [*engines]:
+        yield Sentence("No engine was measured, only the reference.", "bad")
 
 
 def _remarks(run: RunTables) -> Iterator[Sentence]:
