@@ -17,7 +17,7 @@ from bodycheck._util.formatting import scientific, step
 from bodycheck.reports.document import escaped_markdown, markdown_table
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.run_files.run_reader import read_tables
-from bodycheck.reports.run_files.run_tables import RunTables
+from bodycheck.reports.run_files.run_tables import Tables
 from bodycheck.reports.summary.sentences import Summary
 from bodycheck.reports.summary.worst_results import faulty
 
@@ -56,7 +56,7 @@ class MeasuredMethod:
     finding: str
 
 
-def measured(runs: Iterable[RunTables]) -> dict[str, dict[str, MeasuredMethod]]:
+def measured(runs: Iterable[Tables]) -> dict[str, dict[str, MeasuredMethod]]:
     """Return engine -> name -> method, of the last run that has the engine."""
     found: dict[str, dict[str, MeasuredMethod]] = {}
     for run in runs:
@@ -64,7 +64,7 @@ def measured(runs: Iterable[RunTables]) -> dict[str, dict[str, MeasuredMethod]]:
     return found
 
 
-def _of_run(run: RunTables) -> dict[str, dict[str, MeasuredMethod]]:
+def _of_run(run: Tables) -> dict[str, dict[str, MeasuredMethod]]:
     findings = {one.method: one.sentence for one in faulty(Summary.of(run).worst)}
     rows: list[Any] = run.methods[run.methods["quantity"] == ORIENTATION].to_dict("records")
     refused: dict[tuple[str, str], dict[str, None]] = {}

@@ -23,7 +23,7 @@ from bodycheck.__main__ import main as bodycheck_main
 from bodycheck._util.errors import InputError
 from bodycheck.adapters import registry
 from bodycheck.cli.commands import app
-from bodycheck.reports.run_files.tables import METHOD_COLUMNS, RESULT_COLUMNS
+from bodycheck.reports.run_files.tables import TABLES
 from bodycheck.runs.selection import select
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.in_process_cli import run_bodycheck
@@ -79,8 +79,8 @@ def test_a_run_leaves_the_files_of_the_contract(tmp_path: Path) -> None:
     assert done.stdout.splitlines()[-1] == "out/report.html"
     out = tmp_path / "out"
     results, methods = pd.read_csv(out / "results.csv"), pd.read_csv(out / "methods.csv")
-    assert tuple(results.columns) == RESULT_COLUMNS
-    assert tuple(methods.columns) == METHOD_COLUMNS
+    assert tuple(results.columns) == TABLES["results"].columns
+    assert tuple(methods.columns) == TABLES["methods"].columns
     manifest = json.loads((out / "manifest.json").read_text())
     assert manifest["run_id"] == results["run_id"].unique().item()
     assert manifest["outcomes"] == results["outcome"].value_counts().to_dict()

@@ -12,7 +12,7 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.source_commit import COMMIT_VARIABLES, commit_range, comparison_url, source_commit
 from bodycheck.reports.comparison.compare import compare
 from bodycheck.reports.comparison.describe import alerts_of, comparison_data, sentences
-from bodycheck.reports.run_files.run_reader import Tables
+from bodycheck.reports.run_files.run_tables import Tables
 from bodycheck.runs.run_options import RunOptions
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.gate_tables import make_tables

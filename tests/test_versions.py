@@ -20,7 +20,7 @@ from bodycheck.adapters.versions import environments, uv
 from bodycheck.adapters.versions.uv import releases
 from bodycheck.reports.comparison.compare import renamed
 from bodycheck.reports.comparison.release_results import Found
-from bodycheck.reports.run_files.run_reader import Tables
+from bodycheck.reports.run_files.run_tables import Tables
 from bodycheck.runs import version_search
 from bodycheck.runs.manifest import Identity
 from bodycheck.runs.run_options import RunOptions

@@ -43,8 +43,7 @@ if TYPE_CHECKING:
     from bodycheck.reports.document import Document
     from bodycheck.reports.gates.gate import Gate
     from bodycheck.reports.gates.verdict import GateResult
-    from bodycheck.reports.run_files.run_reader import Tables
-    from bodycheck.reports.run_files.run_tables import Run
+    from bodycheck.reports.run_files.run_tables import Run, Tables
     from bodycheck.runs.run_options import ProgressFactory, RunOptions
 
 gating = typer.Typer()

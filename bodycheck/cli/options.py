@@ -116,6 +116,13 @@ def complete_scenarios(incomplete: str) -> list[tuple[str, str]]:
     return [(name, about) for name, about in (*names, *files) if name.startswith(incomplete)]
 
 
+def complete_tables(incomplete: str) -> list[str]:
+    """Return the tables of a run."""
+    from bodycheck.reports.run_files.tables import TABLES
+
+    return [name for name in TABLES if name.startswith(incomplete)]
+
+
 def complete_engines(incomplete: str) -> list[str]:
     """Return the words that complete the last of NAME[:METHOD],...: engines, then an engine's methods."""
     first, comma, last = incomplete.rpartition(",")

@@ -31,6 +31,7 @@ from bodycheck.cli.options import (
     admit_engines,
     check_files,
     complete_scenarios,
+    complete_tables,
     described,
     engine_option,
     numbers,
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bodycheck.reports.comparison.change import Status
-    from bodycheck.reports.run_files.run_reader import Tables
+    from bodycheck.reports.run_files.run_tables import Tables
     from bodycheck.scenarios.free_body import FreeBody
 
 FAIL_ON: dict[str, tuple[Status, ...]] = {
@@ -363,10 +364,11 @@ def report(
 def table(
     run: _Run,
     which: Annotated[
-        Literal["results", "methods", "stability", "probes", "diagnoses", "fingerprints", "laws"],
+        str,
         typer.Argument(
             metavar="TABLE",
-            help="The table: results, methods, stability, probes, diagnoses, fingerprints or laws.",
+            help="The table: the name of one of the run's CSV files, without .csv.",
+            autocompletion=complete_tables,
         ),
     ] = "results",
     as_: Annotated[
@@ -386,9 +388,11 @@ def table(
 ) -> None:
     """Print a table of a run as CSV, JSON or Markdown, or write it as Parquet."""
     from bodycheck.reports.run_files.run_reader import read_tables
-    from bodycheck.reports.run_files.tables import FORMATS
+    from bodycheck.reports.run_files.tables import FORMATS, TABLES
 
     check_files({"parquet": parquet})
+    if which not in TABLES:
+        raise InputError(f"{which}: no table of a run{suggestion(which, TABLES)}")
     found = getattr(read_tables(run), which)
     if columns is not None:
         requested = [name.strip() for name in columns.split(",")]

@@ -26,6 +26,7 @@ from bodycheck.reports.gates.gate import Gate, gate_of, measure_of, read_gates
 from bodycheck.reports.gates.gate_output import failure_rows, line_of, obtained
 from bodycheck.reports.gates.verdict import Check, GateResult, Row, check_gates, rows_of
 from bodycheck.reports.run_files.run_tables import Run, study_key
+from bodycheck.reports.run_files.tables import TABLES
 from bodycheck.runs import runner
 from bodycheck.runs.directory import write_run
 from bodycheck.runs.gate_run import run_for_gates
@@ -137,7 +138,7 @@ def assert_passed(
         return
     lines = [line_of(result)]
     rows = failure_rows([result])
-    diagnoses = {study_key(row): row["diagnosis"] for row in run.diagnoses.to_dict("records")}
+    diagnoses = {study_key(row): row["diagnosis"] for row in run.rows("diagnoses")}
     for (_, *cells, command), check in zip(rows[:_MAX_ROWS], result.failed, strict=False):
         if len(result.checks) > 1:
             lines.append(" | ".join(filter(None, cells)))
@@ -260,9 +261,9 @@ def _write_report(run: Run, folder: Path, rerun: str | None) -> Path:
     """
     if rerun is not None:
         cases = tuple(replace(case, columns={**case.columns, "reproduce": rerun}) for case in run.cases)
-        names = ("results", "probes", "diagnoses", "fingerprints", "laws")
-        tables = {name: getattr(run, name).assign(reproduce=rerun) for name in names}
-        run = replace(run, cases=cases, **tables)
+        again = {name: {"reproduce": rerun} for name, kind in TABLES.items() if "reproduce" in kind.columns}
+        tables = {name: [{**row, **again.get(name, {})} for row in rows] for name, rows in run.tables.items()}
+        run = replace(run, cases=cases, tables=tables)
     return write_run(run, folder / run.run_id)
 
 

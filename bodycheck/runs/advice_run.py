@@ -24,9 +24,8 @@ from bodycheck.reports.measurement.case import CaseResult, measured_by, scenario
 from bodycheck.reports.measurement.measures import Motion
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.study import method_rows
-from bodycheck.reports.run_files.run_reader import MANIFEST, Tables, read_manifest, read_run, read_tables
-from bodycheck.reports.run_files.run_tables import MethodKey, Run, RunTables, cases_by_method, check_engines
-from bodycheck.reports.run_files.tables import METHOD_COLUMNS, as_table
+from bodycheck.reports.run_files.run_reader import MANIFEST, read_manifest, read_run, read_tables
+from bodycheck.reports.run_files.run_tables import MethodKey, Run, Tables, cases_by_method, check_engines
 from bodycheck.reports.summary.advice import (
     Advice,
     Answer,
@@ -57,10 +56,8 @@ def until(run: Run, horizon_s: float) -> Run:
     """
     problems = {problem.scenario.name: _cut(problem, horizon_s) for problem in run.problems}
     cases = tuple(_measured_until(case, problems[case.columns["scenario"]]) for case in run.cases)
-    rows = ({"run_id": run.run_id, **row} for row in _rows(run, cases, problems))
-    return replace(
-        run, cases=cases, methods=as_table(rows, METHOD_COLUMNS), problems=tuple(problems.values())
-    )
+    rows = [{"run_id": run.run_id, **row} for row in _rows(run, cases, problems)]
+    return replace(run.with_rows(methods=rows), cases=cases, problems=tuple(problems.values()))
 
 
 def check_horizon(horizon_s: float, scenario: str, interval_s: float) -> None:
@@ -239,7 +236,7 @@ def advise(request: AdviceRequest, make_progress: ProgressFactory) -> Advice:
     if not run.cases:
         raise InputError(f"{folder}: has no cases")
     check_engines(run, request.engines)
-    found: RunTables = run
+    found: Tables = run
     if request.horizon_s is not None and request.body is None:
         full_run = read_run(folder, allow_code=request.allow_code, cache=Cache.default())
         found = until(full_run, request.horizon_s)
@@ -287,7 +284,7 @@ def _written(body: FreeBody, horizon_s: float | None) -> str:
 
 
 def _answers(
-    run: RunTables, request: AdviceRequest, scenarios: Sequence[str], more: Sequence[Run] = ()
+    run: Tables, request: AdviceRequest, scenarios: Sequence[str], more: Sequence[Run] = ()
 ) -> tuple[Answer, ...]:
     curves = _curves(run, request, more)
     if request.error is not None:
@@ -296,7 +293,7 @@ def _answers(
     return errors_at(curves, request.dt_s, scenarios)
 
 
-def _curves(run: RunTables, request: AdviceRequest, more: Sequence[Run]) -> Curves:
+def _curves(run: Tables, request: AdviceRequest, more: Sequence[Run]) -> Curves:
     """Return the curves of the requested engines."""
     found = curves_of(run, request.measure, tuple(case for other in more for case in other.cases))
     return {place: curve for place, curve in found.items() if is_named(request.engines, *place[1])}
@@ -304,7 +301,7 @@ def _curves(run: RunTables, request: AdviceRequest, more: Sequence[Run]) -> Curv
 
 def _searched(
     folder: Path,
-    run: RunTables,
+    run: Tables,
     request: AdviceRequest,
     scenarios: Sequence[str],
     make_progress: ProgressFactory,
@@ -331,7 +328,7 @@ def _searched(
 
 
 def measure_steps(
-    run: RunTables,
+    run: Tables,
     steps: Mapping[tuple[str, MethodKey], float],
     options: RunOptions,
     make_progress: ProgressFactory,

@@ -24,7 +24,7 @@ from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.study import Study, study
 from bodycheck.reports.probes.examination import identified
 from bodycheck.reports.run_files.run_reader import read_manifest, read_run
-from bodycheck.reports.run_files.run_tables import Run, study_key
+from bodycheck.reports.run_files.run_tables import Run, key_of, study_key
 from bodycheck.reports.run_files.sentinels import (
     Sentinel,
     differing_facts,
@@ -32,17 +32,7 @@ from bodycheck.reports.run_files.sentinels import (
     machine_facts,
     read_sentinels,
 )
-from bodycheck.reports.run_files.tables import (
-    DIAGNOSIS_COLUMNS,
-    FINGERPRINT_COLUMNS,
-    LAW_COLUMNS,
-    METHOD_COLUMNS,
-    PROBE_COLUMNS,
-    RESULT_COLUMNS,
-    STABILITY_COLUMNS,
-    as_table,
-)
-from bodycheck.reports.summary.error_curve import rows_of
+from bodycheck.reports.run_files.tables import TABLES, Row
 from bodycheck.runs.directory import partial_of
 from bodycheck.runs.manifest import Identity
 from bodycheck.runs.selection import Selection
@@ -113,7 +103,9 @@ def merge(folders: Sequence[Path], *, allow_code: bool = False) -> Run:
         raise InputError(f"the manifests of the shards are inconsistent: {error!r}") from None
     identity = Identity.new()
     timed_on = _timed_on(parts)
-    problems, cases, methods, stability, diagnoses = [], [], [], [], []
+    problems, cases = [], []
+    rows: dict[str, list[Row]] = {name: [] for name in TABLES if name != "results"}
+    of_studies = [name for name in rows if TABLES[name].is_of_studies]
     missing: list[str] = []
     for _, scenario in selection.scenarios:
         solved = [p for part in parts for p in part.run.problems if p.scenario.name == scenario.name]
@@ -126,37 +118,27 @@ def merge(folders: Sequence[Path], *, allow_code: bool = False) -> Run:
             if _has(owner, engine.name, method.name):
                 found = [case for case in owner.run.cases if study_key(case.columns) == key]
                 cases += [case if owner.machine == timed_on else _untimed(case) for case in found]
-                methods += [row for row in rows_of(owner.run.methods) if study_key(row) == key]
-                stability += [row for row in rows_of(owner.run.stability) if study_key(row) == key]
-                diagnoses += [row for row in rows_of(owner.run.diagnoses) if study_key(row) == key]
+                for name in of_studies:
+                    rows[name] += [row for row in owner.run.rows(name) if study_key(row) == key]
             else:
                 missing.append(f"{engine.name}:{method.name}")
                 failed_study = _failed_study(selection, problems[-1], engine, method, owner)
                 cases += failed_study.cases
-                methods += failed_study.method_rows
+                rows["methods"] += failed_study.method_rows
 
-    def of_methods(table: str) -> Iterator[dict[str, Any]]:
-        for engine, method in selection.methods:
-            owner = _owner(parts, "probes", engine.name, method.name)
-            for row in rows_of(getattr(owner.run, table)):
-                if (row["engine"], row["method"]) == (engine.name, method.name):
-                    yield row
-
+    for engine, method in selection.methods:
+        owner = _owner(parts, "probes", engine.name, method.name)
+        for name in rows.keys() - of_studies:
+            rows[name] += [r for r in owner.run.rows(name) if key_of(r) == (engine.name, method.name)]
     # a shard examines some of the methods only
-    methods = list(identified(methods, of_methods("fingerprints"), of_methods("laws")))
+    rows["methods"] = list(identified(rows["methods"], rows["fingerprints"], rows["laws"]))
     own_id = {"run_id": identity.run_id}
     return Run(
         run_id=identity.run_id,
-        results=as_table(({**case.columns, **own_id} for case in cases), RESULT_COLUMNS),
-        methods=as_table(({**row, **own_id} for row in methods), METHOD_COLUMNS),
-        stability=as_table(({**row, **own_id} for row in stability), STABILITY_COLUMNS),
         manifest=_manifest(identity, parts, selection, cases, timed_on, missing),
         problems=tuple(problems),
         cases=tuple(cases),
-        probes=as_table(({**row, **own_id} for row in of_methods("probes")), PROBE_COLUMNS),
-        fingerprints=as_table(({**row, **own_id} for row in of_methods("fingerprints")), FINGERPRINT_COLUMNS),
-        laws=as_table(({**row, **own_id} for row in of_methods("laws")), LAW_COLUMNS),
-        diagnoses=as_table(({**row, **own_id} for row in diagnoses), DIAGNOSIS_COLUMNS),
+        tables={name: [{**row, **own_id} for row in table] for name, table in rows.items()},
     )
 
 

@@ -124,12 +124,10 @@ _WEIGHTS = {"reference": 0.02}
 
 @dataclass(frozen=True)
 class Motions:
-    """The studies of all scenarios by all methods, the rows about methods alone, and a shard's sentinels."""
+    """The studies of all scenarios by all methods, rows of methods alone by table, a shard's sentinels."""
 
     studies: list[Study]
-    probes: list[dict[str, Any]]
-    fingerprints: list[dict[str, Any]]
-    laws: list[dict[str, Any]]
+    rows: dict[str, list[dict[str, Any]]]
     sentinels: list[Sentinel]
 
 
@@ -201,9 +199,7 @@ def run_motions(
 
     return Motions(
         [done[index] for index in range(len(pairs))],
-        list(of_methods("probes")),
-        list(of_methods("fingerprints")),
-        list(of_methods("laws")),
+        {table: list(of_methods(table)) for table in ("probes", "fingerprints", "laws")},
         [compared[index] for index in sorted(compared)],
     )
 

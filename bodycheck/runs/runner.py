@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -26,20 +26,10 @@ from bodycheck.reports.diagnosis.explain import ExplainedCase, diagnosis_row, ex
 from bodycheck.reports.judge import Ranking, explained_motion, judge_files, of_given_body, read_files
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.study import Study
-from bodycheck.reports.probes.examination import identified
 from bodycheck.reports.recordings.column_map import ColumnMap, MapSpec, read_map, scenario_of
 from bodycheck.reports.recordings.judged_motion import Start
 from bodycheck.reports.run_files.run_tables import Run
-from bodycheck.reports.run_files.tables import (
-    DIAGNOSIS_COLUMNS,
-    FINGERPRINT_COLUMNS,
-    LAW_COLUMNS,
-    METHOD_COLUMNS,
-    PROBE_COLUMNS,
-    RESULT_COLUMNS,
-    STABILITY_COLUMNS,
-    as_table,
-)
+from bodycheck.reports.run_files.tables import TABLES, MeasuredTables
 from bodycheck.runs.manifest import Identity, manifest_of
 from bodycheck.runs.motions import run_motions
 from bodycheck.runs.run_options import NULL_PROGRESS, TIMEOUT_S, Progress, RunOptions, reuse_of
@@ -48,9 +38,6 @@ from bodycheck.runs.speed import Clock, last_core, measure_speeds
 from bodycheck.scenarios.given_motion import GivenMotion
 from bodycheck.scenarios.library import PROBES, load_scenario
 from bodycheck.scenarios.model import Scenario
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 def run(
@@ -147,7 +134,6 @@ def run_selection(
                 case_done=progress.speed_measured,
             )
     ended = time.perf_counter()
-    run_id = identity.run_id
     seconds = {
         "compile_s": compiled - start,
         "truths_s": solved - compiled,
@@ -156,25 +142,16 @@ def run_selection(
         "run_s": ended - compiled,
     }
 
-    def table(rows: Iterable[Mapping[str, Any]], columns: tuple[str, ...]) -> pd.DataFrame:
-        return as_table([{"run_id": run_id, **row} for row in rows], columns)
-
-    rows = [row for studied in found.studies for row in studied.method_rows]
-    method_rows = identified(rows, found.fingerprints, found.laws)
-    stability_rows = [studied.stability_row for studied in found.studies if studied.stability_row is not None]
+    measured = MeasuredTables(cases, found.studies, {**found.rows, "diagnoses": diagnoses})
     return Run(
-        run_id=run_id,
-        results=table([case.columns for case in cases], RESULT_COLUMNS),
-        methods=table(method_rows, METHOD_COLUMNS),
-        stability=table(stability_rows, STABILITY_COLUMNS),
+        run_id=identity.run_id,
         manifest=manifest_of(identity, selection, options, cases, seconds, noise),
         problems=tuple(problems),
         cases=cases,
-        probes=table(found.probes, PROBE_COLUMNS),
+        tables={
+            name: kind.rows(identity.run_id, measured) for name, kind in TABLES.items() if name != "results"
+        },
         sentinels=tuple(found.sentinels),
-        diagnoses=table(diagnoses, DIAGNOSIS_COLUMNS),
-        fingerprints=table(found.fingerprints, FINGERPRINT_COLUMNS),
-        laws=table(found.laws, LAW_COLUMNS),
     )
 
 

@@ -28,7 +28,7 @@ from bodycheck.reports.comparison.release_results import (
     every_change,
 )
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
-from bodycheck.reports.run_files.run_reader import Tables
+from bodycheck.reports.run_files.run_tables import Tables
 from bodycheck.runs.manifest import Identity
 from bodycheck.runs.run_options import ProgressFactory, RunOptions, no_progress
 from bodycheck.runs.runner import run_selection

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, TypeVar
 
-from bodycheck.reports.measurement.case import CaseResult
-from bodycheck.reports.run_files.run_reader import Tables
-from bodycheck.reports.run_files.tables import METHOD_COLUMNS, RESULT_COLUMNS, STABILITY_COLUMNS, as_table
+import pandas as pd
+
+from bodycheck.reports.run_files.run_tables import Tables, case_key, case_of
+
+_Run = TypeVar("_Run", bound=Tables)
 
 CASE: dict[str, Any] = {
     "scenario": "brick",
@@ -37,13 +41,28 @@ def make_tables(
     **manifest: Any,
 ) -> Tables:
     """Return a run with rows like CASE, METHOD and stability.csv, with the given cells replaced."""
-    rows = [{**CASE, **cells} for cells in cases]
     method_rows = [{**METHOD, **cells} for cells in methods or []]
     return Tables(
         run_id="made-up",
-        results=as_table(rows, RESULT_COLUMNS),
-        methods=as_table(method_rows, METHOD_COLUMNS),
-        stability=as_table(stability or [], STABILITY_COLUMNS),
         manifest={"dt_s": None, "tolerances": None, "engines": {}, **manifest},
-        cases=tuple(CaseResult(row) for row in rows),
+        cases=tuple(case_of({**CASE, **cells}) for cells in cases),
+        tables={"methods": method_rows, "stability": stability or []},
     )
+
+
+def with_tables(run: _Run, **tables: pd.DataFrame | Sequence[dict[str, Any]]) -> _Run:
+    """Return a run with some tables replaced; a case whose row is still in `results` keeps its motion."""
+    rows = {name: _rows(table) for name, table in tables.items()}
+    if (results := rows.pop("results", None)) is not None:
+        known = {case_key(case.columns): case for case in run.cases}
+        made = [case_of(row) for row in results]
+        run = replace(
+            run,
+            cases=tuple(replace(known.get(case_key(one.columns), one), columns=one.columns) for one in made),
+        )
+    return run.with_rows(**rows)
+
+
+def _rows(table: pd.DataFrame | Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    rows = table.to_dict("records") if isinstance(table, pd.DataFrame) else table
+    return [{str(name): cell for name, cell in row.items() if not pd.isna(cell)} for row in rows]

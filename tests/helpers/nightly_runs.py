@@ -14,6 +14,7 @@ from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.regression import Judgement
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs.nightly_run import store_nightly
+from tests.helpers.gate_tables import with_tables
 
 Change = Callable[[pd.DataFrame], pd.DataFrame]
 
@@ -37,18 +38,12 @@ def scaled(factor: float, method: str = "m1", dt_s: float = 0.01, scenario: str 
 def as_nightly_run(run: Run, number: int, change: Change = unchanged, **manifest: Any) -> Run:
     """Return the run as nightly run `number`, with its results changed."""
     run_id = f"2026{number // 744 + 1:02d}{number // 24 % 31 + 1:02d}T{number % 24:02d}0000Z-{number:06x}"
-    results = change(run.results.copy()).assign(run_id=run_id)
+    results = change(run.results.copy())
     outcomes = {str(name): int(count) for name, count in results["outcome"].value_counts().items()}
     return replace(
-        run,
+        with_tables(run, results=results),
         run_id=run_id,
-        results=results,
-        methods=run.methods.assign(run_id=run_id),
-        stability=run.stability.assign(run_id=run_id),
-        probes=run.probes.assign(run_id=run_id),
-        diagnoses=run.diagnoses.assign(run_id=run_id),
-        fingerprints=run.fingerprints.assign(run_id=run_id),
-        laws=run.laws.assign(run_id=run_id),
+        tables={name: [{**row, "run_id": run_id} for row in rows] for name, rows in run.tables.items()},
         manifest={**run.manifest, "run_id": run_id, "outcomes": outcomes, **manifest},
     )
 

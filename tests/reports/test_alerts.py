@@ -16,7 +16,7 @@ from bodycheck.reports.comparison.describe import sentences
 from bodycheck.reports.gates.gate import gate_lines, parse_gates
 from bodycheck.reports.gates.gate_output import alerts_of, as_junit, badge_of, results_data, results_document
 from bodycheck.reports.gates.verdict import GateResult, check_gates
-from bodycheck.reports.run_files.run_reader import Tables
+from bodycheck.reports.run_files.run_tables import Tables
 from tests.helpers.gate_tables import make_tables
 
 ERROR = "orientation_error_rad"

@@ -49,7 +49,7 @@ from bodycheck.reports.measurement.measure_bounds import TRUTH_BOUNDS, bound_of
 from bodycheck.reports.measurement.measures import SCALES, Compared, Motion, departures_of, reduced, series_of
 from bodycheck.reports.measurement.scales import Scales, scene_scales
 from bodycheck.reports.measurement.work import power, work_done, working_loads
-from bodycheck.reports.run_files.tables import RESULT_COLUMNS
+from bodycheck.reports.run_files.tables import TABLES
 
 PLACE = np.array([1.0, -2.0, 0.5])
 BRICK = RigidBody(2.0, np.diag([1.0, 2.0, 3.0]))
@@ -899,4 +899,4 @@ def test_a_measure_without_a_bound_does_not_depend_on_the_truth(measure: str) ->
 @pytest.mark.parametrize("measure", TRUTH_BOUNDS)
 def test_bound_of_each_measure_is_a_column_of_the_results(measure: str) -> None:
     """A truth has a bound of this name."""
-    assert TRUTH_BOUNDS[measure] in RESULT_COLUMNS
+    assert TRUTH_BOUNDS[measure] in TABLES["results"].columns

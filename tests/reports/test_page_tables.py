@@ -18,7 +18,6 @@ from bodycheck.reports.render.page.cheapest_settings import TOLERANCES, Cheapest
 from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, TARGETS
 from bodycheck.reports.render.page.scenario_section import anchor_of, limit_of
 from bodycheck.reports.run_files.run_tables import Run
-from bodycheck.reports.run_files.tables import RESULT_COLUMNS, as_table
 from bodycheck.reports.summary.cells import summary_cells
 from bodycheck.reports.summary.sentences import Summary
 from tests.helpers.copied_scenarios import with_scenarios
@@ -218,15 +217,11 @@ def at_several_speeds(run: Run) -> Run:
                 if "cpu_s" in columns:
                     columns["cpu_s"] *= factor
                 cases.append(replace(case, columns=columns))
-    results = as_table((case.columns for case in cases), RESULT_COLUMNS)
     return replace(
-        run,
+        run.with_rows(methods=[], stability=[]),
         manifest=with_scenarios(run, problems),
         problems=tuple(problems),
         cases=tuple(cases),
-        results=results,
-        methods=run.methods.head(0),
-        stability=run.stability.head(0),
     )
 
 

@@ -31,6 +31,7 @@ from bodycheck.reports.render.styles import COLOURS, engine_colour
 from bodycheck.reports.run_files.run_reader import read_run
 from bodycheck.reports.run_files.run_tables import Run, check_engines, key_of
 from tests.helpers.expected_messages import ExpectedMessage
+from tests.helpers.gate_tables import with_tables
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -178,7 +179,7 @@ def test_every_case_that_ended_well_is_a_point(figure: str, column: str, run: Ru
 def test_the_largest_stable_step_of_each_method_is_drawn(run: Run) -> None:
     """Its mark is open if no step was unstable; a method whose search failed is named with the reason."""
     stable, limited = run.stability["dt_stable_s"], run.stability["method"] == "m1"
-    run = replace(run, stability=run.stability.assign(dt_unstable_s=1.01 * stable.where(limited)))
+    run = with_tables(run, stability=run.stability.assign(dt_unstable_s=1.01 * stable.where(limited)))
     (axes,) = drawn_figure(run, STABILITY, "forced, and a mesh", "").axes
     rows = run.stability[run.stability["scenario"] == "forced, and a mesh"]
     found = [float(np.asarray(line.get_xdata())[0]) for line in axes.lines]

@@ -101,7 +101,6 @@ def test_a_heading_is_words_with_a_unit(column: str, words: str) -> None:
         ("sqrt", 0.5, "sqrt, t^0.5"),
         ("bounded", 0.02, "bounded"),
         ("exponential", 3.0, "exponential"),
-        (np.nan, np.nan, ""),
         (None, np.nan, ""),
     ],
 )

@@ -27,7 +27,7 @@ from bodycheck.reports.probes import probe
 from bodycheck.reports.probes.finding import limit, noise
 from bodycheck.reports.probes.probe import built_in_probes, probe_rows
 from bodycheck.reports.run_files.run_reader import read_tables
-from bodycheck.reports.run_files.tables import PROBE_COLUMNS
+from bodycheck.reports.run_files.tables import TABLES
 
 ENGINES = {"reference": "Reference", "mujoco": "MuJoCo", "pybullet": "PyBullet", "dart": "Dart"}
 DAMPED = "pybullet:multibody@defaults"
@@ -407,7 +407,7 @@ def small_run() -> Any:
 def test_every_run_has_the_probes_of_its_methods() -> None:
     """One row per method and check with its command, also if steps were specified."""
     table = small_run().probes
-    assert tuple(table.columns) == PROBE_COLUMNS
+    assert tuple(table.columns) == TABLES["probes"].columns
     assert list(dict.fromkeys(table["method"])) == ["m1", "rk4"]
     assert not table.duplicated(["engine", "method", "check"]).any()
     assert set(table["verdict"]) == {"consistent"}
@@ -425,7 +425,7 @@ def test_probes_of_a_stored_run_are_read_back(tmp_path: Path) -> None:
     pd.testing.assert_frame_equal(read_tables(tmp_path / "run").probes, run.probes)
     (tmp_path / "run/probes.csv").unlink()
     old = read_tables(tmp_path / "run").probes
-    assert (len(old), tuple(old.columns)) == (0, PROBE_COLUMNS)
+    assert (len(old), tuple(old.columns)) == (0, TABLES["probes"].columns)
 
 
 def test_limit_is_distinguished_from_a_shrinking_mismatch() -> None:

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 import bodycheck
-from bodycheck.reports.run_files.tables import STABILITY_COLUMNS
+from bodycheck.reports.run_files.tables import TABLES
 
 METHODS = ["reference:m1", "reference:euler", "reference:splitting6", "reference:taylor", "reference:exact"]
 
@@ -28,7 +28,7 @@ def row(run: bodycheck.Run, method: str) -> dict[str, object]:
 @pytest.mark.slow
 def test_every_method_with_a_step_has_a_row(run: bodycheck.Run) -> None:
     """Methods with a tolerance, or without a setting, have none."""
-    assert tuple(run.stability.columns) == STABILITY_COLUMNS
+    assert tuple(run.stability.columns) == TABLES["stability"].columns
     assert run.stability["method"].tolist() == ["m1", "euler", "splitting6"]
     assert set(run.stability["run_id"]) == {run.run_id}
 
@@ -62,4 +62,4 @@ def test_requested_steps_leave_the_map_empty(tmp_path: Path) -> None:
     run = bodycheck.run(["full-tensor"], engines=["reference:m1"], dt_s=[0.01], speed=False)
     assert run.stability.empty
     bodycheck.write_run(run, tmp_path / "out")
-    assert pd.read_csv(tmp_path / "out/stability.csv").columns.tolist() == list(STABILITY_COLUMNS)
+    assert pd.read_csv(tmp_path / "out/stability.csv").columns.tolist() == list(TABLES["stability"].columns)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from bodycheck._util.formatting import names, number, scientific, step
@@ -12,12 +10,11 @@ from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.probes.fingerprint import NO_KNOWN_MAP, NOT_MEASURED
 from bodycheck.reports.run_files.run_tables import Run, common_step
-from bodycheck.reports.run_files.tables import LAW_COLUMNS, as_table
 from bodycheck.reports.summary.cells import Cell, summary_cells
 from bodycheck.reports.summary.method_identity import fingerprint_document, map_text
 from bodycheck.reports.summary.sentences import Summary, refusal_table, refusals, verdict_sentences
 from bodycheck.reports.summary.worst_results import worst_results
-from tests.helpers.gate_tables import make_tables
+from tests.helpers.gate_tables import make_tables, with_tables
 
 
 @pytest.mark.slow
@@ -48,7 +45,7 @@ def test_a_broken_law_is_a_finding() -> None:
     law = {"engine": "mujoco", "method": "rk4", "law": "boost", "message": "omega differs by 1", "size": 1.0}
     law["reproduce"] = "bodycheck laws mujoco:rk4"
     rows = [{**law, "verdict": "broken"}, {**law, "verdict": "holds", "law": "rotate"}]
-    run = replace(make_tables([{}]), laws=as_table(rows, LAW_COLUMNS))
+    run = make_tables([{}]).with_rows(laws=rows)
     (found,) = worst_results(run, {})
     assert (found.kind, found.method, found.quantity) == ("inconsistent", "mujoco:rk4", "boost")
     assert found.sentence == "law boost broken: omega differs by 1"
@@ -120,7 +117,7 @@ def test_a_wrong_limit_of_any_measure_reaches_the_headline(run: Run) -> None:
     methods = run.methods.copy()
     of_energy = (methods["quantity"] == "energy_drift") & (methods["method"] == "rk4")
     methods.loc[of_energy & (methods["scenario"] == "forced"), "verdict"] = "does-not-converge"
-    spoiled = replace(run, methods=methods)
+    spoiled = with_tables(run, methods=methods)
     summary = Summary.of(spoiled)
     assert summary.cells["forced"]["reference", "rk4"].state == "does-not-converge"
     assert "reference:rk4" in summary.sentences[0]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,9 +20,7 @@ from bodycheck.reports.measurement.verdicts import (
     most_severe,
     severity,
 )
-from bodycheck.reports.run_files.run_reader import Tables
-from bodycheck.reports.run_files.run_tables import common_step, shown_case
-from bodycheck.reports.run_files.tables import PROBE_COLUMNS, as_table
+from bodycheck.reports.run_files.run_tables import Tables, common_step, shown_case
 from bodycheck.reports.summary.cells import Cell, Fault, faults_of, summary_cell, summary_cells
 from bodycheck.reports.summary.sentences import Summary
 from bodycheck.reports.summary.worst_results import (
@@ -343,7 +340,7 @@ def test_a_probe_that_is_not_passed_is_a_result() -> None:
         "reproduce": "bodycheck run probe",
     }
     rows = [{**probe, "verdict": "inconsistent"}, {**probe, "verdict": "consistent", "check": "x"}]
-    run = replace(findings({}, methods=({},)), probes=as_table(rows, PROBE_COLUMNS))
+    run = findings({}, methods=({},)).with_rows(probes=rows)
     (found,) = worst_results(run, summary_cells(run))
     assert found.kind == "inconsistent"
     assert found.sentence == "gravity_delay 1, expected 0 at dt 0.001 s: late"

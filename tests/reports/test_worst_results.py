@@ -8,10 +8,12 @@ from pathlib import Path
 import pytest
 
 from bodycheck.reports.document import markdown
-from bodycheck.reports.run_files.run_reader import Tables, read_tables
+from bodycheck.reports.run_files.run_reader import read_tables
+from bodycheck.reports.run_files.run_tables import Tables
 from bodycheck.reports.summary.cells import summary_cells
 from bodycheck.reports.summary.sentences import run_document
 from bodycheck.reports.summary.worst_results import worst_results
+from tests.helpers.gate_tables import with_tables
 
 pytestmark = pytest.mark.slow
 
@@ -28,7 +30,7 @@ def with_verdict(tables: Tables, method: str, quantity: str, **cells: object) ->
     mine = (methods["scenario"] == "free") & (methods["engine"] == "reference")
     for name, cell in cells.items():
         methods.loc[mine & (methods["method"] == method) & (methods["quantity"] == quantity), name] = cell
-    return replace(tables, methods=methods)
+    return with_tables(tables, methods=methods)
 
 
 def test_what_is_wrong_is_listed_most_severe_first(tables: Tables) -> None:

@@ -30,15 +30,11 @@ from bodycheck.reports.comparison.environment_diff import (
     same_machine,
 )
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
-from bodycheck.reports.measurement.case import CaseResult
-from bodycheck.reports.run_files.run_reader import Tables
-from bodycheck.reports.run_files.run_tables import CaseKey, Run, case_key, study_key
-from bodycheck.reports.run_files.tables import plain_rows
+from bodycheck.reports.run_files.run_tables import CaseKey, Tables, case_key, study_key
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
-_TABLES = ("results", "methods", "stability", "probes", "diagnoses", "fingerprints", "laws")
 """The tables of a run with a column `engine`."""
 
 
@@ -76,14 +72,13 @@ def _engines(tables: Tables) -> Iterable[str]:
     return dict.fromkeys((*tables.manifest["engines"], *(case.columns["engine"] for case in tables.cases)))
 
 
-def renamed(run: Run | Tables, names: Mapping[str, str]) -> Tables:
+def renamed(run: Tables, names: Mapping[str, str]) -> Tables:
     """Return the tables of a run with engines renamed in each table, in the cases and in the manifest."""
-    if isinstance(run, Tables) and all(name == base for name, base in names.items()):
+    if all(name == base for name, base in names.items()):
         return run
 
-    def case(one: CaseResult) -> CaseResult:
-        engine = one.columns["engine"]
-        return replace(one, columns={**one.columns, "engine": names.get(engine, engine)})
+    def row(one: Mapping[str, Any]) -> dict[str, Any]:
+        return {**one, "engine": names.get(one["engine"], one["engine"])}
 
     engines: dict[str, Any] = {
         names.get(name, name): entry for name, entry in run.manifest["engines"].items()
@@ -91,8 +86,8 @@ def renamed(run: Run | Tables, names: Mapping[str, str]) -> Tables:
     return Tables(
         run_id=run.run_id,
         manifest={**run.manifest, "engines": engines},
-        cases=tuple(map(case, run.cases)),
-        **{table: getattr(run, table).replace({"engine": names}) for table in _TABLES},
+        cases=tuple(replace(case, columns=row(case.columns)) for case in run.cases),
+        tables={name: list(map(row, rows)) for name, rows in run.tables.items()},
     )
 
 
@@ -174,10 +169,8 @@ def compare(before: Tables, after: Tables, thresholds: Thresholds = DEFAULT_THRE
 
 def _fingerprints(before: Tables, after: Tables) -> Iterator[Change]:
     """Yield a change where a method became another one-step map, such as "M1 -> implicit midpoint"."""
-    old = {
-        (row["engine"], row["method"]): row["fingerprint"] for row in before.fingerprints.to_dict("records")
-    }
-    for row in after.fingerprints.to_dict("records"):
+    old = {(row["engine"], row["method"]): row["fingerprint"] for row in before.rows("fingerprints")}
+    for row in after.rows("fingerprints"):
         was, now = old.get((row["engine"], row["method"])), row["fingerprint"]
         if was is not None and was != now and not {was, now} & {*NOT_MEASURED}:
             yield Change("fingerprint", None, row["engine"], row["method"], "one-step map", was, now, "moved")
@@ -189,7 +182,7 @@ def _laws(before: Tables, after: Tables) -> Iterator[Change]:
     It moved, whatever the size: errors show whether that matters, and a gate can bound a violation.
     """
     old, new = (
-        {(row["engine"], row["method"], row["law"]): row["verdict"] for row in tables.laws.to_dict("records")}
+        {(row["engine"], row["method"], row["law"]): row["verdict"] for row in tables.rows("laws")}
         for tables in (before, after)
     )
     for (engine, method, law), now in new.items():
@@ -252,8 +245,8 @@ def _ratios(both: Iterable[tuple[_Row, _Row]], *, same: bool) -> list[Ratio]:
 
 def _judged(tables: Tables, redefined_names: tuple[str, ...] = ()) -> dict[_Key, dict[str, Any]]:
     """Return the rows of methods.csv by scenario, engine, method and quantity, without empty cells."""
-    rows = _rows(tables.methods, ("scenario", "engine", "method", "quantity"))
-    return {key: row for key, row in rows.items() if key[0] not in redefined_names}
+    rows = ((row, study_key(row)) for row in tables.rows("methods"))
+    return {(*key, row["quantity"]): row for row, key in rows if key[0] not in redefined_names}
 
 
 def _theories(*runs: Tables) -> dict[tuple[str, str], float | None]:
@@ -267,10 +260,6 @@ def _theories(*runs: Tables) -> dict[tuple[str, str], float | None]:
     return found
 
 
-def _rows(table: pd.DataFrame, names: tuple[str, ...]) -> dict[_Key, dict[str, Any]]:
-    return {tuple(row[name] for name in names): row for row in plain_rows(table)}
-
-
 def _floors(tables: Tables) -> dict[_Key, dict[str, float]]:
     floors: dict[_Key, dict[str, float]] = {}
     for (*method, quantity), row in _judged(tables).items():
@@ -282,7 +271,7 @@ def _floors(tables: Tables) -> dict[_Key, dict[str, float]]:
 def _stable_steps(
     before: Tables, after: Tables, redefined_names: tuple[str, ...], thresholds: Thresholds
 ) -> Iterator[Change]:
-    old, new = (_rows(tables.stability, ("scenario", "engine", "method")) for tables in (before, after))
+    old, new = ({study_key(row): row for row in tables.rows("stability")} for tables in (before, after))
     chaotic = _chaotic(before) | _chaotic(after)
     for key in new:
         if key in old and key[0] not in redefined_names:

@@ -29,8 +29,7 @@ from bodycheck.reports.document import MEDIA, Column, Command, Document, Sentenc
 from bodycheck.reports.measurement.case import scenario_spec
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.render.styles import engine_colour, heading
-from bodycheck.reports.run_files.run_reader import Tables
-from bodycheck.reports.run_files.run_tables import study_key
+from bodycheck.reports.run_files.run_tables import Tables, study_key
 
 HEADINGS: dict[Status, str] = {
     "worse": "Worse",

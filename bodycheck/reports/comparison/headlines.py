@@ -17,8 +17,7 @@ from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.verdicts import STATES
-from bodycheck.reports.run_files.run_reader import Tables
-from bodycheck.reports.run_files.run_tables import StudyKey, study_key
+from bodycheck.reports.run_files.run_tables import StudyKey, Tables, study_key
 
 Direction: TypeAlias = Literal["worse", "improved", "moved"]
 
@@ -163,8 +162,7 @@ def new_causes(before: Tables, after: Tables) -> dict[StudyKey, str]:
     """Return the diagnosis of each method on each scenario that has another one than before."""
 
     def diagnosed(tables: Tables) -> dict[StudyKey, str]:
-        rows = tables.diagnoses.to_dict("records")
-        return {study_key(row): row["diagnosis"] for row in rows if row["faults"] == row["faults"]}
+        return {study_key(row): row["diagnosis"] for row in tables.rows("diagnoses") if "faults" in row}
 
     old = diagnosed(before)
     return {

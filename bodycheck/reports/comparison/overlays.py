@@ -10,8 +10,7 @@ from bodycheck._util.formatting import number, scientific, step
 from bodycheck.reports.comparison.change import Change
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION
-from bodycheck.reports.run_files.run_reader import Tables
-from bodycheck.reports.run_files.run_tables import StudyKey, study_key
+from bodycheck.reports.run_files.run_tables import StudyKey, Tables, study_key
 
 _MAX_OVERLAYS = 12
 _KINDS = ("accuracy", "order", "verdict", "outcome", "stability")

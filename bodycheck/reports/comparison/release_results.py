@@ -15,7 +15,7 @@ from bodycheck.reports.gates.gate import Gate, Measure, measure_of
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.gates.verdict import rows_of
 from bodycheck.reports.measurement.measures import MEASURES
-from bodycheck.reports.run_files.run_reader import Tables
+from bodycheck.reports.run_files.run_tables import Tables
 
 _Result = TypeVar("_Result")
 

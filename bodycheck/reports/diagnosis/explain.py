@@ -288,7 +288,7 @@ def explain_run(folder: Path, case: str | None, *, allow_code: bool = False) -> 
     pattern = None if case is None else _CasePattern.of(case)
     run = read_run(folder, allow_code=allow_code, cache=Cache.default())
     if pattern is None:
-        rows: list[Any] = run.methods.to_dict("records")
+        rows = run.rows("methods")
         return [*explained_cases(run.problems, run.cases, rows, _orders(run)), *_without_motion(run)]
     found = list(_named(run, pattern))
     if not found:
@@ -324,8 +324,7 @@ def _orders(run: Run) -> dict[MethodKey, int | None]:
 
 def _named(run: Run, pattern: _CasePattern) -> Iterator[ExplainedCase]:
     """Yield the diagnoses of the cases of a pattern: one of each method, unless the step is named."""
-    rows: list[Any] = run.methods.to_dict("records")
-    wrong, orders = wrong_verdicts(rows), _orders(run)
+    wrong, orders = wrong_verdicts(run.rows("methods")), _orders(run)
     by_method = cases_by_method(case for case in run.cases if pattern.fits(case))
     for problem in run.problems:
         name = problem.scenario.name

@@ -14,7 +14,7 @@ from bodycheck.reports.alerts import Alert, badge, xml_text
 from bodycheck.reports.document import Column, Document, Sentence, Span, Table
 from bodycheck.reports.gates.proposal import Change
 from bodycheck.reports.gates.verdict import Check, GateResult, distance
-from bodycheck.reports.run_files.run_tables import RunTables, StudyKey, study_key
+from bodycheck.reports.run_files.run_tables import StudyKey, Tables, study_key
 
 
 def as_junit(results: Sequence[GateResult], where: str) -> bytes:
@@ -172,9 +172,9 @@ def _counts(results: Sequence[GateResult]) -> str:
     return ", ".join(f"{ended[status]} {word}" for status, word in _ENDINGS.items() if ended[status])
 
 
-def alerts_of(results: Sequence[GateResult], run: RunTables, file: Path, lines: Sequence[int]) -> list[Alert]:
+def alerts_of(results: Sequence[GateResult], run: Tables, file: Path, lines: Sequence[int]) -> list[Alert]:
     """Return the gates that do not pass, each with the line of its table; lines: of all tables."""
-    causes = {study_key(row): row["diagnosis"] for row in run.diagnoses.to_dict("records")}
+    causes = {study_key(row): row["diagnosis"] for row in run.rows("diagnoses")}
     return [
         Alert(
             "gate-failed" if result.status == "failed" else "gate-measured-nothing",

@@ -13,10 +13,10 @@ from bodycheck._util.untrusted import shell_join, shell_split
 from bodycheck.adapters.engine_names import is_named
 from bodycheck.reports.gates.gate import Gate
 from bodycheck.reports.measurement.verdicts import QuantityVerdict, amount_of, method_verdict
-from bodycheck.reports.run_files.run_tables import RunTables, StudyKey, key_of, study_key
+from bodycheck.reports.run_files.run_tables import StudyKey, Tables, key_of, study_key
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 
 @dataclass(frozen=True)
@@ -39,15 +39,14 @@ class Row:
     errors: tuple[str, ...] = ()
 
 
-def rows_of(gate: Gate, run: RunTables) -> list[Row]:
+def rows_of(gate: Gate, run: Tables) -> list[Row]:
     """Return all rows that the gate's patterns match, in the order of the run."""
     measure = gate.target
     if measure.source == "results":
         return [_row_of_case(gate, case.columns) for case in run.cases if _matches(gate, case.columns)]
     if measure.source == "laws":
         return list(_rows_of_law(gate, run))
-    table: pd.DataFrame = run.methods if measure.source == "methods" else run.stability
-    rows = [_present(row) for row in table.to_dict("records")]
+    rows = run.rows(measure.source)
     found: Mapping[StudyKey, Mapping[str, Any]] = (
         _worst_verdicts(rows)
         if measure.column == "verdict" and measure.quantity is None
@@ -62,10 +61,9 @@ def rows_of(gate: Gate, run: RunTables) -> list[Row]:
     ]
 
 
-def _rows_of_law(gate: Gate, run: RunTables) -> Iterator[Row]:
+def _rows_of_law(gate: Gate, run: Tables) -> Iterator[Row]:
     """Yield one row per method: a law is checked in scenes of its own, whatever the gate's scenario."""
-    rows = [_present(row) for row in run.laws.to_dict("records")]
-    found = {(row["engine"], row["method"]): row for row in rows if row["law"] == gate.target.quantity}
+    found = {key_of(row): row for row in run.rows("laws") if row["law"] == gate.target.quantity}
     methods = {key_of(case.columns): case.columns for case in run.cases if _matches(gate, case.columns)}
     for key, columns in methods.items():
         row = found.get(key, {})
@@ -103,7 +101,7 @@ def _row_of_case(gate: Gate, columns: Mapping[str, Any]) -> Row:
     return Row(**_identity(columns), at=_at(columns), obtained=value, why=why, reproduce=columns["reproduce"])
 
 
-def _row_of_method(gate: Gate, columns: Mapping[str, Any], found: Mapping[str, Any], run: RunTables) -> Row:
+def _row_of_method(gate: Gate, columns: Mapping[str, Any], found: Mapping[str, Any], run: Tables) -> Row:
     measure = gate.target
     value = found.get(measure.column)
     why = ""
@@ -126,7 +124,7 @@ def _verdict_text(found: Mapping[str, Any]) -> str:
     return verdict.text if verdict.is_wrong else verdict.state
 
 
-def _errors_by_step(columns: Mapping[str, Any], quantity: str, run: RunTables) -> tuple[str, ...]:
+def _errors_by_step(columns: Mapping[str, Any], quantity: str, run: Tables) -> tuple[str, ...]:
     """Return the error at each step of a method on a scenario, with the order between neighbouring steps."""
     own = [
         (dt_s, case)
@@ -162,13 +160,6 @@ def _is_finite(value: Any) -> bool:
     return value is not None and abs(value) < float("inf")
 
 
-def _present(row: Mapping[Any, Any]) -> dict[str, Any]:
-    """Return the cells that are not empty."""
-    import pandas as pd
-
-    return {name: value for name, value in row.items() if not pd.isna(value)}
-
-
 def _full_command(columns: Mapping[str, Any], manifest: Mapping[str, Any]) -> str:
     """Return the command that runs a case's method at all steps of the run."""
     arguments = shell_split(columns["reproduce"])
@@ -179,7 +170,7 @@ def _full_command(columns: Mapping[str, Any], manifest: Mapping[str, Any]) -> st
     return shell_join(arguments)
 
 
-def why_none(gate: Gate, run: RunTables) -> str:
+def why_none(gate: Gate, run: Tables) -> str:
     """Return which key of a gate without rows is the first to match no case, and the available values."""
     cases: list[Mapping[str, Any]] = [case.columns for case in run.cases]
     remaining = accumulate(
@@ -284,7 +275,7 @@ class GateResult:
         return max(above, below)
 
 
-def check_gates(gates: Sequence[Gate], run: RunTables, engines: Sequence[str] = ()) -> tuple[GateResult, ...]:
+def check_gates(gates: Sequence[Gate], run: Tables, engines: Sequence[str] = ()) -> tuple[GateResult, ...]:
     """Check each gate against a stored run; no engine is run.
 
     engines: as --engine names them; gates that concern none of them are skipped [default: all].
@@ -292,7 +283,7 @@ def check_gates(gates: Sequence[Gate], run: RunTables, engines: Sequence[str] = 
     return tuple(_check_gate(gate, run, engines) for gate in gates)
 
 
-def _check_gate(gate: Gate, run: RunTables, engines: Sequence[str]) -> GateResult:
+def _check_gate(gate: Gate, run: Tables, engines: Sequence[str]) -> GateResult:
     if not gate.concerns(engines):
         return GateResult(gate, (), "skipped", f"does not concern {', '.join(engines)}")
     rows = (row for row in rows_of(gate, run) if is_named(engines, row.engine, row.method))

@@ -122,7 +122,7 @@ def open_runs(history: History) -> dict[Path, State]:
             if machine not in found:
                 mine = [one for one in acceptances if one.machine == machine]
                 state = read_state(folder)
-                found[machine] = folder, with_acceptances(Levels({}, {}, {}), state, mine)[1]
+                found[machine] = folder, with_acceptances(Levels(), state, mine)[1]
     return dict(found.values())
 
 

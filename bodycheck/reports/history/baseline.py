@@ -19,7 +19,8 @@ from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.levels import Levels, read_levels
 from bodycheck.reports.history.open_regressions import State, read_state
 from bodycheck.reports.history.step_detection import FIRST_RUNS
-from bodycheck.reports.run_files.run_reader import Tables, read_manifest, read_tables
+from bodycheck.reports.run_files.run_reader import read_manifest, read_tables
+from bodycheck.reports.run_files.run_tables import Tables
 
 
 def machine_class(manifest: Mapping[str, Any]) -> str:

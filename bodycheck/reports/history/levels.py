@@ -6,7 +6,7 @@ it. A smaller change than the threshold leaves the level unchanged, so that smal
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
@@ -14,21 +14,9 @@ from typing import Any, Literal, TypeAlias, get_args
 from bodycheck._util.errors import InputError
 from bodycheck._util.untrusted import open_input
 from bodycheck.reports.comparison.change import NOT_MEASURED, Change, ChangeKey
-from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measures import IDENTITY, MEASURES
-from bodycheck.reports.run_files.run_reader import Tables
-from bodycheck.reports.run_files.run_tables import case_key, study_key
-from bodycheck.reports.run_files.tables import (
-    FINGERPRINT_COLUMNS,
-    LAW_COLUMNS,
-    METHOD_COLUMNS,
-    RESULT_COLUMNS,
-    STABILITY_COLUMNS,
-    as_csv,
-    as_table,
-    plain_rows,
-    read_rows,
-)
+from bodycheck.reports.run_files.run_tables import Tables, case_key, case_of, key_of, study_key
+from bodycheck.reports.run_files.tables import TABLES, TableKind, as_csv, as_table, read_rows
 
 FOLDER = "accepted"
 """The folder of the levels in a nightly run: its tables with each value at its level, and settings.csv."""
@@ -44,13 +32,16 @@ Cells: TypeAlias = Mapping[str, Any]
 _Row: TypeAlias = dict[str, Any]
 _Key: TypeAlias = tuple[Any, ...]
 
-_IDENTITY = ("run_id", *IDENTITY, "quantity")
 _ORDER = ("order", "order_low", "order_high")
-_SETTING_COLUMNS = (
-    *("run_id", "how", "acceptance", "kind", "scenario", "engine", "method", "control", "fineness"),
-    "quantity",
+_SETTING_TABLE = TableKind(
+    name="settings",
+    columns=(
+        *("run_id", "how", "acceptance", "kind", "scenario", "engine", "method", "control", "fineness"),
+        "quantity",
+    ),
+    needed=("run_id", "how", "kind", "engine", "method", "quantity"),
+    words=("how", "acceptance", "kind"),
 )
-_OF_EVERY_SETTING = ("run_id", "how", "kind", "engine", "method", "quantity")
 
 
 @dataclass(frozen=True)
@@ -64,43 +55,38 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """The rows of the tables of a run with every value at its accepted level.
+    """The rows of the tables of a run, by table and key, with every value at its accepted level.
 
     run_id of a row: the nightly run that first measured it. settings: of the levels that are not first
     values, by change; those of speeds say from which run on a method's times are its level.
     """
 
-    results: Mapping[_Key, _Row]
-    methods: Mapping[_Key, _Row]
-    stability: Mapping[_Key, _Row]
+    tables: Mapping[str, Mapping[_Key, _Row]] = field(default_factory=dict)
     settings: Mapping[ChangeKey, Setting] = field(default_factory=dict)
-    fingerprints: Mapping[_Key, _Row] = field(default_factory=dict)
-    laws: Mapping[_Key, _Row] = field(default_factory=dict)
 
     @classmethod
     def of(cls, tables: Tables) -> Levels:
         """Return the values of a run as levels."""
         results = ({**case.columns, "run_id": tables.run_id} for case in tables.cases)
-        return cls(
-            {case_key(row): row for row in results},
-            _by_quantity(plain_rows(tables.methods)),
-            {study_key(row): row for row in plain_rows(tables.stability)},
-            fingerprints=_by_map(plain_rows(tables.fingerprints)),
-            laws=_by_law(plain_rows(tables.laws)),
-        )
+        others = {name: tables.rows(name) for name in _KEYS if name != "results"}
+        return cls({name: _by_key(name, rows) for name, rows in {"results": results, **others}.items()})
+
+    def rows(self, table: str) -> Mapping[_Key, _Row]:
+        """Return the rows of a table by their keys."""
+        return self.tables.get(table, {})
 
     def setting(self, change: Change) -> Setting | None:
         """Return in which run and how the level of a changed value was accepted; None if it has no level."""
         if (found := self.settings.get(change.key)) is not None:
             return found
         table, key, _ = _place(change)
-        row = getattr(self, table).get(key) if table else None
+        row = self.rows(table).get(key)
         return None if row is None else Setting(row["run_id"], "first value")
 
     def cells(self, change: Change) -> Cells:
         """Return the level of a changed value as cells of its row; those without a value are left out."""
         table, key, columns = _place(change)
-        row = getattr(self, table).get(key, {}) if table else {}
+        row = self.rows(table).get(key, {})
         if not row and change.kind in ("case", "outcome"):
             return {"outcome": ABSENT}
         return {name: row[name] for name in columns if name in row}
@@ -109,27 +95,25 @@ class Levels:
         """Return the levels with that of one value replaced."""
         table, key, columns = _place(change)
         updated = replace(self, settings={**self.settings, change.key: setting})
-        rows = getattr(self, table) if table else {}
+        rows = self.rows(table)
         if key not in rows:
             return updated
         kept = {name: cell for name, cell in rows[key].items() if name not in columns}
-        return replace(updated, **{table: {**rows, key: {**kept, **cells}}})
+        return updated._with_row(table, key, {**kept, **cells})
+
+    def _with_row(self, table: str, key: _Key, row: _Row) -> Levels:
+        return replace(self, tables={**self.tables, table: {**self.rows(table), key: row}})
 
     def of_scenarios(self, names: Iterable[str]) -> Levels:
         """Return the levels on these scenarios, and those of methods as a whole."""
         known = set(names)
 
-        def mine(rows: Mapping[_Key, _Row]) -> dict[_Key, _Row]:
-            return {key: row for key, row in rows.items() if row["scenario"] in known}
+        def mine(name: str, rows: Mapping[_Key, _Row]) -> Mapping[_Key, _Row]:
+            of_studies = TABLES[name].is_of_studies
+            return {key: row for key, row in rows.items() if not of_studies or row["scenario"] in known}
 
         settings = {k: s for k, s in self.settings.items() if k.scenario is None or k.scenario in known}
-        return replace(
-            self,
-            results=mine(self.results),
-            methods=mine(self.methods),
-            stability=mine(self.stability),
-            settings=settings,
-        )
+        return Levels({name: mine(name, rows) for name, rows in self.tables.items()}, settings)
 
     def with_first_values(self, newest: Tables, new: Iterable[Change]) -> Levels:
         """Return the levels with the rows of a run that have none, and the values of changes that are new.
@@ -137,21 +121,14 @@ class Levels:
         What is not compared, such as bounds and commands, is as in the newest run.
         """
         own = Levels.of(newest)
-        results = {**own.results, **self.results}
-        for key, row in own.results.items():
-            if key in self.results:
-                level = self.results[key]
+        tables = {name: {**own.rows(name), **self.rows(name)} for name in _KEYS}
+        results = tables["results"]
+        for key, row in own.rows("results").items():
+            if (level := self.rows("results").get(key)) is not None:
                 results[key] = _at_level(row, level) if row["outcome"] == "ok" else {**level}
                 if level["outcome"] == ABSENT:  # the case is back
                     results[key]["outcome"] = "ok" if _measures(level) else row["outcome"]
-        found = replace(
-            self,
-            results=results,
-            methods={**own.methods, **self.methods},
-            stability={**own.stability, **self.stability},
-            fingerprints={**own.fingerprints, **self.fingerprints},
-            laws={**own.laws, **self.laws},
-        )
+        found = replace(self, tables=tables)
         for change in new:
             if change.kind == "accuracy":
                 found = found.with_cells(change, own.cells(change), Setting(newest.run_id, "first value"))
@@ -162,9 +139,8 @@ class Levels:
         found = self
         for change in changes:
             table, key, _ = _place(change)
-            if table and key in getattr(other, table) and key not in getattr(found, table):
-                row = getattr(other, table)[key]
-                found = replace(found, **{table: {**getattr(found, table), key: row}})
+            if key in other.rows(table) and key not in found.rows(table):
+                found = found._with_row(table, key, other.rows(table)[key])
             if (setting := other.setting(change)) is not None:
                 found = found.with_cells(change, other.cells(change), setting)
         return found
@@ -175,20 +151,12 @@ class Levels:
         returned: keys of the cases that the next run has; those accepted as absent are left out otherwise.
         """
         again = set(returned)
-        rows = [row for key, row in self.results.items() if row["outcome"] != ABSENT or key in again]
+        rows = [row for key, row in self.rows("results").items() if row["outcome"] != ABSENT or key in again]
         rows = [
             {**row, "outcome": "ok"} if row["outcome"] == ABSENT and _measures(row) else row for row in rows
         ]
-        always = {"dt_s": None, "tolerance": None, "message": ""}
-        cases = ({name: cell for name, cell in {**always, **row}.items() if name != "run_id"} for row in rows)
-        return replace(
-            run,
-            cases=tuple(map(CaseResult, cases)),
-            methods=as_table(self.methods.values(), METHOD_COLUMNS),
-            stability=as_table(self.stability.values(), STABILITY_COLUMNS),
-            fingerprints=as_table(self.fingerprints.values(), FINGERPRINT_COLUMNS),
-            laws=as_table(self.laws.values(), LAW_COLUMNS),
-        )
+        others = {name: list(self.rows(name).values()) for name in _KEYS if name != "results"}
+        return replace(run.with_rows(**others), cases=tuple(map(case_of, rows)))
 
     def renamed(self, names: Mapping[str, str]) -> Levels:
         """Return the levels with engines renamed."""
@@ -197,18 +165,14 @@ class Levels:
             return [{**row, "engine": names.get(row["engine"], row["engine"])} for row in table.values()]
 
         return Levels(
-            {case_key(row): row for row in rows(self.results)},
-            _by_quantity(rows(self.methods)),
-            {study_key(row): row for row in rows(self.stability)},
+            {name: _by_key(name, rows(table)) for name, table in self.tables.items()},
             {key._replace(engine=names.get(key.engine, key.engine)): s for key, s in self.settings.items()},
-            _by_map(rows(self.fingerprints)),
-            _by_law(rows(self.laws)),
         )
 
     @property
     def engines(self) -> tuple[str, ...]:
         """The engines that have levels."""
-        return tuple(dict.fromkeys(row["engine"] for row in self.results.values()))
+        return tuple(dict.fromkeys(row["engine"] for row in self.rows("results").values()))
 
 
 def _place(change: Change) -> tuple[str, _Key, tuple[str, ...]]:
@@ -222,33 +186,40 @@ def _place(change: Change) -> tuple[str, _Key, tuple[str, ...]]:
             return "results", (*study, change.control, change.fineness), ("outcome",)
         case "verdict" | "order":
             others = _ORDER if change.kind == "verdict" else ("verdict",)
-            columns = tuple(name for name in METHOD_COLUMNS if name not in (*_IDENTITY, *others))
-            return "methods", (*study, change.quantity.removeprefix(f"{change.kind} of ")), columns
+            quantity = change.quantity.removeprefix(f"{change.kind} of ")
+            return "methods", (*study, quantity), _columns("methods", "quantity", *others)
         case "stability":
-            columns = tuple(name for name in STABILITY_COLUMNS if name not in _IDENTITY)
-            return "stability", study, columns
+            return "stability", study, _columns("stability")
         case "fingerprint":
-            columns = tuple(name for name in FINGERPRINT_COLUMNS if name not in ("run_id", *IDENTITY))
-            return "fingerprints", (change.engine, change.method), columns
+            return "fingerprints", (change.engine, change.method), _columns("fingerprints")
         case "law":
-            columns = tuple(name for name in LAW_COLUMNS if name not in ("run_id", *IDENTITY, "law"))
-            return "laws", (change.engine, change.method, change.quantity.removeprefix("law ")), columns
+            law = change.quantity.removeprefix("law ")
+            return "laws", (change.engine, change.method, law), _columns("laws", "law")
         case _:
             return "", (), ()
 
 
-def _by_quantity(rows: Iterable[_Row]) -> dict[_Key, _Row]:
-    return {(*study_key(row), row["quantity"]): row for row in rows}
+def _columns(table: str, *others: str) -> tuple[str, ...]:
+    """Return the columns of a table without those that identify a row, and without some others."""
+    return tuple(name for name in TABLES[table].columns if name not in ("run_id", *IDENTITY, *others))
 
 
-def _by_map(rows: Iterable[_Row]) -> dict[_Key, _Row]:
-    return {(row["engine"], row["method"]): row for row in rows if row["fingerprint"] not in NOT_MEASURED}
+_KEYS: dict[str, Callable[[Cells], _Key]] = {
+    "results": case_key,
+    "methods": lambda row: (*study_key(row), row["quantity"]),
+    "stability": study_key,
+    "fingerprints": key_of,
+    "laws": lambda row: (*key_of(row), row["law"]),
+}
+"""The tables that have levels, and what identifies a row of each."""
+
+_WORDS = {"fingerprints": "fingerprint", "laws": "verdict"}
 
 
-def _by_law(rows: Iterable[_Row]) -> dict[_Key, _Row]:
-    return {
-        (row["engine"], row["method"], row["law"]): row for row in rows if row["verdict"] not in NOT_MEASURED
-    }
+def _by_key(table: str, rows: Iterable[_Row]) -> dict[_Key, _Row]:
+    """Return the rows of a table by their keys; a map or a law that was not measured has no level."""
+    word = _WORDS.get(table, "")
+    return {_KEYS[table](row): row for row in rows if row.get(word) not in NOT_MEASURED}
 
 
 def _measures(row: Cells) -> set[str]:
@@ -268,30 +239,26 @@ def read_levels(folder: Path, tables: Tables) -> Levels:
     tables: of the run. Of a run of an earlier version, the levels are as it accepted them: those of its file,
     and otherwise its own values.
     """
-    of_case = ("run_id", "scenario", "engine", "method", "control", "outcome")
-    if not (folder / FOLDER).is_dir():
-        path, own = folder / _FORMER_FILE, Levels.of(tables)
-        rows = read_rows(path, RESULT_COLUMNS, of_case) if path.exists() else []
-        former = {case_key(row): {**row, "outcome": ABSENT} for row in rows}
-        for key, row in own.results.items():
-            former[key] = {**former[key], "outcome": row["outcome"]} if key in former else row
-        return replace(own, results=former)
-    place = folder / FOLDER
-    of_method = ("run_id", "scenario", "engine", "method", "quantity", "verdict")
-    of_search = ("run_id", "scenario", "engine", "method", "outcome")
-    results = read_rows(place / "results.csv", RESULT_COLUMNS, of_case)
     own = Levels.of(tables)
-    maps, laws = place / "fingerprints.csv", place / "laws.csv"  # missing from runs of earlier versions
-    of_map = ("run_id", "engine", "method", "fingerprint")
-    of_law = ("run_id", "engine", "method", "law", "verdict")
-    return Levels(
-        {case_key(row): row for row in results},
-        _by_quantity(read_rows(place / "methods.csv", METHOD_COLUMNS, of_method)),
-        {study_key(row): row for row in read_rows(place / "stability.csv", STABILITY_COLUMNS, of_search)},
-        dict(_settings(place / _SETTINGS)),
-        _by_map(read_rows(maps, FINGERPRINT_COLUMNS, of_map)) if maps.exists() else own.fingerprints,
-        _by_law(read_rows(laws, LAW_COLUMNS, of_law)) if laws.exists() else own.laws,
-    )
+    if not (folder / FOLDER).is_dir():
+        path = folder / _FORMER_FILE
+        rows = _read("results", path) if path.exists() else []
+        former = {case_key(row): {**row, "outcome": ABSENT} for row in rows}
+        for key, row in own.rows("results").items():
+            former[key] = {**former[key], "outcome": row["outcome"]} if key in former else row
+        return replace(own, tables={**own.tables, "results": former})
+    found = dict(own.tables)
+    for name in _KEYS:
+        path = folder / FOLDER / f"{name}.csv"
+        if TABLES[name].in_every_run or path.exists():
+            found[name] = _by_key(name, _read(name, path))
+    return Levels(found, dict(_settings(folder / FOLDER / _SETTINGS)))
+
+
+def _read(table: str, path: Path) -> list[_Row]:
+    """Read the rows of a table of levels, which lack commands."""
+    kind = TABLES[table]
+    return read_rows(path, replace(kind, needed=tuple(name for name in kind.needed if name != "reproduce")))
 
 
 def settings_of(folder: Path) -> bytes:
@@ -304,7 +271,7 @@ def settings_of(folder: Path) -> bytes:
 
 
 def _settings(path: Path) -> Iterable[tuple[ChangeKey, Setting]]:
-    for row in read_rows(path, _SETTING_COLUMNS, _OF_EVERY_SETTING):
+    for row in read_rows(path, _SETTING_TABLE):
         if row["how"] not in get_args(How):
             raise InputError(f"{path}: unknown how {row['how']!r} (available: {', '.join(get_args(How))})")
         key: dict[str, Any] = {name: row.get(name) for name in ChangeKey._fields}
@@ -322,12 +289,6 @@ def write_levels(levels: Levels, folder: Path) -> None:
         {**key._asdict(), "run_id": one.run_id, "how": one.how, "acceptance": one.acceptance or None}
         for key, one in levels.settings.items()
     )
-    for name, rows, columns in (
-        ("results", levels.results.values(), RESULT_COLUMNS),
-        ("methods", levels.methods.values(), METHOD_COLUMNS),
-        ("stability", levels.stability.values(), STABILITY_COLUMNS),
-        ("fingerprints", levels.fingerprints.values(), FINGERPRINT_COLUMNS),
-        ("laws", levels.laws.values(), LAW_COLUMNS),
-        ("settings", settings, _SETTING_COLUMNS),
-    ):
-        (place / f"{name}.csv").write_bytes(as_csv(as_table(rows, columns)))
+    for name in _KEYS:
+        (place / f"{name}.csv").write_bytes(as_csv(as_table(levels.rows(name).values(), TABLES[name])))
+    (place / _SETTINGS).write_bytes(as_csv(as_table(settings, _SETTING_TABLE)))

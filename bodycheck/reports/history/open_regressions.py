@@ -21,9 +21,7 @@ from bodycheck.reports.document import json_text
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.history.archive import started_at
 from bodycheck.reports.measurement.verdicts import severity
-from bodycheck.reports.run_files.run_reader import Tables
-from bodycheck.reports.run_files.run_tables import StudyKey, case_key, study_key
-from bodycheck.reports.run_files.tables import plain_rows
+from bodycheck.reports.run_files.run_tables import StudyKey, Tables, case_key, study_key
 from bodycheck.scenarios.reader import fault_lines
 
 FILE = "regressions.json"
@@ -228,18 +226,18 @@ class Measured:
             case_key(case.columns): case.ok for case in newest.cases
         }
         self._methods: dict[tuple[object, ...], dict[str, Any]] = {
-            (*study_key(row), row["quantity"]): row for row in plain_rows(newest.methods)
+            (*study_key(row), row["quantity"]): row for row in newest.rows("methods")
         }
         maps = (
-            *((row, "one-step map", row["fingerprint"]) for row in plain_rows(newest.fingerprints)),
-            *((row, f"law {row['law']}", row["verdict"]) for row in plain_rows(newest.laws)),
+            *((row, "one-step map", row["fingerprint"]) for row in newest.rows("fingerprints")),
+            *((row, f"law {row['law']}", row["verdict"]) for row in newest.rows("laws")),
         )
         self._maps = {
             (row["engine"], row["method"], quantity)
             for row, quantity, found in maps
             if found not in NOT_MEASURED
         }
-        self._searches = {study_key(row) for row in plain_rows(newest.stability)}
+        self._searches = {study_key(row) for row in newest.rows("stability")}
         self._timed = {
             (case.columns["engine"], case.columns["method"])
             for case in newest.cases

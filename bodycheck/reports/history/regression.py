@@ -38,8 +38,7 @@ from bodycheck.reports.history.step_detection import (
     series_of,
 )
 from bodycheck.reports.measurement.measures import ORIENTATION
-from bodycheck.reports.run_files.run_reader import Tables
-from bodycheck.reports.run_files.run_tables import case_key
+from bodycheck.reports.run_files.run_tables import Tables, case_key
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -212,7 +211,7 @@ def _next_levels(
     What improved together with a deterioration of the same method is no level: a broken method often drifts
     less. Of the two values of a confirmed improvement the larger error is the level.
     """
-    kept = {row["scenario"] for row in levels.results.values()} - set(redefined_names)
+    kept = {row["scenario"] for row in levels.rows("results").values()} - set(redefined_names)
     found = levels.of_scenarios(kept)
     found = found.with_first_values(newest, [change for change in changes if change.status == "new"])
     broken = {(one.change.engine, one.change.method) for one in open_now if one.is_failing}

@@ -184,15 +184,15 @@ def _level_steps(stored: Sequence[tuple[str, Levels]], place: Mapping[str, int])
 
 def _values(levels: Levels) -> Iterator[tuple[_Key, str, float]]:
     """Yield each level that is a number: its key, the run that first measured the row, and the value."""
-    for (scenario, engine, method, _, fineness), row in levels.results.items():
+    for (scenario, engine, method, _, fineness), row in levels.rows("results").items():
         for quantity in MEASURES:
             if quantity in row:
                 yield (engine, method, scenario, fineness, quantity), row["run_id"], row[quantity]
-    for (scenario, engine, method, quantity), row in levels.methods.items():
+    for (scenario, engine, method, quantity), row in levels.rows("methods").items():
         if _ORDER in row:
             key = engine, method, scenario, None, f"{_ORDER} of {quantity}"
             yield key, row["run_id"], row[_ORDER]
-    for (scenario, engine, method), row in levels.stability.items():
+    for (scenario, engine, method), row in levels.rows("stability").items():
         if _STABLE in row:
             yield (engine, method, scenario, None, _STABLE), row["run_id"], row[_STABLE]
 

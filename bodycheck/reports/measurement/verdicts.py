@@ -112,8 +112,8 @@ class QuantityVerdict:
 
     @classmethod
     def of(cls, row: Mapping[str, Any]) -> QuantityVerdict:
-        """Return the verdict of a row of methods.csv; empty cells may be missing or NaN."""
-        present = {name: value for name, value in row.items() if value == value and value is not None}
+        """Return the verdict of a row of methods.csv; empty cells may be missing or None."""
+        present = {name: value for name, value in row.items() if value is not None}
         high, expected = present.get("order_high"), present.get("expected_order")
         lower = high is not None and expected is not None and high < expected - _ORDER_SLACK
         return cls(

@@ -27,7 +27,7 @@ from bodycheck.reports.render.styles import COLOURS, Style, heading, merged, sty
 from bodycheck.reports.run_files.run_tables import (
     MethodKey,
     Run,
-    RunTables,
+    Tables,
     cases_by_method,
     common_step,
     key_of,
@@ -107,7 +107,7 @@ def check_drawable(what: str) -> None:
 
 
 def picture(
-    run: RunTables,
+    run: Tables,
     figure: str,
     scenario: str,
     quantity: str,
@@ -175,7 +175,7 @@ def _style_of(style: Path, *, allow_code: bool) -> Any:
 
 
 def drawn_figure(
-    run: RunTables, figure: str, scenario: str, quantity: str, appearance: Appearance = PLAIN
+    run: Tables, figure: str, scenario: str, quantity: str, appearance: Appearance = PLAIN
 ) -> Figure:
     """Draw a figure of one scenario; parameters and errors as in picture."""
     from matplotlib.figure import Figure
@@ -206,7 +206,7 @@ def drawn_figure(
     return page
 
 
-def _why_nothing(run: RunTables, figure: str, cases: Iterable[CaseResult], quantity: str) -> str:
+def _why_nothing(run: Tables, figure: str, cases: Iterable[CaseResult], quantity: str) -> str:
     """Return why none of the cases of a scenario has a point in a figure."""
     ended_well = [case for case in cases if case.ok]
     if figure == STABILITY:

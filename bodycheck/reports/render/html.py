@@ -76,8 +76,8 @@ def render_report(run: Run) -> str:
             tolerances=TOLERANCES,
             start=START,
             sections=sections,
-            known_map=partial(known_map_text, rows_by_method(run.fingerprints)),
-            laws=partial(laws_text, rows_by_method(run.laws)),
+            known_map=partial(known_map_text, rows_by_method(run.rows("fingerprints"))),
+            laws=partial(laws_text, rows_by_method(run.rows("laws"))),
             map_data=[
                 section.parts[key].map_data if key in section.parts else None
                 for section in sections

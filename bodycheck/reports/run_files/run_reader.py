@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from pydantic import (
@@ -31,63 +31,17 @@ from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion, measured_by, scenario_spec
 from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, SIGNED, Motion
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.measurement.verdicts import STATES
-from bodycheck.reports.probes.laws import LAW_VERDICTS
 from bodycheck.reports.run_files.removed_motions import motion_again
-from bodycheck.reports.run_files.run_tables import Run, study_key
-from bodycheck.reports.run_files.tables import (
-    DIAGNOSIS_COLUMNS,
-    FINGERPRINT_COLUMNS,
-    LAW_COLUMNS,
-    METHOD_COLUMNS,
-    PROBE_COLUMNS,
-    RESULT_COLUMNS,
-    STABILITY_COLUMNS,
-    as_table,
-    no_diagnoses,
-    no_fingerprints,
-    no_laws,
-    no_probes,
-    read_rows,
-)
+from bodycheck.reports.run_files.run_tables import Run, Tables, case_of, study_key
+from bodycheck.reports.run_files.tables import TABLES, Row, TableKind, read_rows
 from bodycheck.reports.run_files.trajectory_files import read_arrays
 from bodycheck.reports.run_files.writer import file_name, trajectory_file
 from bodycheck.scenarios.library import scenario_names
 from bodycheck.scenarios.reader import fault_lines
 from bodycheck.scenarios.serialization import deserialized
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 MANIFEST = "manifest.json"
-_OF_EVERY_CASE = ("run_id", "scenario", "engine", "method", "control", "outcome", "reproduce")
-_OF_EVERY_METHOD = ("run_id", "scenario", "engine", "method", "quantity", "verdict")
-_OF_EVERY_SEARCH = ("run_id", "scenario", "engine", "method", "outcome")
-_OF_EVERY_CHECK = ("run_id", "engine", "method", "check", "verdict", "reproduce")
-_OF_EVERY_DIAGNOSIS = ("run_id", "scenario", "engine", "method", "verdict", "diagnosis", "reproduce")
-_OF_EVERY_FINGERPRINT = ("run_id", "engine", "method", "fingerprint", "reproduce")
-_OF_EVERY_LAW = ("run_id", "engine", "method", "law", "verdict", "reproduce")
 _SAME = 1e-6  # relative tolerance between an error measured again and the one in the table
-
-
-@dataclass(frozen=True, eq=False)
-class Tables:
-    """The tables of a run, which suffice to compare, advise and summarise.
-
-    results, methods, stability, probes, diagnoses, fingerprints, laws, manifest: as for Run. cases: the rows
-    of results, without motions.
-    """
-
-    run_id: str
-    results: pd.DataFrame
-    methods: pd.DataFrame
-    stability: pd.DataFrame
-    manifest: dict[str, Any]
-    cases: tuple[CaseResult, ...]
-    probes: pd.DataFrame = field(default_factory=no_probes)
-    diagnoses: pd.DataFrame = field(default_factory=no_diagnoses)
-    fingerprints: pd.DataFrame = field(default_factory=no_fingerprints)
-    laws: pd.DataFrame = field(default_factory=no_laws)
 
 
 def read_tables(folder: Path) -> Tables:
@@ -97,37 +51,18 @@ def read_tables(folder: Path) -> Tables:
     together.
     """
     manifest = read_manifest(folder)
-    results = read_rows(folder / "results.csv", RESULT_COLUMNS, _OF_EVERY_CASE)
-    methods = read_rows(folder / "methods.csv", METHOD_COLUMNS, _OF_EVERY_METHOD)
-    stability = read_rows(folder / "stability.csv", STABILITY_COLUMNS, _OF_EVERY_SEARCH)
-    path = folder / "probes.csv"  # absent from runs of earlier versions
-    probes = _read_if_present(path, PROBE_COLUMNS, _OF_EVERY_CHECK)
-    diagnoses_path = folder / "diagnoses.csv"
-    diagnoses = _read_if_present(diagnoses_path, DIAGNOSIS_COLUMNS, _OF_EVERY_DIAGNOSIS)
-    fingerprints = _read_if_present(folder / "fingerprints.csv", FINGERPRINT_COLUMNS, _OF_EVERY_FINGERPRINT)
-    laws = _read_if_present(folder / "laws.csv", LAW_COLUMNS, _OF_EVERY_LAW)
-    _check_choices(folder / "laws.csv", laws, "verdict", LAW_VERDICTS)
-    _check_commands(folder / "fingerprints.csv", fingerprints)
-    _check_commands(folder / "laws.csv", laws)
-    _check_choices(folder / "results.csv", results, "outcome", ("ok", *STATES))
-    _check_commands(folder / "results.csv", results)
+    tables = {name: _read_table(folder / f"{name}.csv", kind) for name, kind in TABLES.items()}
+    results, methods = tables["results"], tables["methods"]
     _check_settings(folder / "results.csv", results)
     _check_measures(folder / "results.csv", results)
-    _check_commands(path, probes)
-    _check_commands(diagnoses_path, diagnoses)
-    _check_choices(folder / "methods.csv", methods, "verdict", STATES)
-    _check_choices(folder / "methods.csv", methods, "quantity", MEASURES)
-    _check_intervals(folder / "results.csv", results, "cpu_s")
-    _check_intervals(folder / "methods.csv", methods, "order")
-    _check_intervals(folder / "methods.csv", methods, "growth_exponent")
-    _check_choices(folder / "stability.csv", stability, "outcome", ("ok", *STATES))
-    run_id, rows = manifest["run_id"], (*results, *methods, *stability, *diagnoses)
-    if others := {row["run_id"] for row in (*rows, *probes, *fingerprints, *laws)} - {run_id}:
+    run_id = manifest["run_id"]
+    if others := {row["run_id"] for rows in tables.values() for row in rows} - {run_id}:
         raise InputError(f"{folder}: manifest.json is of run {run_id}, but the tables of {', '.join(others)}")
     if Counter(row["outcome"] for row in results) != manifest["outcomes"]:
         raise InputError(
             f"{folder / 'results.csv'}: cases do not match the counts in manifest.json; {folder} is damaged"
         )
+    rows = [row for name, kind in TABLES.items() if kind.is_of_studies for row in tables[name]]
     if unknown := {row["scenario"] for row in rows} - manifest["scenarios"].keys():
         raise InputError(f"{folder}: manifest.json has no scenario {', '.join(sorted(unknown))}")
     judged = {study_key(row) for row in methods}
@@ -139,22 +74,22 @@ def read_tables(folder: Path) -> Tables:
     if unknown := {(row["engine"], row["method"]) for row in rows} - known:
         raise InputError(f"{folder}: manifest.json has no method {':'.join(min(unknown))}")
     return Tables(
-        run_id=run_id,
-        results=as_table(({"message": "", **row} for row in results), RESULT_COLUMNS),
-        methods=as_table(methods, METHOD_COLUMNS),
-        stability=as_table(stability, STABILITY_COLUMNS),
-        manifest=manifest,
-        cases=tuple(_case(row) for row in results),
-        probes=as_table(({"message": "", **row} for row in probes), PROBE_COLUMNS),
-        diagnoses=as_table(diagnoses, DIAGNOSIS_COLUMNS),
-        fingerprints=as_table(fingerprints, FINGERPRINT_COLUMNS),
-        laws=as_table(laws, LAW_COLUMNS),
+        run_id=run_id, manifest=manifest, cases=tuple(map(case_of, results)), tables={**tables, "results": ()}
     )
 
 
-def _read_if_present(path: Path, columns: tuple[str, ...], needed: tuple[str, ...]) -> list[dict[str, Any]]:
-    """Read the rows of a table that runs of earlier versions lack."""
-    return read_rows(path, columns, needed) if path.exists() else []
+def _read_table(path: Path, kind: TableKind) -> list[Row]:
+    """Read the rows of a table; runs of earlier versions lack some tables."""
+    if not kind.in_every_run and not path.exists():
+        return []
+    rows = read_rows(path, kind)
+    for column, known in kind.choices.items():
+        _check_choices(path, rows, column, known)
+    for column in kind.intervals:
+        _check_intervals(path, rows, column)
+    if "reproduce" in kind.needed:
+        _check_commands(path, rows)
+    return rows
 
 
 def _json(folder: Path, name: str) -> Any:
@@ -219,11 +154,6 @@ def _check_commands(path: Path, rows: Iterable[dict[str, Any]]) -> None:
             raise InputError(f"{path}: reproduce is not a command: {error}: {command!r:.80}") from None
 
 
-def _case(row: dict[str, Any]) -> CaseResult:
-    always = {"dt_s": None, "tolerance": None, "message": ""}
-    return CaseResult({name: value for name, value in {**always, **row}.items() if name != "run_id"})
-
-
 def read_run(folder: Path, *, allow_code: bool, cache: Cache | None) -> Run:
     """Read a whole run: solve its truths again, and measure a motion again when it is first needed.
 
@@ -236,19 +166,13 @@ def read_run(folder: Path, *, allow_code: bool, cache: Cache | None) -> Run:
     problems = {problem.scenario.name: problem for problem in solved}
     return Run(
         run_id=tables.run_id,
-        results=tables.results,
-        methods=tables.methods,
-        stability=tables.stability,
         manifest=tables.manifest,
+        tables=tables.tables,
         problems=tuple(problems.values()),
         cases=tuple(
             _with_motion(folder, problems[case.columns["scenario"]], case, cache, allow_code=allow_code)
             for case in cases
         ),
-        probes=tables.probes,
-        diagnoses=tables.diagnoses,
-        fingerprints=tables.fingerprints,
-        laws=tables.laws,
     )
 
 

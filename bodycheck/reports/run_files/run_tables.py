@@ -4,22 +4,57 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 from bodycheck._util.errors import InputError
 from bodycheck.adapters.engine_names import with_method
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.sentinels import Sentinel
-from bodycheck.reports.run_files.tables import no_diagnoses, no_fingerprints, no_laws, no_probes
+from bodycheck.reports.run_files.tables import TABLES, Row, as_table, known_cells
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Tables:
+    """The tables of a run, which suffice to compare, advise and summarise.
+
+    manifest: versions, machine, settings (manifest.json). cases: the rows of results, in order. tables: the
+    rows of the other tables by name; those of runs of earlier versions lack some. Each table of TABLES is an
+    attribute of its name, a DataFrame; `rows` has its rows as they are.
+    """
+
+    run_id: str
+    manifest: dict[str, Any]
+    cases: tuple[CaseResult, ...]
+    tables: Mapping[str, Sequence[Row]] = field(default_factory=dict)
+
+    def rows(self, name: str) -> list[Row]:
+        """Return the rows of a table without their empty cells."""
+        return [known_cells(row) for row in self._rows(name)]
+
+    def with_rows(self, **tables: Sequence[Row]) -> Self:
+        """Return the run with the rows of some tables replaced, by name; cases are those of results."""
+        return replace(self, tables={**self.tables, **tables})
+
+    def __getattr__(self, name: str) -> pd.DataFrame:
+        """Return a table as a DataFrame, made on first use."""
+        if name not in TABLES:
+            raise AttributeError(f"a run has no {name}; its tables are {', '.join(TABLES)}")
+        frame = self.__dict__[name] = as_table(self._rows(name), TABLES[name])
+        return frame
+
+    def _rows(self, name: str) -> Sequence[Row]:
+        if name == "results":
+            return [{"run_id": self.run_id, **case.columns} for case in self.cases]
+        return self.tables.get(name, ())
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Run(Tables):
     """The result of `bodycheck.run`.
 
     results: one row per case (results.csv). methods: one row per scenario, method and quantity (methods.csv).
@@ -31,18 +66,8 @@ class Run:
     row per method (fingerprints.csv). laws: one row per method and law (laws.csv).
     """
 
-    run_id: str
-    results: pd.DataFrame
-    methods: pd.DataFrame
-    stability: pd.DataFrame
-    manifest: dict[str, Any]
     problems: tuple[Problem, ...]
-    cases: tuple[CaseResult, ...]
-    probes: pd.DataFrame = field(default_factory=no_probes)
     sentinels: tuple[Sentinel, ...] = ()
-    diagnoses: pd.DataFrame = field(default_factory=no_diagnoses)
-    fingerprints: pd.DataFrame = field(default_factory=no_fingerprints)
-    laws: pd.DataFrame = field(default_factory=no_laws)
 
 
 MethodKey: TypeAlias = tuple[str, str]
@@ -55,42 +80,6 @@ CaseKey: TypeAlias = tuple[str, str, str, str, float | None]
 """(scenario, engine, method, control, step or tolerance)"""
 
 
-class RunTables(Protocol):
-    """A run, or the tables of a run."""
-
-    @property
-    def manifest(self) -> dict[str, Any]:
-        """Versions, machine, settings, scenarios."""
-
-    @property
-    def methods(self) -> pd.DataFrame:
-        """One row per scenario, method and quantity."""
-
-    @property
-    def stability(self) -> pd.DataFrame:
-        """One row per scenario and method with a step."""
-
-    @property
-    def probes(self) -> pd.DataFrame:
-        """One row per method and check of its probes; empty for a run of a version without probes."""
-
-    @property
-    def diagnoses(self) -> pd.DataFrame:
-        """One row per diagnosed method and scenario; empty for a run of a version without diagnoses."""
-
-    @property
-    def fingerprints(self) -> pd.DataFrame:
-        """One row per method: its known map; empty for a run without fingerprints."""
-
-    @property
-    def laws(self) -> pd.DataFrame:
-        """One row per method and law; empty for a run without laws."""
-
-    @property
-    def cases(self) -> tuple[CaseResult, ...]:
-        """All cases, in the order of the run."""
-
-
 def key_of(row: Mapping[str, Any]) -> MethodKey:
     """Return the engine and method of a row of any table."""
     return row["engine"], row["method"]
@@ -99,6 +88,12 @@ def key_of(row: Mapping[str, Any]) -> MethodKey:
 def study_key(row: Mapping[Any, Any]) -> StudyKey:
     """Return the scenario, engine and method of a row of any table of studies."""
     return row["scenario"], row["engine"], row["method"]
+
+
+def case_of(row: Row) -> CaseResult:
+    """Return a row of results.csv as a case without a motion."""
+    always = {"dt_s": None, "tolerance": None, "message": ""}
+    return CaseResult({name: cell for name, cell in {**always, **row}.items() if name != "run_id"})
 
 
 def case_key(row: Mapping[str, Any]) -> CaseKey:
@@ -129,7 +124,7 @@ def shown_case(cases: Iterable[CaseResult], at_s: float | None) -> CaseResult | 
     return min(candidates, key=lambda case: case.setting.fineness or 0.0, default=None)
 
 
-def check_engines(run: RunTables, engines: Sequence[str]) -> None:
+def check_engines(run: Tables, engines: Sequence[str]) -> None:
     """Raise InputError for an engine or ENGINE:METHOD that the run does not have."""
     keys = dict.fromkeys(key_of(case.columns) for case in run.cases)
     known = [*dict.fromkeys(engine for engine, _ in keys), *(with_method(*key) for key in keys)]

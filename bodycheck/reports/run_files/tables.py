@@ -1,14 +1,15 @@
-"""The columns of the tables of a run, in order; how cells are written and read; formats of tables."""
+"""The tables of a run, each declared once in TABLES; how cells are written and read; formats of tables."""
 
 from __future__ import annotations
 
 import csv
 import json
 import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from io import TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -17,7 +18,12 @@ from bodycheck._util.pinned_libraries import duckdb_connection
 from bodycheck._util.untrusted import escaped, no_formula, open_input
 from bodycheck.reference_impl.truth.truth import QUANTITIES
 from bodycheck.reports.document import markdown_table
+from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measures import IDENTITY, MEASURES
+from bodycheck.reports.measurement.study import Study
+from bodycheck.reports.measurement.verdicts import STATES
+from bodycheck.reports.probes.examination import identified
+from bodycheck.reports.probes.laws import LAW_VERDICTS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -62,148 +68,224 @@ _SPEED = (
     "stepping",
 )
 
-RESULT_COLUMNS = (
-    *_CASE,
-    *_SCALES,
-    *(column for measure in MEASURES.values() for column in measure.columns),
-    "invariant",
-    "successive_difference_rad",
-    *_TRUTH,
-    *_SPEED,
+
+Row: TypeAlias = dict[str, Any]
+"""A row of a table, by column; cells without a value are absent, or None."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredTables:
+    """What a run has measured, of which its tables are made.
+
+    cases: with their speeds. studies: of each scenario and method. rows: of the tables that are measured as
+    rows, without run_id, by table.
+    """
+
+    cases: Sequence[CaseResult]
+    studies: Sequence[Study]
+    rows: Mapping[str, Sequence[Mapping[str, Any]]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableKind:
+    """A table of a run: the file NAME.csv, and an attribute of `Run` and of `Tables` of that name.
+
+    columns: in order. needed: those that every row has. words: those of words that other tables lack; the
+    others are numbers. choices: the words that a column may have. intervals: estimates, each with an end _low
+    and one _high. in_every_run: False where runs of earlier versions lack the table. made_of: what a run has
+    measured -> the rows without run_id [default: those measured by that name].
+    """
+
+    name: str
+    columns: tuple[str, ...]
+    needed: tuple[str, ...]
+    words: tuple[str, ...] = ()
+    choices: Mapping[str, Collection[str]] = field(default_factory=dict)
+    intervals: tuple[str, ...] = ()
+    in_every_run: bool = False
+    made_of: Callable[[MeasuredTables], Iterable[Mapping[str, Any]]] | None = None
+
+    @property
+    def is_of_studies(self) -> bool:
+        """Whether a row belongs to a method on a scenario, rather than to a method alone."""
+        return "scenario" in self.columns
+
+    def has_words(self, column: str) -> bool:
+        """Whether the cells of a column are words, rather than numbers."""
+        return column in _TEXTS or column in self.words
+
+    def rows(self, run_id: str, measured: MeasuredTables) -> list[Row]:
+        """Return the rows of a run."""
+        made = measured.rows.get(self.name, ()) if self.made_of is None else self.made_of(measured)
+        return [{"run_id": run_id, **row} for row in made]
+
+
+_OF_STUDY = ("run_id", "scenario", "engine", "method")
+_OF_METHOD = ("run_id", "engine", "method")
+_ENDINGS = ("ok", *STATES)
+
+_ALL = (
+    TableKind(
+        name="results",
+        columns=(
+            *_CASE,
+            *_SCALES,
+            *(column for measure in MEASURES.values() for column in measure.columns),
+            *("invariant", "successive_difference_rad"),
+            *_TRUTH,
+            *_SPEED,
+        ),
+        needed=(*_OF_STUDY, "control", "outcome", "reproduce"),
+        words=("precision", "invariant", "truth", "stepping"),
+        choices={"outcome": _ENDINGS},
+        intervals=("cpu_s",),
+        in_every_run=True,
+    ),
+    TableKind(
+        name="methods",
+        columns=(
+            "run_id",
+            *IDENTITY,
+            "quantity",
+            "expected_order",
+            "order",
+            "order_low",
+            "order_high",
+            "points",
+            "floor",
+            "finest_dt_s",
+            "finest_tolerance",
+            "finest_error",
+            "best_dt_s",
+            "least_error",
+            "predicted_floor",
+            "measured_floor",
+            "limit_distance",
+            "limit_uncertainty",
+            "usable_dt_s",
+            "excluded_dt_s",
+            "excluded_error",
+            "excluded_ratio",
+            "verdict",
+            "growth",
+            "growth_exponent",
+            "growth_exponent_low",
+            "growth_exponent_high",
+            "fingerprint",
+            "replay",
+        ),
+        needed=(*_OF_STUDY, "quantity", "verdict"),
+        words=("growth", "fingerprint", "replay"),
+        choices={"verdict": STATES, "quantity": MEASURES},
+        intervals=("order", "growth_exponent"),
+        in_every_run=True,
+        made_of=lambda measured: identified(
+            [row for study in measured.studies for row in study.method_rows],
+            measured.rows["fingerprints"],
+            measured.rows["laws"],
+        ),
+    ),
+    TableKind(
+        name="stability",
+        columns=(
+            *("run_id", *IDENTITY, "dt_stable_s", "dt_unstable_s", "reason", "outcome", "message"),
+            *("reused", "build"),
+        ),
+        needed=(*_OF_STUDY, "outcome"),
+        words=("reason",),
+        choices={"outcome": _ENDINGS},
+        in_every_run=True,
+        made_of=lambda measured: [
+            study.stability_row for study in measured.studies if study.stability_row is not None
+        ],
+    ),
+    TableKind(
+        name="probes",
+        columns=(
+            *("run_id", "engine", "engine_version", "method"),
+            *("check", "measured", "expected", "deviation", "tolerance"),
+            *("dt_s", "verdict", "message", "reproduce"),
+        ),
+        needed=(*_OF_METHOD, "check", "verdict", "reproduce"),
+        words=("check",),
+    ),
+    TableKind(
+        name="diagnoses",
+        columns=(
+            *("run_id", *IDENTITY, "dt_s", "tolerance", "quantity", "verdict", "diagnosis"),
+            *("faults", "parameter", "value", "value_low", "value_high", "unit", "share", "alike"),
+            *("map", "before", "after", "round_off", "reproduce"),
+        ),
+        needed=(*_OF_STUDY, "verdict", "diagnosis", "reproduce"),
+        words=("diagnosis", "faults", "parameter", "unit", "alike", "map"),
+    ),
+    TableKind(
+        name="fingerprints",
+        columns=(
+            *("run_id", "engine", "engine_version", "method", "fingerprint"),
+            *("agreement", "digits", "runner_up", "runner_up_distance", "position_update"),
+            *("local_order", "leading_error", "description", "message", "reproduce"),
+        ),
+        needed=(*_OF_METHOD, "fingerprint", "reproduce"),
+        words=("fingerprint", "runner_up", "position_update", "leading_error", "description"),
+    ),
+    TableKind(
+        name="laws",
+        columns=(
+            *("run_id", "engine", "engine_version", "method", "law", "verdict"),
+            *("size", "tolerance", "quantity", "state", "dt_s", "t_s", "message", "reproduce"),
+        ),
+        needed=(*_OF_METHOD, "law", "verdict", "reproduce"),
+        words=("law", "state"),
+        choices={"verdict": LAW_VERDICTS},
+    ),
 )
-METHOD_COLUMNS = (
-    "run_id",
-    *IDENTITY,
-    "quantity",
-    "expected_order",
-    "order",
-    "order_low",
-    "order_high",
-    "points",
-    "floor",
-    "finest_dt_s",
-    "finest_tolerance",
-    "finest_error",
-    "best_dt_s",
-    "least_error",
-    "predicted_floor",
-    "measured_floor",
-    "limit_distance",
-    "limit_uncertainty",
-    "usable_dt_s",
-    "excluded_dt_s",
-    "excluded_error",
-    "excluded_ratio",
-    "verdict",
-    "growth",
-    "growth_exponent",
-    "growth_exponent_low",
-    "growth_exponent_high",
-    "fingerprint",
-    "replay",
-)
-STABILITY_COLUMNS = (
-    "run_id",
-    *IDENTITY,
-    "dt_stable_s",
-    "dt_unstable_s",
-    "reason",
-    "outcome",
-    "message",
-    "reused",
-    "build",
-)
-PROBE_COLUMNS = (
-    *("run_id", "engine", "engine_version", "method"),
-    *("check", "measured", "expected", "deviation", "tolerance"),
-    *("dt_s", "verdict", "message", "reproduce"),
-)
-DIAGNOSIS_COLUMNS = (
-    *("run_id", *IDENTITY, "dt_s", "tolerance", "quantity", "verdict", "diagnosis"),
-    *("faults", "parameter", "value", "value_low", "value_high", "unit", "share", "alike"),
-    *("map", "before", "after", "round_off", "reproduce"),
-)
-FINGERPRINT_COLUMNS = (
-    *("run_id", "engine", "engine_version", "method", "fingerprint"),
-    *("agreement", "digits", "runner_up", "runner_up_distance", "position_update"),
-    *("local_order", "leading_error", "description", "message", "reproduce"),
-)
-LAW_COLUMNS = (
-    *("run_id", "engine", "engine_version", "method", "law", "verdict"),
-    *("size", "tolerance", "quantity", "state", "dt_s", "t_s", "message", "reproduce"),
-)
+TABLES: dict[str, TableKind] = {kind.name: kind for kind in _ALL}
+"""The tables of a run, by name: writing, reading, merging, renaming of engines, the Python interface and the
+command `table` follow from it."""
+
 _YES_OR_NO = ("reused",)
+_EMPTY = {"reused": False, "message": ""}  # what an absent cell stands for, where it is known
 _WHOLE_NUMBERS = ("steps", "rhs_evaluations", "points")
 _LARGEST_WHOLE = 2**63 - 1
 _TEXTS = frozenset(
-    (
-        *("run_id", *IDENTITY, "control", "precision", "outcome"),
-        *("message", "reproduce", "invariant", "truth", "stepping", "quantity", "verdict"),
-        *("growth", "reason", "check", "build", "law", "state", "replay"),
-        *("diagnosis", "faults", "parameter", "unit", "alike", "map"),
-        *("fingerprint", "runner_up", "position_update", "leading_error", "description"),
-        *("kind", "how", "acceptance"),
-    )
+    ("run_id", *IDENTITY, "control", "outcome", "message", "reproduce", "build", "quantity", "verdict")
 )
+"""The columns of words that several tables have."""
 
 
-def as_table(rows: Iterable[Mapping[str, Any]], columns: tuple[str, ...]) -> pd.DataFrame:
-    """Return the rows as a table with exactly these columns; what was not measured is missing, never 0.
+def as_table(rows: Iterable[Mapping[str, Any]], kind: TableKind) -> pd.DataFrame:
+    """Return the rows as a table with exactly its columns; what was not measured is missing, never 0.
 
     Raises ValueError where a row has a column that the table does not have.
     """
     import pandas as pd  # imported here: takes a third of a second
 
     rows = list(rows)
-    known = set(columns)
-    cells: dict[str, list[Any]] = {
-        column: [False if column in _YES_OR_NO else None] * len(rows) for column in columns
-    }
+    known = set(kind.columns)
+    cells: dict[str, list[Any]] = {column: [_EMPTY.get(column)] * len(rows) for column in kind.columns}
     for index, row in enumerate(rows):
         if not row.keys() <= known:
             raise ValueError(f"unknown column {', '.join(sorted(row.keys() - known))}")
         for column, cell in row.items():
             cells[column][index] = cell
-    return pd.DataFrame({column: pd.Series(cells[column], dtype=_dtype(column)) for column in columns})
+    return pd.DataFrame(
+        {column: pd.Series(cells[column], dtype=_dtype(column, kind)) for column in kind.columns}
+    )
 
 
-def plain_rows(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the rows of a table without their empty cells."""
-    names = [str(name) for name in table.columns]
-    columns = (zip(table[name].tolist(), table[name].notna().tolist(), strict=True) for name in names)
-    return [
-        {name: cell for name, (cell, known) in zip(names, row, strict=True) if known}
-        for row in zip(*columns, strict=True)
-    ]
+def known_cells(row: Mapping[str, Any]) -> Row:
+    """Return the cells of a row that have a value."""
+    return {name: cell for name, cell in row.items() if cell is not None and cell == cell}
 
 
-def no_probes() -> pd.DataFrame:
-    """Return the empty table of a run without probes."""
-    return as_table((), PROBE_COLUMNS)
-
-
-def no_diagnoses() -> pd.DataFrame:
-    """Return the empty table of a run in which nothing was diagnosed."""
-    return as_table((), DIAGNOSIS_COLUMNS)
-
-
-def no_fingerprints() -> pd.DataFrame:
-    """Return the empty table of a run without fingerprints."""
-    return as_table((), FINGERPRINT_COLUMNS)
-
-
-def no_laws() -> pd.DataFrame:
-    """Return the empty table of a run without laws."""
-    return as_table((), LAW_COLUMNS)
-
-
-def _dtype(column: str) -> str | None:
+def _dtype(column: str, kind: TableKind) -> str | None:
     """Return the dtype of a column; None where pandas chooses the text type."""
     if column in _WHOLE_NUMBERS:
         return "Int64"
     if column in _YES_OR_NO:
         return "bool"
-    return None if column in _TEXTS else "float64"
+    return None if kind.has_words(column) else "float64"
 
 
 def _yes_or_no(cell: str) -> bool:
@@ -212,11 +294,10 @@ def _yes_or_no(cell: str) -> bool:
     return cell == "True"
 
 
-def read_rows(path: Path, columns: tuple[str, ...], needed: tuple[str, ...]) -> list[dict[str, Any]]:
+def read_rows(path: Path, kind: TableKind) -> list[Row]:
     """Read the rows of a table of a run, with the types they were written with; empty cells are left out.
 
-    columns: those that the table may have; needed: those that every row must have. Raises InputError with one
-    line that names the file and the fault.
+    Raises InputError with one line that names the file and the fault.
     """
     try:
         with TextIOWrapper(open_input(path), encoding="utf-8", newline="") as file:
@@ -226,19 +307,19 @@ def read_rows(path: Path, columns: tuple[str, ...], needed: tuple[str, ...]) -> 
     except (csv.Error, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not a CSV file: {error}") from None
     head = lines[0] if lines else []
-    if missing := [name for name in needed if name not in head]:
+    if missing := [name for name in kind.needed if name not in head]:
         raise InputError(f"{path}: not a table of a run: missing column {', '.join(missing)}")
-    if unknown := [name for name in head if name not in columns]:
+    if unknown := [name for name in head if name not in kind.columns]:
         raise InputError(f"{path}: this version of bodycheck has no column {', '.join(unknown)}")
-    readers = [(name, _reader_of(name)) for name in head]
-    return [_row(path, number, readers, line, needed) for number, line in enumerate(lines[1:], 1)]
+    readers = [(name, _reader_of(name, kind)) for name in head]
+    return [_row(path, number, readers, line, kind.needed) for number, line in enumerate(lines[1:], 1)]
 
 
-def _reader_of(column: str) -> Callable[[str], Any]:
+def _reader_of(column: str, kind: TableKind) -> Callable[[str], Any]:
     """Return what reads a cell of a column, and raises ValueError where it does not fit."""
     if column in _YES_OR_NO:
         return _yes_or_no
-    if column in _TEXTS:
+    if kind.has_words(column):
         return escaped
     return _whole_number if column in _WHOLE_NUMBERS else float
 

@@ -17,7 +17,7 @@ from bodycheck.reference_impl.truth.truth import QUANTITIES
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.sentinels import write_sentinels
-from bodycheck.reports.run_files.tables import as_csv
+from bodycheck.reports.run_files.tables import TABLES, as_csv
 from bodycheck.reports.run_files.trajectory_files import npz, stored_arrays
 
 
@@ -70,7 +70,7 @@ def write_files(run: Run, report: str, out: Path, *, temp_dir: Path | None = Non
 
 def write_tables(run: Run, folder: Path) -> None:
     """Write the tables, manifest.json and read_back.json: all that read_tables needs, and the read-backs."""
-    for name in ("results", "methods", "stability", "probes", "diagnoses", "fingerprints", "laws"):
+    for name in TABLES:
         (folder / f"{name}.csv").write_bytes(as_csv(getattr(run, name)))
     (folder / "manifest.json").write_text(json.dumps(run.manifest, indent=2) + "\n", encoding="utf-8")
     (folder / "read_back.json").write_text(json.dumps(_read_backs(run)) + "\n", encoding="utf-8")

@@ -19,8 +19,8 @@ from bodycheck.reports.measurement.verdicts import (
 )
 from bodycheck.reports.run_files.run_tables import (
     MethodKey,
-    RunTables,
     StudyKey,
+    Tables,
     cases_by_method,
     common_step,
     key_of,
@@ -130,27 +130,24 @@ def _detail(cases: Sequence[CaseResult], row: Mapping[str, Any] | None) -> str:
     if row is None:
         return ""
     parts = [f"floor {number(row['floor'], 2)} rad"]
-    if row["verdict"] == "converges" and row["order"] == row["order"] and row["order"] is not None:
+    if row["verdict"] == "converges" and row.get("order") is not None:
         low, high = number(row["order_low"], 3), number(row["order_high"], 3)
         parts.insert(0, f"order between {low} and {high}, from {row['points']} steps")
-        usable = row.get("usable_dt_s")
-        if usable is not None and usable == usable:
+        if (usable := row.get("usable_dt_s")) is not None:
             parts.insert(1, f"errors at steps above its usable step, {step(usable)} s, are larger")
     if any(SWITCH_NOTE in str(case.columns["message"]) for case in cases):
         parts.append("a load switches inside a step, which lowers the order")
     return "; ".join(parts)
 
 
-def summary_cells(run: RunTables) -> dict[str, dict[MethodKey, Cell]]:
+def summary_cells(run: Tables) -> dict[str, dict[MethodKey, Cell]]:
     """Return the cells by scenario, then by engine and method, in the order of the run."""
     by_scenario: dict[str, dict[MethodKey, list[CaseResult]]] = {n: {} for n in run.manifest["scenarios"]}
     by_scenario |= cases_by_method(run.cases)
     found: dict[StudyKey, dict[str, Any]] = {}
-    rows: list[Any] = run.methods.to_dict("records")
-    for row in rows:
+    for row in run.rows("methods"):
         found.setdefault(study_key(row), {})[row["quantity"]] = row
-    diagnoses: list[Any] = run.diagnoses.to_dict("records")
-    causes = {study_key(row): row["diagnosis"] for row in diagnoses}
+    causes = {study_key(row): row["diagnosis"] for row in run.rows("diagnoses")}
     cells = {}
     for scenario, methods in by_scenario.items():
         at_s = common_step(case for cases in methods.values() for case in cases)

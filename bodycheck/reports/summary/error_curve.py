@@ -15,17 +15,17 @@ from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from bodycheck._util.formatting import step
 from bodycheck.reports.measurement.case import SWITCH_NOTE, CaseResult
 from bodycheck.reports.measurement.convergence import ABOVE_FLOOR, LARGEST_ERROR, LARGEST_ROUND_OFF
 from bodycheck.reports.measurement.measure_bounds import bound_of
 from bodycheck.reports.measurement.order import Order, predicted_error, settled_order
-from bodycheck.reports.run_files.run_tables import MethodKey, RunTables, cases_by_method, key_of
+from bodycheck.reports.run_files.run_tables import MethodKey, Tables, cases_by_method, key_of
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 RefinementSequence: TypeAlias = Sequence[CaseResult]
 """The cases of one method on one scenario, finest first."""
@@ -310,22 +310,17 @@ def _divides(dt_s: float, at_s: float) -> bool:
     return math.isclose(at_s / dt_s, round(at_s / dt_s), rel_tol=_SAME)
 
 
-def rows_of(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the rows of a table as dictionaries."""
-    return [{str(name): value for name, value in row.items()} for row in table.to_dict("records")]
-
-
 def curves_of(
-    run: RunTables, quantity: str, more: tuple[CaseResult, ...] = ()
+    run: Tables, quantity: str, more: tuple[CaseResult, ...] = ()
 ) -> Mapping[tuple[str, MethodKey], ErrorCurve]:
     """Return the curve of each scenario and method of a run; more: cases that were measured in addition."""
     judged = {
-        (row["scenario"], key_of(row)): row for row in rows_of(run.methods) if row["quantity"] == quantity
+        (row["scenario"], key_of(row)): row for row in run.rows("methods") if row["quantity"] == quantity
     }
     stable = {
         (row["scenario"], key_of(row)): row["dt_stable_s"]
-        for row in rows_of(run.stability)
-        if row["dt_stable_s"] == row["dt_stable_s"]
+        for row in run.rows("stability")
+        if "dt_stable_s" in row
     }
     curves = {}
     for key, cases in sequences_of((*run.cases, *more)).items():

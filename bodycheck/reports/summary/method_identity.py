@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from bodycheck._util.formatting import names, number
@@ -12,7 +12,7 @@ from bodycheck.reports.probes.laws import REPLAY
 from bodycheck.reports.run_files.run_tables import MethodKey, key_of
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 
 _UNKNOWN = (NO_KNOWN_MAP, NOT_MEASURED)
@@ -20,9 +20,8 @@ _UNKNOWN = (NO_KNOWN_MAP, NOT_MEASURED)
 RowsByMethod: TypeAlias = Mapping[MethodKey, Sequence[Mapping[str, Any]]]
 
 
-def rows_by_method(table: pd.DataFrame) -> RowsByMethod:
+def rows_by_method(rows: Iterable[Mapping[str, Any]]) -> RowsByMethod:
     """Return the rows of fingerprints.csv or laws.csv by engine and method."""
-    rows: list[Any] = table.to_dict("records")
     found: dict[MethodKey, list[Mapping[str, Any]]] = {}
     for row in rows:
         found.setdefault(key_of(row), []).append(row)
@@ -37,8 +36,8 @@ def known_map_text(rows: RowsByMethod, key: MethodKey) -> str:
 def map_text(row: Mapping[str, Any]) -> str:
     """Return a row of fingerprints.csv as text."""
     if row["fingerprint"] in _UNKNOWN:
-        return f"{row['fingerprint']}: {row['message']}"
-    note = f"; {row['message']}" if _is_text(row["message"]) else ""
+        return f"{row['fingerprint']}: {row.get('message', '')}"
+    note = f"; {row['message']}" if row.get("message") else ""
     return f"{row['fingerprint']}, to {number(row['digits'], 3)} digits{note}"
 
 
@@ -62,10 +61,6 @@ def _bits(row: Mapping[str, Any]) -> str:
     return _BITS[row["verdict"]] + size
 
 
-def _is_text(cell: Any) -> bool:
-    return isinstance(cell, str) and bool(cell)
-
-
 _TINTS = {"holds": "good", "broken": "bad", "property": "none", "not-measured": "open"}
 
 
@@ -74,16 +69,14 @@ def fingerprint_document(rows: Sequence[Mapping[str, Any]]) -> Document:
     heads = (Column("method", "fixed"), Column("one-step map"), Column("agreement"), Column("runner-up"))
     cells = []
     for row in rows:
-        known = row["agreement"] is not None
+        known = row.get("agreement") is not None
         runner = f"{row['runner_up']} {number(row['runner_up_distance'], 2)}" if known else ""
         tint = "open" if row["fingerprint"] in _UNKNOWN else "good"
         agreement = number(row["agreement"], 2) if known else ""
         cells.append((":".join(key_of(row)), Span(row["fingerprint"], tint), agreement, runner))
-    notes = [
-        Sentence(f"{':'.join(key_of(row))}: {row['message']}") for row in rows if _is_text(row["message"])
-    ]
+    notes = [Sentence(f"{':'.join(key_of(row))}: {row['message']}") for row in rows if row.get("message")]
     formulas = dict.fromkeys(
-        f"{row['fingerprint']}: {row['description']}" for row in rows if _is_text(row["description"])
+        f"{row['fingerprint']}: {row['description']}" for row in rows if row.get("description")
     )
     return Document(
         "bodycheck fingerprint", (Table(heads, tuple(cells)), *notes, *(Sentence(one) for one in formulas))
@@ -107,7 +100,7 @@ def laws_document(rows: Sequence[Mapping[str, Any]]) -> Document:
             Span(row["verdict"], _TINTS[row["verdict"]]),
             number(row["size"], 2) if row.get("size") is not None else "",
             number(row["tolerance"], 2) if row.get("tolerance") is not None else "",
-            row["message"],
+            row.get("message", ""),
         )
         for row in rows
     )

@@ -9,7 +9,7 @@ from typing import Any
 from bodycheck._util.formatting import count, names
 from bodycheck.reports.document import Column, Document, Sentence, Span, Table
 from bodycheck.reports.measurement.verdicts import STATES
-from bodycheck.reports.run_files.run_tables import MethodKey, RunTables
+from bodycheck.reports.run_files.run_tables import MethodKey, Tables
 from bodycheck.reports.summary.cells import Cell, Overview, overviews, summary_cells
 from bodycheck.reports.summary.worst_results import MethodResults, faulty, headline, worst_methods
 
@@ -30,7 +30,7 @@ class Summary:
     worst: list[MethodResults]
 
     @classmethod
-    def of(cls, run: RunTables) -> Summary:
+    def of(cls, run: Tables) -> Summary:
         """Return the summary of a run."""
         cells = summary_cells(run)
         return cls(cells, worst_methods(run, cells))
@@ -111,7 +111,7 @@ def _properties(found: list[MethodResults]) -> str:
     return f"Properties of the engines' states, not faults: {'; '.join(results)}." if results else ""
 
 
-def run_document(run: RunTables) -> Document:
+def run_document(run: Tables) -> Document:
     """Return outcomes, verdicts, one row per method, and the worst results with their commands."""
     summary = Summary.of(run)
     return Document(
@@ -129,7 +129,7 @@ def run_document(run: RunTables) -> Document:
     )
 
 
-def run_data(run: RunTables) -> dict[str, Any]:
+def run_data(run: Tables) -> dict[str, Any]:
     """Return the same as data: verdicts, orders and errors by method and scenario, and all results."""
     summary = Summary.of(run)
     return {
@@ -145,7 +145,7 @@ def run_data(run: RunTables) -> dict[str, Any]:
     }
 
 
-def _outcomes(run: RunTables) -> str:
+def _outcomes(run: Tables) -> str:
     ended = ", ".join(f"{amount} {outcome}" for outcome, amount in run.manifest["outcomes"].items())
     seconds, compiling = run.manifest["run_s"], run.manifest["compile_s"] or 0.0
     compiled = f", after compiling for {compiling:.0f} s" if round(compiling) else ""
@@ -153,14 +153,14 @@ def _outcomes(run: RunTables) -> str:
     return f"{count(len(run.cases), 'case')}{took}" + (f": {ended}" if ended else "")
 
 
-def _without_engines(run: RunTables) -> Iterator[Sentence]:
+def _without_engines(run: Tables) -> Iterator[Sentence]:
     """Yield that only the reference was measured, if engines were wanted; why follows in the remarks."""
     engines = run.manifest["engines"]
     if [name for name, entry in engines.items() if "version" in entry] == ["reference"] != [*engines]:
         yield Sentence("No engine was measured, only the reference.", "bad")
 
 
-def _remarks(run: RunTables) -> Iterator[Sentence]:
+def _remarks(run: Tables) -> Iterator[Sentence]:
     """Yield why engines were not measured, how shards differ, and the notes on the scenarios' bodies."""
     for engine in run.manifest["engines"].values():
         if "unavailable" in engine:
@@ -183,7 +183,7 @@ class Refusal:
     scenarios: tuple[str, ...]
 
 
-def refusals(run: RunTables) -> list[Refusal]:
+def refusals(run: Tables) -> list[Refusal]:
     """Return why cases are unsupported or invalid, invalid ones first."""
     found: dict[tuple[str, str, str], list[Mapping[str, Any]]] = {}
     for columns in (case.columns for case in run.cases):

@@ -12,7 +12,7 @@ from typing import Any
 from bodycheck._util.formatting import count, number, step
 from bodycheck.reports.measurement.measures import SIGNED, gain_word
 from bodycheck.reports.measurement.verdicts import FAULTS
-from bodycheck.reports.run_files.run_tables import MethodKey, RunTables, key_of
+from bodycheck.reports.run_files.run_tables import MethodKey, Tables, key_of
 from bodycheck.reports.summary.cells import Cell
 from bodycheck.reports.summary.error_curve import sequences_of
 
@@ -80,7 +80,7 @@ class MethodResults:
 _Cells = Mapping[str, Mapping[MethodKey, Cell]]
 
 
-def worst_results(run: RunTables, cells: _Cells) -> list[Result]:
+def worst_results(run: Tables, cells: _Cells) -> list[Result]:
     """Return all results, worst first; a result that recurs in several scenarios is listed once."""
     found: dict[tuple[str, str, str], list[Result]] = {}
     for one in (*_broken(run), *_judged(run, cells), *_probed(run), *_lawless(run)):
@@ -89,7 +89,7 @@ def worst_results(run: RunTables, cells: _Cells) -> list[Result]:
     return sorted(merged, key=lambda one: (_WORST_FIRST.index(one.kind), -one.size))
 
 
-def worst_methods(run: RunTables, cells: _Cells) -> list[MethodResults]:
+def worst_methods(run: Tables, cells: _Cells) -> list[MethodResults]:
     """Return the methods that have results, each once, the one with the worst result first."""
     by_method: dict[str, list[Result]] = {}
     for one in worst_results(run, cells):
@@ -110,7 +110,7 @@ def _merged(same: list[Result]) -> Result:
     return replace(first, scenarios=scenarios)
 
 
-def _broken(run: RunTables) -> Iterator[Result]:
+def _broken(run: Tables) -> Iterator[Result]:
     cases: dict[tuple[str, MethodKey, str], list[Mapping[str, Any]]] = {}
     for columns in (case.columns for case in run.cases):
         if (outcome := columns["outcome"]) in FAULTS:
@@ -120,7 +120,7 @@ def _broken(run: RunTables) -> Iterator[Result]:
         yield Result(outcome, ":".join(key), "", text, own[0]["reproduce"], (scenario,), len(own))
 
 
-def _judged(run: RunTables, cells: _Cells) -> Iterator[Result]:
+def _judged(run: Tables, cells: _Cells) -> Iterator[Result]:
     sequences = sequences_of(run.cases)
     for scenario, methods in cells.items():
         for key, cell in methods.items():
@@ -136,10 +136,9 @@ def _judged(run: RunTables, cells: _Cells) -> Iterator[Result]:
                 yield Result(kind, method, one.quantity, text, command, (scenario,), one.size or 0.0, cause)
 
 
-def _probed(run: RunTables) -> Iterator[Result]:
+def _probed(run: Tables) -> Iterator[Result]:
     """Yield the probe checks that a method failed."""
-    rows: list[Any] = run.probes.to_dict("records")
-    for row in rows:
+    for row in run.rows("probes"):
         if row["verdict"] == "inconsistent":
             yield Result(
                 "inconsistent",
@@ -151,10 +150,9 @@ def _probed(run: RunTables) -> Iterator[Result]:
             )
 
 
-def _lawless(run: RunTables) -> Iterator[Result]:
+def _lawless(run: Tables) -> Iterator[Result]:
     """Yield the laws that a method breaks."""
-    rows: list[Any] = run.laws.to_dict("records")
-    for row in rows:
+    for row in run.rows("laws"):
         if row["verdict"] == "broken":
             text = f"law {row['law']} broken: {row['message']}"
             method = ":".join(key_of(row))
@@ -163,8 +161,8 @@ def _lawless(run: RunTables) -> Iterator[Result]:
 
 def _probe_text(row: Mapping[str, Any]) -> str:
     """Return the measured and expected values of a probe, its step and its message."""
-    at = "" if row["dt_s"] != row["dt_s"] else f" at dt {step(row['dt_s'])} s"
-    message = f": {row['message']}" if isinstance(row["message"], str) and row["message"] else ""
+    at = f" at dt {step(row['dt_s'])} s" if "dt_s" in row else ""
+    message = f": {row['message']}" if row.get("message") else ""
     if row["check"].endswith("read_back"):  # the message has the values
         return f"{row['check']}{at}{message}"
     return f"{row['check']} {number(row['measured'], 6)}, expected {number(row['expected'])}{at}{message}"

@@ -36,7 +36,7 @@ from bodycheck.reports.comparison.describe import (
 from bodycheck.reports.comparison.environment_diff import environment_diff, redefined
 from bodycheck.reports.document import MEDIA
 from bodycheck.reports.gates.thresholds import Thresholds
-from bodycheck.reports.run_files.run_reader import Tables
+from bodycheck.reports.run_files.run_tables import Tables
 from tests.helpers.gate_tables import make_tables
 from tests.helpers.swapped_runs import swapped
 

@@ -22,7 +22,9 @@ from bodycheck.reports.comparison.describe import (
 from bodycheck.reports.comparison.release_results import OneMeasure
 from bodycheck.reports.document import print_document
 from bodycheck.reports.measurement.case import CaseResult
-from bodycheck.reports.run_files.run_reader import Tables, read_tables
+from bodycheck.reports.run_files.run_reader import read_tables
+from bodycheck.reports.run_files.run_tables import Tables
+from tests.helpers.gate_tables import with_tables
 from tests.helpers.swapped_runs import swapped
 
 MEASURES = ("orientation_error_rad", "energy_drift", "omega_error", "position_error", "quaternion_norm_error")
@@ -216,7 +218,7 @@ def test_a_changed_verdict_and_order_are_reported(tables: Tables) -> None:
     rk4, m1 = (mine & (methods["method"] == method) for method in ("rk4", "m1"))
     methods.loc[rk4, ["order", "order_low", "order_high"]] = [3.0, 2.9, 3.1]
     methods.loc[m1, "verdict"] = "does-not-converge"
-    found = compare(tables, replace(tables, methods=methods)).changes
+    found = compare(tables, with_tables(tables, methods=methods)).changes
     reported = {(change.kind, change.method, change.status) for change in found}
     assert reported == {("order", "rk4", "worse"), ("verdict", "m1", "worse")}
 
@@ -245,7 +247,7 @@ def test_a_stable_step_changed_where_the_two_searches_cannot_mean_one(
             low,
             high,
         )
-        return replace(tables, stability=stability)
+        return with_tables(tables, stability=stability)
 
     before, after = with_span(0.5, 0.505), with_span(*span)
     found = compare(before, after).changes
@@ -259,7 +261,7 @@ def test_a_search_that_now_fails_is_reported(tables: Tables) -> None:
     """A search that fails where it found a stable step before is a change for the worse."""
     stability = tables.stability.copy()
     stability.loc[stability.index[0], ["outcome", "dt_stable_s"]] = "failed", np.nan
-    (change,) = compare(tables, replace(tables, stability=stability)).changes
+    (change,) = compare(tables, with_tables(tables, stability=stability)).changes
     assert (change.kind, change.after, change.status) == ("stability", "failed", "worse")
 
 

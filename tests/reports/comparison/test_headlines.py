@@ -25,7 +25,7 @@ from bodycheck.reports.comparison.headlines import headlines as texts_of
 from bodycheck.reports.comparison.headlines import label, lines_of
 from bodycheck.reports.document import escaped_markdown, markdown, print_document
 from bodycheck.reports.gates.thresholds import Thresholds
-from bodycheck.reports.run_files.run_reader import Tables
+from bodycheck.reports.run_files.run_tables import Tables
 from tests.helpers.gate_tables import make_tables
 
 ERROR = "orientation_error_rad"
@@ -70,7 +70,7 @@ def test_another_one_step_map_is_named() -> None:
 
     def mapped(tables: Tables, **names: str) -> Tables:
         rows = [{"engine": "mujoco", "method": who, "fingerprint": name} for who, name in names.items()]
-        return replace(tables, fingerprints=tables.fingerprints.from_records(rows))
+        return tables.with_rows(fingerprints=rows)
 
     before = mapped(OLD, rk4="RK4", euler="M1", implicit="M2")
     after = mapped(NEW, rk4="RK4 Munthe-Kaas", euler="M1", implicit="implicit midpoint")
@@ -99,14 +99,10 @@ def test_a_law_that_a_method_begins_to_break_is_named(
 ) -> None:
     """It is reported even where no error changed; a law measured in one run only is no change."""
     obeyed, obeying = (
-        replace(
-            OLD,
-            laws=OLD.laws.from_records(
-                [{"engine": "mujoco", "method": "rk4", "law": "boost", "verdict": verdict}]
-                if verdict
-                else [],
-                columns=["engine", "method", "law", "verdict"],
-            ),
+        OLD.with_rows(
+            laws=[{"engine": "mujoco", "method": "rk4", "law": "boost", "verdict": verdict}]
+            if verdict
+            else []
         )
         for verdict in (before, after)
     )
@@ -284,8 +280,7 @@ def test_methods_with_one_cause_share_a_line(version: str) -> None:
             {"scenario": "brick", "engine": "mujoco", "method": name, "diagnosis": cause, "faults": "gyro"}
             for name in methods
         ]
-        columns = ["scenario", "engine", "method", "diagnosis", "faults"]
-        return replace(made, diagnoses=made.diagnoses.from_records(rows, columns=columns))
+        return made.with_rows(diagnoses=rows)
 
     since = "" if version == "3.17.0" else "; since version 4.0.0, 3.17.0 before"
     broken = diagnosed(1e-2, "rk4", "euler", release=version)

@@ -25,8 +25,7 @@ from bodycheck.reports.comparison.describe import (
 )
 from bodycheck.reports.comparison.release_results import Finding, OneMeasure, comparable
 from bodycheck.reports.document import Document, print_document
-from bodycheck.reports.run_files.run_reader import Tables
-from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run, Tables
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.gate_tables import make_tables
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from bodycheck.reports.gates.gate import Gate, gate_of
 from bodycheck.reports.gates.verdict import GateResult, check_gates, distance
-from bodycheck.reports.run_files.tables import LAW_COLUMNS, as_table
 from tests.helpers.gate_tables import CASE, METHOD, make_tables
 
 NEAR = {"near": 1e-3, "decades": 0.5}
@@ -120,7 +118,7 @@ def test_law_is_bounded_by_method_and_not_measured_without_a_row() -> None:
         {"engine": "mujoco", "method": "discrete", "law": "replay", "message": "no such body"},
     ]
     cases = [{"method": method} for method in ("rk4", "euler", "implicit", "discrete")]
-    tables = replace(make_tables(cases), laws=as_table(laws, LAW_COLUMNS))
+    tables = make_tables(cases).with_rows(laws=laws)
     for method, status, why in (
         ("rk4", "passed", ""),
         ("euler", "failed", ""),

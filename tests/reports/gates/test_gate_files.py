@@ -10,7 +10,7 @@ from bodycheck._util.errors import InputError
 from bodycheck.reports.gates.gate import UNCOMPARED, measure_of, parse_gates, read_gates, read_thresholds
 from bodycheck.reports.gates.thresholds import THRESHOLD, Thresholds
 from bodycheck.reports.measurement.study import QUANTITIES
-from bodycheck.reports.run_files.tables import METHOD_COLUMNS, RESULT_COLUMNS
+from bodycheck.reports.run_files.tables import TABLES
 from tests.helpers.expected_messages import ExpectedMessage
 
 GATE = '[[gate]]\nmeasure = "energy_drift"\nupper = 1e-3\nreason = "because"\n'
@@ -114,8 +114,8 @@ def test_unreadable_file_is_refused(tmp_path: Path, expected_message: ExpectedMe
 
 def test_every_measure_of_the_tables_can_be_gated() -> None:
     """Each column that a gate may name is in results.csv; order and verdict are of every quantity."""
-    assert set(UNCOMPARED) <= set(RESULT_COLUMNS)
-    for name in RESULT_COLUMNS:
+    assert set(UNCOMPARED) <= set(TABLES["results"].columns)
+    for name in TABLES["results"].columns:
         try:
             assert measure_of(name).column == name
         except ValueError:
@@ -124,7 +124,7 @@ def test_every_measure_of_the_tables_can_be_gated() -> None:
                 or name == "truth_bound_rad"
             )
     for quantity in QUANTITIES:
-        assert measure_of(f"order.{quantity}").column in METHOD_COLUMNS
+        assert measure_of(f"order.{quantity}").column in TABLES["methods"].columns
         assert measure_of(f"verdict.{quantity}").quantity == quantity
 
 

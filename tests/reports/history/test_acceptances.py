@@ -177,6 +177,4 @@ def test_history_of_an_earlier_version_is_continued(tmp_path: Path, monkeypatch:
 
 def as_run(folder: Path) -> Run:
     """Return a stored run as if it had been measured now, without its motions."""
-    found = read_tables(folder)
-    parts = {name: getattr(found, name) for name in Run.__dataclass_fields__ if hasattr(found, name)}
-    return Run(**parts, problems=())
+    return Run(**vars(read_tables(folder)), problems=())

@@ -27,15 +27,9 @@ from bodycheck.reports.history.open_regressions import State
 from bodycheck.reports.history.queries import history_table, query
 from bodycheck.reports.history.regression import Judgement, judge_run, speeds_of
 from bodycheck.reports.measurement.measures import SIGNED
-from bodycheck.reports.run_files.run_reader import Tables, read_tables
-from bodycheck.reports.run_files.run_tables import Run
-from bodycheck.reports.run_files.tables import (
-    FINGERPRINT_COLUMNS,
-    LAW_COLUMNS,
-    RESULT_COLUMNS,
-    as_csv,
-    as_table,
-)
+from bodycheck.reports.run_files.run_reader import read_tables
+from bodycheck.reports.run_files.run_tables import Run, Tables
+from bodycheck.reports.run_files.tables import TABLES, as_csv, as_table
 from tests.helpers.gate_tables import make_tables
 from tests.helpers.nightly_runs import Change, as_nightly_run, scaled, slower, store_nightly_runs, unchanged
 
@@ -206,7 +200,7 @@ def test_changed_scenario_starts_with_new_levels(monkeypatch: pytest.MonkeyPatch
     runs = [tables(0), tables(1, WORSE, scenarios=scenarios), tables(2, WORSE, scenarios=scenarios)]
     found = judgement_of(*runs, monkeypatch=monkeypatch)
     assert kinds_and_steps(found) == []
-    assert [row[ERROR] for row in found.levels.results.values()] == [1e-6]
+    assert [row[ERROR] for row in found.levels.rows("results").values()] == [1e-6]
 
 
 def without_plate(number: int, *cases: dict[str, Any]) -> Tables:
@@ -247,7 +241,7 @@ def test_engine_that_returns_in_another_version_is_compared_with_its_level(
     ]
     found = judgement_of(*runs, *drifted, monkeypatch=monkeypatch)
     assert kinds_and_steps(found) == [("accuracy", "worse", 0.01)]
-    assert sorted(row["engine"] for row in found.levels.results.values()) == ["dart", "mujoco==4"]
+    assert sorted(row["engine"] for row in found.levels.rows("results").values()) == ["dart", "mujoco==4"]
 
 
 @pytest.mark.parametrize("between", [0, 1, 3])
@@ -262,7 +256,7 @@ def test_scenario_redefined_while_it_was_missing_starts_with_new_levels(
     assert kinds_and_steps(found) == []
     assert found.comparison is not None
     assert found.comparison.redefined == ("plate",)
-    assert {row["scenario"]: row[ERROR] for row in found.levels.results.values()} == {
+    assert {row["scenario"]: row[ERROR] for row in found.levels.rows("results").values()} == {
         "brick": 1e-9,
         "plate": 1e-6,
     }
@@ -277,7 +271,7 @@ def test_level_of_a_scenario_that_no_run_defines_any_more_is_discarded(
     old = run_of(without_plate(1), Levels.of(tables(1, {}, plate)))
     found = judged_after([old], tables(2, {}, plate | WORSE), monkeypatch)
     assert kinds_and_steps(found) == [("case", "new", 0.01)]
-    assert {row["scenario"]: row[ERROR] for row in found.levels.results.values()} == {
+    assert {row["scenario"]: row[ERROR] for row in found.levels.rows("results").values()} == {
         "brick": 1e-9,
         "plate": 1e-6,
     }
@@ -293,7 +287,7 @@ def test_another_version_of_an_engine_keeps_the_levels(monkeypatch: pytest.Monke
     ]
     found = judgement_of(*runs, monkeypatch=monkeypatch)
     assert kinds_and_steps(found) == [("accuracy", "worse", 0.01)]
-    assert [row["engine"] for row in found.levels.results.values()] == ["mujoco==3.17.0"]
+    assert [row["engine"] for row in found.levels.rows("results").values()] == ["mujoco==3.17.0"]
 
 
 def test_speed_is_judged_by_all_baseline_runs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -434,11 +428,11 @@ def test_levels_of_an_earlier_version_are_read_as_they_stand(tmp_path: Path) -> 
     row = {"scenario": "slow", "engine": "reference", "method": "m1", "control": "dt", "outcome": "ok"}
     own = make_tables([{**row, "dt_s": 0.1}, {**row, "dt_s": 0.2, "outcome": "failed", ERROR: None}], [{}])
     of_version = [{**row, "run_id": "a run", "dt_s": 0.1 * k, ERROR: 2e-5} for k in (1, 2, 3)]
-    (tmp_path / "accepted.csv").write_bytes(as_csv(as_table(of_version, RESULT_COLUMNS)))
+    (tmp_path / "accepted.csv").write_bytes(as_csv(as_table(of_version, TABLES["results"])))
     levels = read_levels(tmp_path, own)
-    found = [(one["outcome"], one[ERROR]) for one in levels.results.values()]
+    found = [(one["outcome"], one[ERROR]) for one in levels.rows("results").values()]
     assert found == [("ok", 2e-5), ("failed", 2e-5), (ABSENT, 2e-5)]
-    assert len(levels.methods) == 1
+    assert len(levels.rows("methods")) == 1
 
 
 def test_stored_levels_are_read_as_written(tmp_path: Path) -> None:
@@ -450,8 +444,9 @@ def test_stored_levels_are_read_as_written(tmp_path: Path) -> None:
     levels = levels.with_cells(speed, {}, Setting("night 8", "improvement"))
     write_levels(levels, tmp_path)
     read = read_levels(tmp_path, tables(0))
-    assert (read.settings, read.methods, read.stability) == (levels.settings, {}, {})
-    assert [one[ERROR] for one in read.results.values()] == [1e-9, 2e-9]
+    assert read.settings == levels.settings
+    assert (read.rows("methods"), read.rows("stability")) == ({}, {})
+    assert [one[ERROR] for one in read.rows("results").values()] == [1e-9, 2e-9]
     assert read.setting(change) == Setting("night 7", "accepted", "0123abcd")
     assert read.cells(change) == {ERROR: 2e-9}
 
@@ -464,7 +459,9 @@ def test_small_steps_add_up(nightly_run: Run, tmp_path: Path, percent: float) ->
     runs = store_nightly_runs(nightly_run, tmp_path, [scaled(step**k) for k in range(11)])
     found = [judged.comparison.changes[0].status for judged in runs[1:] if judged.comparison]
     key = "slow", "reference", "m1", "dt", 0.01
-    levels = [read_levels(run, read_tables(run)).results[key][ERROR] for run in History(tmp_path).runs()]
+    levels = [
+        read_levels(run, read_tables(run)).rows("results")[key][ERROR] for run in History(tmp_path).runs()
+    ]
     if percent > 0.0:
         assert found == [*3 * ["moved"], *7 * ["worse"]]
         assert len(set(levels)) == 1
@@ -481,10 +478,9 @@ def test_another_map_stays_open_until_it_returns_or_is_accepted(nightly_run: Run
 
     def night(number: int, fingerprint: str, verdict: str) -> Judgement:
         row = {"engine": "reference", "method": "m1", "engine_version": "1", "reproduce": "bodycheck list"}
-        run = replace(
-            nightly_run,
-            fingerprints=as_table([{**row, "fingerprint": fingerprint}], FINGERPRINT_COLUMNS),
-            laws=as_table([{**row, "law": "boost", "verdict": verdict}], LAW_COLUMNS),
+        run = nightly_run.with_rows(
+            fingerprints=[{**row, "fingerprint": fingerprint}],
+            laws=[{**row, "law": "boost", "verdict": verdict}],
         )
         (judged,) = store_nightly_runs(run, tmp_path, [unchanged], first=number)
         assert judged.status in ("no regression", "insufficient history")

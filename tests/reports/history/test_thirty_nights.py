@@ -16,8 +16,8 @@ from bodycheck.reports.history.baseline import read_summary
 from bodycheck.reports.history.open_regressions import open_lines
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.run_files.run_tables import Run
-from bodycheck.reports.run_files.tables import no_fingerprints, no_laws, no_probes
 from bodycheck.runs import nightly_run as nightly_run_module
+from tests.helpers.gate_tables import with_tables
 from tests.helpers.nightly_runs import as_nightly_run, unchanged
 
 STATUS = {0: "no regression", 1: "regression", 3: "insufficient history"}
@@ -120,16 +120,16 @@ def engines_run(nightly_run: Run) -> Run:
         name: {**about, "methods": {one: about["methods"][one] for one in own}}
         for name, own in methods.items()
     }
-    return replace(
+    run = with_tables(
         nightly_run,
         results=shared(nightly_run.results),
         methods=shared(nightly_run.methods),
         stability=shared(nightly_run.stability),
-        probes=no_probes(),
-        fingerprints=no_fingerprints(),
-        laws=no_laws(),
-        manifest={**nightly_run.manifest, "engines": engines},
+        probes=[],
+        fingerprints=[],
+        laws=[],
     )
+    return replace(run, manifest={**nightly_run.manifest, "engines": engines})
 
 
 def planted(run: Run, night: Night, number: int) -> Run:
@@ -158,12 +158,12 @@ def planted(run: Run, night: Night, number: int) -> Run:
     emptied = [name for name in results.columns if name not in (*always, "reproduce", "reused")]
     results.loc[failing, emptied] = None
     results.loc[failing, "outcome"] = "failed"
-    made = replace(
+    made = with_tables(
         run,
         results=results,
         methods=methods,
         stability=kept["stability"],
-        diagnoses=pd.DataFrame(diagnoses, columns=list(run.diagnoses.columns)),
+        diagnoses=diagnoses,
     )
     engines = {name: about for name, about in run.manifest["engines"].items() if name not in absent}
     return as_nightly_run(made, 24 * number + 3, unchanged, engines=engines, cores=night.cores)

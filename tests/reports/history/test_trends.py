@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from bodycheck.reports.history.acceptances import accept
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs import nightly_run as nightly_run_module
+from tests.helpers.gate_tables import with_tables
 from tests.helpers.nightly_runs import scaled, slower, store_nightly_runs, unchanged
 
 ERROR = "orientation_error_rad"
@@ -35,7 +35,7 @@ def with_step(run: Run, step_s: float) -> Run:
     methods = run.methods.copy()
     mine = (methods["scenario"] == "slow") & (methods["method"] == "m1") & (methods["quantity"] == ERROR)
     methods.loc[mine, ["order", "order_low", "order_high"]] *= step_s
-    return replace(run, stability=stability, methods=methods)
+    return with_tables(run, stability=stability, methods=methods)
 
 
 @pytest.mark.slow

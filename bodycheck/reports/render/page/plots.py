@@ -117,11 +117,11 @@ def _growths(rows: Iterable[Mapping[str, Any]], index: Mapping[MethodKey, int]) 
 
 def growth_text(row: Mapping[str, Any]) -> str:
     """Return the kind of growth of a row of methods.csv and its exponent; "" if there is none."""
-    kind = row["growth"]
-    if not isinstance(kind, str):
+    if (kind := row.get("growth")) is None:
         return ""
-    # these two are not powers of t
-    return kind if kind in ("bounded", "exponential") else f"{kind}, t^{number(row['growth_exponent'], 3)}"
+    if kind in ("bounded", "exponential"):  # not powers of t
+        return str(kind)
+    return f"{kind}, t^{number(row.get('growth_exponent'), 3)}"
 
 
 def _point(m: int, case: CaseResult) -> dict[str, Any]:
@@ -148,7 +148,7 @@ def _known(
     return {
         index[key_of(row)]: [rounded(row[name]) for name in columns]
         for row in rows
-        if row["quantity"] == error and all(row[name] == row[name] for name in columns)
+        if row["quantity"] == error and all(name in row for name in columns)
     }
 
 

@@ -52,7 +52,7 @@ def limit_of(row: Mapping[str, Any] | None) -> Limit:
     if row["outcome"] != "ok":
         state = STATES[row["outcome"]]
         return Limit(state.symbol, state.tint, f"{state.word}: {row['message']}")
-    stable, unstable = _known(row["dt_stable_s"]), _known(row["dt_unstable_s"])
+    stable, unstable = row.get("dt_stable_s"), row.get("dt_unstable_s")
     if stable is None:
         return Limit("none", "bad", f"unstable at every step tried: {row['reason']}")
     shown = number(stable, 3)
@@ -60,10 +60,6 @@ def limit_of(row: Mapping[str, Any] | None) -> Limit:
         return Limit(f"≥ {shown}", "good", f"stable up to dt = {shown} s, where the search ended")
     sentence = f"stable up to dt = {shown} s, not at {number(unstable, 3)} s: {row['reason']}"
     return Limit(shown, "open", sentence)
-
-
-def _known(value: float) -> float | None:
-    return value if value == value else None
 
 
 def scenario_facts(problem: Problem) -> list[tuple[str, str]]:
@@ -347,12 +343,10 @@ def sections_of(
     cases: dict[str, dict[MethodKey, list[CaseResult]]] = {s.scenario.name: {} for s in run.problems}
     cases |= cases_by_method(run.cases)
     rows: dict[str, list[Mapping[str, Any]]] = {name: [] for name in cases}
-    method_rows: list[Any] = run.methods.to_dict("records")
-    for row in method_rows:
+    for row in run.rows("methods"):
         rows[row["scenario"]].append(row)
     stable: dict[str, dict[MethodKey, Mapping[str, Any]]] = {name: {} for name in cases}
-    searched: list[Any] = run.stability.to_dict("records")
-    for row in searched:
+    for row in run.rows("stability"):
         stable[row["scenario"]][key_of(row)] = row
     return [
         _section(problem, cells[name], cases[name], rows[name], stable[name], drawn)
@@ -379,7 +373,9 @@ def _section(
             cell=cells[key],
             cases=tuple(own),
             shown=shown_case(own, at_s),
-            orders=tuple({name: row[name] for name in _ORDER_COLUMNS} for row in rows if key_of(row) == key),
+            orders=tuple(
+                {name: row.get(name) for name in _ORDER_COLUMNS} for row in rows if key_of(row) == key
+            ),
             limit=limit_of(stable.get(key)),
         )
         for key, own in by_method.items()
