@@ -141,16 +141,14 @@ def run_selection(
         "speeds_s": ended - recorded,
         "run_s": ended - compiled,
     }
-
     measured = MeasuredTables(cases, found.studies, {**found.rows, "diagnoses": diagnoses})
+    others = [kind for kind in TABLES.values() if kind.name != "results"]
     return Run(
         run_id=identity.run_id,
         manifest=manifest_of(identity, selection, options, cases, seconds, noise),
         problems=tuple(problems),
         cases=cases,
-        tables={
-            name: kind.rows(identity.run_id, measured) for name, kind in TABLES.items() if name != "results"
-        },
+        tables={kind.name: kind.rows(identity.run_id, measured) for kind in others},
         sentinels=tuple(found.sentinels),
     )
 

@@ -273,8 +273,8 @@ def test_the_stability_map_is_that_of_the_table(page: Page, run: Run) -> None:
     ("changes", "mark", "tint", "words"),
     [
         ({}, "0.123", "open", "stable up to dt = 0.123 s, not at 0.125 s: it spins up"),
-        ({"dt_unstable_s": np.nan}, "≥ 0.123", "good", "where the search ended"),
-        ({"dt_stable_s": np.nan}, "none", "bad", "unstable at every step tried: it spins up"),
+        ({"dt_unstable_s": None}, "≥ 0.123", "good", "where the search ended"),
+        ({"dt_stable_s": None}, "none", "bad", "unstable at every step tried: it spins up"),
         ({"outcome": "timeout", "message": "too late"}, "!", "fault", "timeout: too late"),
     ],
 )

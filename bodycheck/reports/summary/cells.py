@@ -129,7 +129,7 @@ def _detail(cases: Sequence[CaseResult], row: Mapping[str, Any] | None) -> str:
     """Return what the verdict on the orientation is based on, and what lowers the order."""
     if row is None:
         return ""
-    parts = [f"floor {number(row['floor'], 2)} rad"]
+    parts = [f"floor {number(row.get('floor'), 2)} rad"]
     if row["verdict"] == "converges" and row.get("order") is not None:
         low, high = number(row["order_low"], 3), number(row["order_high"], 3)
         parts.insert(0, f"order between {low} and {high}, from {row['points']} steps")

@@ -38,7 +38,7 @@ def map_text(row: Mapping[str, Any]) -> str:
     if row["fingerprint"] in _UNKNOWN:
         return f"{row['fingerprint']}: {row.get('message', '')}"
     note = f"; {row['message']}" if row.get("message") else ""
-    return f"{row['fingerprint']}, to {number(row['digits'], 3)} digits{note}"
+    return f"{row['fingerprint']}, to {number(row.get('digits'), 3)} digits{note}"
 
 
 def laws_text(by_method: RowsByMethod, key: MethodKey) -> str:
@@ -46,7 +46,7 @@ def laws_text(by_method: RowsByMethod, key: MethodKey) -> str:
     rows = by_method.get(key, ())
     if not rows:
         return "not checked"
-    broken = [f"{row['law']} ({number(row['size'], 2)})" for row in rows if row["verdict"] == "broken"]
+    broken = [f"{row['law']} ({number(row.get('size'), 2)})" for row in rows if row["verdict"] == "broken"]
     open_ones = [row["law"] for row in rows if row["verdict"] == "not-measured"]
     text = f"broken: {', '.join(broken)}" if broken else "none broken"
     text += "".join(f"; {_bits(row)}" for row in rows if row["law"] == REPLAY and row["verdict"] in _BITS)
@@ -57,7 +57,7 @@ _BITS = {"holds": "a second run has the same bits", "property": "a second run ha
 
 
 def _bits(row: Mapping[str, Any]) -> str:
-    size = "" if row["verdict"] == "holds" else f" ({number(row['size'], 2)})"
+    size = "" if row["verdict"] == "holds" else f" ({number(row.get('size'), 2)})"
     return _BITS[row["verdict"]] + size
 
 

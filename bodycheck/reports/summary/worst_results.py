@@ -146,7 +146,7 @@ def _probed(run: Tables) -> Iterator[Result]:
                 row["check"],
                 _probe_text(row),
                 row["reproduce"],
-                size=row["deviation"],
+                size=row.get("deviation", 0.0),
             )
 
 
@@ -154,9 +154,10 @@ def _lawless(run: Tables) -> Iterator[Result]:
     """Yield the laws that a method breaks."""
     for row in run.rows("laws"):
         if row["verdict"] == "broken":
-            text = f"law {row['law']} broken: {row['message']}"
+            text = f"law {row['law']} broken: {row.get('message', '')}"
             method = ":".join(key_of(row))
-            yield Result("inconsistent", method, row["law"], text, row["reproduce"], size=row["size"])
+            size = row.get("size", 0.0)
+            yield Result("inconsistent", method, row["law"], text, row["reproduce"], size=size)
 
 
 def _probe_text(row: Mapping[str, Any]) -> str:
@@ -165,7 +166,8 @@ def _probe_text(row: Mapping[str, Any]) -> str:
     message = f": {row['message']}" if row.get("message") else ""
     if row["check"].endswith("read_back"):  # the message has the values
         return f"{row['check']}{at}{message}"
-    return f"{row['check']} {number(row['measured'], 6)}, expected {number(row['expected'])}{at}{message}"
+    measured, expected = number(row.get("measured"), 6), number(row.get("expected"))
+    return f"{row['check']} {measured}, expected {expected}{at}{message}"
 
 
 def headline(methods: Iterable[MethodResults]) -> str:

@@ -51,14 +51,14 @@ def limit_of(row: Mapping[str, Any] | None) -> Limit:
         return Limit("", "", "no search for the largest stable step")
     if row["outcome"] != "ok":
         state = STATES[row["outcome"]]
-        return Limit(state.symbol, state.tint, f"{state.word}: {row['message']}")
+        return Limit(state.symbol, state.tint, f"{state.word}: {row.get('message', '')}")
     stable, unstable = row.get("dt_stable_s"), row.get("dt_unstable_s")
     if stable is None:
-        return Limit("none", "bad", f"unstable at every step tried: {row['reason']}")
+        return Limit("none", "bad", f"unstable at every step tried: {row.get('reason', '')}")
     shown = number(stable, 3)
     if unstable is None:
         return Limit(f"≥ {shown}", "good", f"stable up to dt = {shown} s, where the search ended")
-    sentence = f"stable up to dt = {shown} s, not at {number(unstable, 3)} s: {row['reason']}"
+    sentence = f"stable up to dt = {shown} s, not at {number(unstable, 3)} s: {row.get('reason', '')}"
     return Limit(shown, "open", sentence)
 
 
