@@ -8,6 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.mass_properties.solid import Triangles
 from bodycheck.reports.audit.audit import Finding
 from bodycheck.reports.audit.lint import lint
 from bodycheck.scenarios.model_files import read_model
@@ -61,6 +63,45 @@ def test_mesh_of_given_mass_is_compared_by_its_moments(
     largest = float(mujoco.MjModel.from_xml_path(str(path)).body_inertia[1].max())
     assert f"largest moment {largest:.4g} kg m^2" in one.message
     expected_message(one.message, tmp_path)
+
+
+def _hollow(case: str) -> tuple[Array, Triangles]:
+    """Return a hollow cube as MuJoCo takes it, with all faces inward, or as two that share an edge."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * [0.1, 0.2, 0.3]
+    sides = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    faces = np.array([face for a, b, c, d in sides for face in ((a, b, c), (a, c, d))])
+    outer, inner = corners, 0.5 * corners + [0.025, 0.05, 0.075]
+    vertices, triangles = np.concatenate([outer, inner]), np.concatenate([faces, faces[:, ::-1] + 8])
+    if case == "inward":
+        triangles = triangles[:, ::-1]
+    if case == "shared edge":
+        vertices = np.concatenate([vertices, outer + np.array([0.1, 0.2, 0.0])])
+        beside = np.where(faces == 0, 6, np.where(faces == 1, 7, faces + 16))
+        triangles = np.concatenate([triangles, beside])
+    return vertices, triangles
+
+
+@pytest.mark.parametrize("case", ["taken", "inward", "shared edge"])
+def test_exact_is_advised_where_mujoco_takes_it(
+    case: str, tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
+    """MuJoCo refuses faces that point inward, or that share an edge in the same direction."""
+    vertices, triangles = _hollow(case)
+    text = (
+        f'<mujoco><asset><mesh name="u" vertex="{" ".join(map(repr, vertices.ravel().tolist()))}" '
+        f'face="{" ".join(map(str, triangles.ravel()))}"/></asset><worldbody><body name="b"><freejoint/>'
+        '<geom type="mesh" mesh="u"/></body></worldbody></mujoco>'
+    )
+    path = tmp_path / "part.xml"
+    path.write_text(text)
+    (one,) = found(path)
+    expected_message(one.expected)
+    exact = text.replace('name="u"', 'name="u" inertia="exact"')
+    if case == "taken":
+        assert mujoco.MjModel.from_xml_string(exact).body_mass[1] == pytest.approx(5.25, rel=1e-6)
+    else:
+        with pytest.raises(ValueError, match="misoriented" if case == "inward" else "inconsistent"):
+            mujoco.MjModel.from_xml_string(exact)
 
 
 def test_healthy_meshes_are_not_reported(tmp_path: Path) -> None:

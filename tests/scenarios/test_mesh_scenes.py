@@ -141,6 +141,8 @@ def test_scene_is_the_sum_of_its_instances_in_metres(case: str, tmp_path: Path) 
 
 
 MANY_CORNERS = dae().replace("<vcount>", "<vcount><!-- 4 -->1000000000 ")
+OF_BOX, ABSENT = '<component objectid="1"', '<item objectid="7"'
+ITSELF = '<component objectid="2"/><component objectid="1"'
 BAD: dict[str, tuple[str, bytes]] = {
     "GLB cut off": ("a.glb", glb()[:200]),
     "text as GLB": ("a.glb", b"solid cube\n"),
@@ -148,6 +150,8 @@ BAD: dict[str, tuple[str, bytes]] = {
     "3MF without a model": ("a.3mf", packed("")),
     "3MF of an unknown unit": ("a.3mf", packed(model_3mf(' unit="league"'))),
     "3MF without items": ("a.3mf", packed(model_3mf().replace("<item", "<other"))),
+    "3MF of a component that is itself": ("a.3mf", packed(model_3mf().replace(OF_BOX, ITSELF))),
+    "3MF of an item that is absent": ("a.3mf", packed(model_3mf().replace('<item objectid="2"', ABSENT))),
     "DAE cut off": ("a.dae", dae().encode()[:300]),
     "DAE of a broken reference": ("a.dae", dae().replace('url="#box"', 'url="#sphere"').encode()),
     "DAE of a billion corners": ("a.dae", MANY_CORNERS.encode("utf-16")),

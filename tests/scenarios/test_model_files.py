@@ -348,6 +348,7 @@ def _row(values: np.ndarray) -> str:
         "<robot><link name='a'/><link name='a'/></robot>",
         "<robot><link/></robot>",
         "<world/>",
+        '<gazebo version="1.0"><model name="a"/></gazebo>',
         "<robot",
         '<!DOCTYPE r [<!ENTITY a "aa">]><robot name="&a;"><link name="b"/></robot>',
         "<mujoco><worldbody><include file='none.xml'/></worldbody></mujoco>",

@@ -66,8 +66,22 @@ def _compared(link: ModelLink, mesh: WeighedMesh) -> Iterator[Finding]:
         mesh.line,
         link.name,
         what,
-        f'inertia="exact" in <mesh name="{mesh.name}">, if the part is solid',
+        _remedy(mesh),
     )
+
+
+def _remedy(mesh: WeighedMesh) -> str:
+    """Return how MuJoCo gets the solid's inertia; it refuses `exact` where faces do not bound it outward."""
+    a, b, c = mesh.triangles[np.diff(np.sort(mesh.triangles), axis=1).all(axis=1)].T
+    edges = np.concatenate([np.stack(pair, axis=1) for pair in ((a, b), (b, c), (c, a))])
+    if len(np.unique(edges, axis=0)) < len(edges):
+        return (
+            "mass and inertia of the part in <inertial>, if it is solid: two faces share an edge in the same "
+            'direction, for which MuJoCo refuses inertia="exact"'
+        )
+    x, y, z = (mesh.vertices[corner] for corner in mesh.triangles.T)
+    turned = ", with all faces turned outward" if np.sum(x * np.cross(y, z)) < 0.0 else ""
+    return f'inertia="exact" in <mesh name="{mesh.name}">{turned}, if the part is solid'
 
 
 def _weighed(unit: MassProperties, mesh: WeighedMesh) -> Body:

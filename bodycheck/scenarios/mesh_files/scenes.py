@@ -11,8 +11,10 @@ import re
 import warnings
 from fractions import Fraction
 from functools import partial
+from graphlib import CycleError, TopologicalSorter
 from io import BufferedIOBase, BytesIO
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 
@@ -63,6 +65,8 @@ def parse_scene(suffix: str, file: BufferedIOBase) -> Polygons:
     except Exception as error:  # noqa: BLE001 - a damaged file raises whatever its reader comes across
         reason = printable(str(error).strip(), 200) or type(error).__name__
         raise ValueError(f"cannot be read by trimesh: {reason}") from None
+    if suffix == ".3mf":
+        _check_objects(content)
     metre = 1.0 if suffix == ".glb" or not len(triangles) else float(_metre(unit))
     return Polygons.of_triangles(vertices * metre, triangles, *((_SINGLE,) if suffix == ".dae" else ()))
 
@@ -75,6 +79,30 @@ def _check_collada(content: bytes) -> None:
         corners = sum(int(count) for count in re.findall(rb"\d{1,18}", counts))
         if corners > len(content):
             raise ValueError(f"<vcount> has {corners} corners of polygons, more than the file has bytes")
+
+
+def _check_objects(content: bytes) -> None:
+    """Refuse a 3MF of which trimesh leaves out objects, or repeats those that contain themselves."""
+    from lxml import etree
+
+    parts: dict[str, set[str]] = {"build": set()}
+    with ZipFile(BytesIO(content)) as archive:
+        name = next(one for one in archive.namelist() if "3d/3dmodel.model" in one.lower())
+        with archive.open(name) as file:
+            for _, node in etree.iterparse(file, tag=("{*}object", "{*}build"), resolve_entities=False):
+                references = [one for one in node.iter("{*}component", "{*}item") if not _elsewhere(one)]
+                parts[node.get("id", "build")] = {one.get("objectid", "") for one in references}
+    if absent := sorted(set().union(*parts.values()) - parts.keys()):
+        raise ValueError(f"refers to object {printable(absent[0], 40)}, which it does not have")
+    try:
+        TopologicalSorter(parts).prepare()
+    except CycleError as error:
+        raise ValueError(f"object {printable(error.args[1][0], 40)} contains itself") from None
+
+
+def _elsewhere(component: Any) -> bool:
+    """Whether a component is of another file in the archive, as the production extension allows."""
+    return any(name.endswith("path") for name in component.attrib)
 
 
 def _instances(scene: Any) -> tuple[Array, Triangles, str]:

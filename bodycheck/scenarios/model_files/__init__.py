@@ -35,6 +35,11 @@ def read_model(path: Path) -> ModelFile:
             return read_mjcf(root, path)
         case "sdf":
             return read_sdf(root, path)
+        case "gazebo":
+            raise InputError(
+                f"{path}:{root.sourceline}: <gazebo>: is SDFormat before 1.2, which is not read "
+                f"(expected the result of: gz sdf -p {quote(str(path))})"
+            )
         case tag:
             raise InputError(
                 f"{path}:{root.sourceline}: <{tag}>: is not a model (expected <robot>, <mujoco> or <sdf>)"
