@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bodycheck.adapters.importers import ImportedLink, ImportRequest, imported_link
+from bodycheck.adapters.importers import (
+    ImportedLink,
+    ImportRequest,
+    MassMatrices,
+    imported_link,
+    matrices_of,
+)
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.adapters.workers.protocol import Message
 from bodycheck.scenarios.model_files.model_file import Format
 from bodycheck.scenarios.model_files.rewriting import text_without_meshes
 from bodycheck.scenarios.model_files.xml_file import read_bytes
+
+_CONFIGURATIONS = 3
 
 
 def import_request(path: Path, form: Format, flags: str) -> ImportRequest:
@@ -28,6 +36,20 @@ def import_once(
         return _links_of(answer), "ok", ""
     except (KeyError, TypeError, ValueError) as error:
         return [], "failed", f"an answer that is not a list of links: {error}"
+
+
+def matrices_once(
+    pool: EnginePool, engine: str, request: ImportRequest, timeout_s: float
+) -> tuple[list[MassMatrices], str]:
+    """Return the mass matrices of an import at random configurations, and why there are none."""
+    message = {"do": "import", "import": request.__dict__, "matrices": _CONFIGURATIONS}
+    answer = pool.ask(engine, message, timeout_s)
+    if answer.get("outcome") != "ok":
+        return [], str(answer.get("message") or answer.get("outcome"))
+    try:
+        return [matrices_of(plain) for plain in answer["matrices"]], ""
+    except (KeyError, TypeError, ValueError) as error:
+        return [], f"an answer without mass matrices: {error}"
 
 
 def _links_of(answer: Message) -> list[ImportedLink]:

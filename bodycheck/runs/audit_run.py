@@ -33,11 +33,14 @@ from bodycheck.reports.audit.audit import (
     Comparison,
     Difference,
     LinkAudit,
+    MatrixComparison,
     State,
 )
-from bodycheck.reports.audit.causes import body_causes, joint_causes, with_issue
+from bodycheck.reports.audit.causes import body_causes, with_issue
 from bodycheck.reports.audit.lint import lint
-from bodycheck.runs.audit_imports import import_once, import_request
+from bodycheck.runs.audit_imports import import_once, import_request, matrices_once
+from bodycheck.runs.audit_joints import HeldJoints, audited_joints
+from bodycheck.runs.audit_matrix import compared_matrices
 from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink
 from bodycheck.scenarios.model_files.rewriting import Change, changed_text
@@ -74,6 +77,8 @@ class Imported:
 
     column: Column
     links: Mapping[str, ImportedLink] = field(default_factory=dict)
+    joints: HeldJoints | None = None
+    matrix: MatrixComparison | None = None
     discarded: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -113,6 +118,8 @@ def imported_audit(
             else link
             for link in links
         ]
+    held = {one.column.name: (one.column.engine, one.joints) for one in imported if one.joints is not None}
+    joints, orders = audited_joints(model, held)
     return Audit(
         str(model.path),
         model.format,
@@ -123,6 +130,9 @@ def imported_audit(
         tuple(str(other) for other in model.outside()),
         model.notes,
         {one.column.name: extra for one in imported if (extra := _extra(model, one))},
+        joints=joints,
+        matrices={one.column.name: one.matrix for one in imported if one.matrix is not None},
+        orders=orders,
     )
 
 
@@ -166,7 +176,9 @@ def _imports(pool: EnginePool, engine: str, model: ModelFile, options: AuditOpti
             continue
         named = _named(model, found)
         discarded = _discarded(pool, engine, model, flags, named, timeout_s)
-        yield Imported(column, named, discarded)
+        joints = HeldJoints.of(found, named, model)
+        matrix = compared_matrices(model, joints, *matrices_once(pool, engine, request, timeout_s))
+        yield Imported(column, named, joints, matrix, discarded)
 
 
 def _version(pool: EnginePool, engine: str) -> str:
@@ -284,12 +296,11 @@ def compared(model: ModelFile, link: ModelLink, imported: Imported) -> Compariso
             model, members, expected, body, difference, imported.discarded.get(link.name, "")
         )
     causes = tuple(with_issue(imported.column.engine, cause) for cause in causes)
-    joint = joint_causes(link.joint, link_read)
-    return Comparison(_state(difference, joint), expected, body, difference, (*causes, *joint), merged)
+    return Comparison(_state(difference), expected, body, difference, causes, merged)
 
 
-def _state(difference: Difference, joint: tuple[str, ...]) -> State:
-    if difference.largest > SINGLE or joint:
+def _state(difference: Difference) -> State:
+    if difference.largest > SINGLE:
         return "differs"
     return "agrees" if difference.largest <= SAME else "rounded"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -15,10 +16,14 @@ from bodycheck.adapters.importers import (
     WITHOUT_MESHES,
     ImportedLink,
     ImportRequest,
+    MassMatrices,
     SpinRequest,
     file_to_import,
+    random_displacements,
+    rates_of,
 )
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.scenarios.model_files.model_file import Joint
 
 FLAGS = {
     "urdf": {DEFAULT: "DartLoader().parseSkeleton(FILE)", RECOMMENDED: WITHOUT_MESHES},
@@ -27,6 +32,14 @@ FLAGS = {
         DEFAULT: "SdfParser.readWorld(FILE), or readSkeleton(FILE) without a <world>",
         RECOMMENDED: WITHOUT_MESHES,
     },
+}
+
+_KINDS = {
+    "RevoluteJoint": "hinge",
+    "PrismaticJoint": "slide",
+    "BallJoint": "ball",
+    "FreeJoint": "free",
+    "WeldJoint": "fixed",
 }
 
 
@@ -65,24 +78,76 @@ def _has_world(file: str) -> bool:
 
 def imported_links(request: ImportRequest) -> list[ImportedLink]:
     """Return the body nodes of every skeleton that the file makes."""
-    skeletons = _skeletons(request)
-    return [_link(one.getBodyNode(k)) for one in skeletons for k in range(one.getNumBodyNodes())]
+    found: list[ImportedLink] = []
+    for skeleton in _skeletons(request):
+        found += _links(skeleton, len(found))
+    return found
 
 
-def _link(node: Any) -> ImportedLink:
-    inertia, joint = node.getInertia(), node.getParentJoint()
-    damping = limits = None
-    if joint.getNumDofs() == 1:
-        damping = float(joint.getDampingCoefficient(0))
-        low, high = joint.getPositionLowerLimit(0), joint.getPositionUpperLimit(0)
-        limits = (float(low), float(high)) if np.isfinite([low, high]).all() else None
+def _links(skeleton: Any, before: int) -> list[ImportedLink]:
+    """Return the links of a skeleton, with all coordinates at zero; `before`: the index of the first."""
+    skeleton.setPositions(np.zeros(skeleton.getNumDofs()))
+    return [_link(skeleton.getBodyNode(k), before) for k in range(skeleton.getNumBodyNodes())]
+
+
+def mass_matrices(request: ImportRequest, count: int) -> list[MassMatrices]:
+    """Return M of every skeleton whose joints are hinges, slides, balls or free."""
+    found, before = [], 0
+    for skeleton in _skeletons(request):
+        links = _links(skeleton, before)
+        # rates of a skeleton are in the order of its body nodes
+        if columns := rates_of(links):
+            moved = random_displacements(links, columns, count)
+            values = []
+            for displacement in moved:
+                skeleton.setPositions(displacement)
+                values.append(np.array(skeleton.getMassMatrix()))
+            placed = [(before + link, joint) for link, joint in columns]
+            found.append(MassMatrices(placed, moved, np.array(values)))
+        before += len(links)
+    return found
+
+
+def _link(node: Any, before: int) -> ImportedLink:
+    inertia, parent, pose = node.getInertia(), node.getParentBodyNode(), node.getTransform()
     return ImportedLink(
         node.getName(),
         float(inertia.getMass()),
         np.array(inertia.getLocalCOM()).tolist(),
         np.array(inertia.getMoment()).tolist(),
-        damping,
-        limits,
+        np.array(pose.translation()).tolist(),
+        np.array(pose.rotation()).tolist(),
+        -1 if parent is None else before + int(parent.getIndexInSkeleton()),
+        (_joint(node.getParentJoint()),),
+    )
+
+
+def _joint(joint: Any) -> Joint:
+    kind = _KINDS.get(joint.getType(), joint.getType())
+    if not joint.getNumDofs():
+        return Joint(joint.getName(), kind, 0)
+    within = joint.getTransformFromChildBodyNode()
+    axis = None
+    if kind in ("hinge", "slide"):
+        axis = tuple((np.array(within.rotation()) @ np.array(joint.getAxis())).tolist())
+    follows = joint.getActuatorType().name == "MIMIC"
+    return Joint(
+        joint.getName(),
+        kind,
+        0,
+        axis,
+        float(joint.getDampingCoefficient(0)),
+        (float(joint.getPositionLowerLimit(0)), float(joint.getPositionUpperLimit(0))),
+        tuple(np.array(within.translation()).tolist()),
+        friction=float(joint.getCoulombFriction(0)),
+        armature=0.0,
+        stiffness=float(joint.getSpringStiffness(0)),
+        rest=float(joint.getRestPosition(0)),
+        reference=0.0,
+        effort=float(joint.getForceUpperLimit(0)),
+        velocity=float(joint.getVelocityUpperLimit(0)),
+        mimic=("", math.nan, math.nan) if follows else None,  # dartpy does not tell of which joint
+        gains=(0.0, 0.0),
     )
 
 

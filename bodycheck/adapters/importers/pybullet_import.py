@@ -16,11 +16,16 @@ from bodycheck.adapters.importers import (
     WITHOUT_MESHES,
     ImportedLink,
     ImportRequest,
+    MassMatrices,
     SpinRequest,
     file_to_import,
+    random_displacements,
+    rates_of,
     tensor_of,
 )
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.rotations import quaternion_to_matrix
+from bodycheck.scenarios.model_files.model_file import UNLIMITED, Joint, limit_of
 
 FLAGS = {
     "urdf": {
@@ -30,7 +35,8 @@ FLAGS = {
     "mjcf": {DEFAULT: "loadMJCF(FILE)"},
     "sdf": {DEFAULT: "loadSDF(FILE)", RECOMMENDED: WITHOUT_MESHES},
 }
-_REVOLUTE, _PRISMATIC, _FIXED = 0, 1, 4
+_REVOLUTE, _PRISMATIC = 0, 1
+_KINDS = {_REVOLUTE: "hinge", _PRISMATIC: "slide", 2: "ball", 3: "planar", 4: "fixed"}
 
 
 @contextmanager
@@ -59,28 +65,95 @@ def _loaded(request: ImportRequest) -> Iterator[tuple[Any, int, tuple[int, ...]]
 def imported_links(request: ImportRequest) -> list[ImportedLink]:
     """Return base and links of every body that the file makes."""
     with _loaded(request) as (bullet, client, bodies):
-        found = []
+        found: list[ImportedLink] = []
         for body in bodies:
-            joints = [
-                bullet.getJointInfo(body, k, physicsClientId=client)
-                for k in range(bullet.getNumJoints(body, physicsClientId=client))
-            ]
-            for index, joint in enumerate([None, *joints], start=-1):
-                info = bullet.getDynamicsInfo(body, index, physicsClientId=client)
-                name = bullet.getBodyInfo(body, physicsClientId=client)[0] if joint is None else joint[12]
-                found.append(_link(name.decode(errors="replace"), info, joint))
+            found += _links(bullet, client, body, len(found))
         return found
 
 
-def _link(name: str, info: Any, joint: Any) -> ImportedLink:
-    x, y, z, w = info[4]
-    damping = limits = None
-    if joint is not None and joint[2] != _FIXED:
-        damping = float(joint[6])
-        if joint[2] in (_REVOLUTE, _PRISMATIC) and joint[8] <= joint[9]:  # lower > upper: no limit
-            limits = (float(joint[8]), float(joint[9]))
-    tensor = tensor_of(info[2], (w, x, y, z))
-    return ImportedLink(name, float(info[0]), list(info[3]), tensor, damping, limits)
+def _links(bullet: Any, client: int, body: int, before: int) -> list[ImportedLink]:
+    """Return base and links of a body, with all coordinates at zero; `before`: the index of its base."""
+    count = bullet.getNumJoints(body, physicsClientId=client)
+    infos = [bullet.getJointInfo(body, k, physicsClientId=client) for k in range(count)]
+    for k, info in enumerate(infos):
+        if info[2] in (_REVOLUTE, _PRISMATIC):
+            bullet.resetJointState(body, k, 0.0, physicsClientId=client)
+    held = [bullet.getDynamicsInfo(body, k, physicsClientId=client) for k in range(-1, count)]
+    principal = bullet.getBasePositionAndOrientation(body, physicsClientId=client)
+    poses = [bullet.multiplyTransforms(*principal, *bullet.invertTransform(held[0][3], held[0][4]))]
+    for k in range(count):
+        state = bullet.getLinkState(body, k, computeForwardKinematics=1, physicsClientId=client)
+        poses.append(state[4:6])
+    name = bullet.getBodyInfo(body, physicsClientId=client)[0]
+    base = Joint("", "free" if held[0][0] > 0.0 else "fixed", 0)  # Bullet fixes a base without mass
+    found = [_link(name, held[0], poses[0], -1, base)]
+    for info, dynamics, pose in zip(infos, held[1:], poses[1:], strict=True):
+        found.append(_link(info[12], dynamics, pose, before + 1 + info[16], _joint(info, dynamics)))
+    return found
+
+
+def _link(name: bytes, dynamics: Any, pose: Any, parent: int, joint: Joint) -> ImportedLink:
+    return ImportedLink(
+        name.decode(errors="replace"),
+        float(dynamics[0]),
+        list(dynamics[3]),
+        tensor_of(dynamics[2], _scalar_first(dynamics[4])),
+        list(pose[0]),
+        quaternion_to_matrix(np.array(_scalar_first(pose[1]))).tolist(),
+        parent,
+        (joint,),
+    )
+
+
+def _scalar_first(quaternion: Any) -> tuple[float, ...]:
+    x, y, z, w = quaternion
+    return w, x, y, z
+
+
+def _joint(info: Any, dynamics: Any) -> Joint:
+    kind, name = _KINDS.get(info[2], "another kind"), info[1].decode(errors="replace")
+    if kind == "fixed":
+        return Joint(name, kind, 0)
+    axis, limits = None, UNLIMITED
+    if kind in ("hinge", "slide"):
+        to_link = quaternion_to_matrix(np.array(_scalar_first(dynamics[4])))
+        axis = tuple((to_link @ info[13]).tolist())  # held in principal axes
+        if info[8] <= info[9]:  # lower > upper: no limit
+            limits = (float(info[8]), float(info[9]))
+    return Joint(
+        name,
+        kind,
+        0,
+        axis,
+        float(info[6]),
+        limits,
+        friction=float(info[7]),
+        armature=0.0,
+        stiffness=0.0,
+        rest=0.0,
+        reference=0.0,
+        effort=limit_of(float(info[10])),
+        velocity=limit_of(float(info[11])),
+        gains=(0.0, 0.0),
+    )
+
+
+def mass_matrices(request: ImportRequest, count: int) -> list[MassMatrices]:
+    """Return M of every body whose joints are hinges and slides; that of balls has other coordinates."""
+    with _loaded(request) as (bullet, client, bodies):
+        found, before = [], 0
+        for body in bodies:
+            links = _links(bullet, client, body, before)
+            columns = rates_of(links)
+            moving = [k for k, link in enumerate(links) if link.joints[0].motion in ("hinge", "slide")]
+            if columns and moving and all(link.joints[0].motion != "ball" for link in links):
+                moved = random_displacements(links, columns, count)
+                of_joints = moved[:, len(columns) - len(moving) :].tolist()
+                values = [bullet.calculateMassMatrix(body, at, physicsClientId=client) for at in of_joints]
+                placed = [(before + link, joint) for link, joint in columns]
+                found.append(MassMatrices(placed, moved, np.array(values)))
+            before += len(links)
+        return found
 
 
 def spin(request: ImportRequest, spin: SpinRequest) -> Array:

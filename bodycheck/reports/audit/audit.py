@@ -17,9 +17,11 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.untrusted import read_json
+from bodycheck.adapters.importers import joint_of
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import principal_axes
 from bodycheck.scenarios.model_files.exact import ExactInertia, doubles
+from bodycheck.scenarios.model_files.model_file import Joint
 
 Severity: TypeAlias = Literal["error", "warning", "note"]
 Confidence: TypeAlias = Literal["certain", "likely", "possible"]
@@ -196,11 +198,56 @@ class LinkAudit:
     spins: Mapping[str, Spin] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class JointComparison:
+    """One joint in one importer: what it holds, the named differences, and what it has no number for.
+
+    held: axis and joint point in the axes of the link in the file.
+    """
+
+    state: State
+    held: Joint | None = None
+    causes: tuple[str, ...] = ()
+    not_held: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class JointAudit:
+    """One joint: its link, what the file states, and a comparison for each importer by its name."""
+
+    link: str
+    stated: Joint
+    held: Mapping[str, JointComparison]
+
+    @property
+    def name(self) -> str:
+        """The name of the joint, or of its link if it has none."""
+        return self.stated.name or f"joint of {self.link}"
+
+
+@dataclass(frozen=True)
+class MatrixComparison:
+    """The largest |dM_ij| / sqrt(M_ii M_jj) of an importer, the joints of that element, and why it is so.
+
+    deviation None: not compared; then `cause` says why.
+    """
+
+    deviation: float | None
+    joints: tuple[str, ...] = ()
+    cause: str = ""
+
+    @property
+    def differs(self) -> bool:
+        """Whether it exceeds single precision."""
+        return self.deviation is not None and not self.deviation <= SINGLE
+
+
 @dataclass(frozen=True, eq=False)
 class Audit:
     """The audit of one file. outside: files outside of its folder that it names and that were read.
 
     compared: the file whose bodies, in place of those of importers, are compared with those of `file`.
+    matrices: mass matrices by importer; orders: the joints of importers that have them in another order.
     """
 
     file: str
@@ -213,6 +260,18 @@ class Audit:
     notes: Sequence[str] = ()
     extra: Mapping[str, Sequence[str]] = field(default_factory=dict)
     compared: str = ""
+    joints: Sequence[JointAudit] = ()
+    matrices: Mapping[str, MatrixComparison] = field(default_factory=dict)
+    orders: Mapping[str, Sequence[str]] = field(default_factory=dict)
+
+    def differing_joints(self) -> list[tuple[JointAudit, str, str]]:
+        """Return (joint, importer, cause) of every difference of a joint."""
+        return [
+            (joint, name, cause)
+            for joint in self.joints
+            for name, one in joint.held.items()
+            for cause in one.causes
+        ]
 
     def differing(self) -> list[tuple[LinkAudit, str, str]]:
         """Return (link, importer, why) of every body that differs, is absent, or moves differently."""
@@ -258,6 +317,11 @@ def _audit(data: Mapping[str, Any]) -> Audit:
         "columns": tuple(Column(**one) for one in data["columns"]),
         "links": tuple(map(_link, data["links"])),
         "findings": tuple(Finding(**one) for one in data["findings"]),
+        "joints": tuple(map(_joint, data["joints"])),
+        "matrices": {
+            name: MatrixComparison(**{**one, "joints": tuple(one["joints"])})
+            for name, one in data["matrices"].items()
+        },
     }
     return Audit(**{**data, **lists})
 
@@ -269,6 +333,19 @@ def _link(data: Mapping[str, Any]) -> LinkAudit:
         "spins": {name: Spin(**one) for name, one in data["spins"].items()},
     }
     return LinkAudit(**{**data, **parts})
+
+
+def _joint(data: Mapping[str, Any]) -> JointAudit:
+    held = {
+        name: JointComparison(
+            one["state"],
+            None if one["held"] is None else joint_of(one["held"]),
+            tuple(one["causes"]),
+            tuple(one["not_held"]),
+        )
+        for name, one in data["held"].items()
+    }
+    return JointAudit(data["link"], joint_of(data["stated"]), held)
 
 
 def _comparison(data: Mapping[str, Any]) -> Comparison:

@@ -11,18 +11,34 @@ from typing import Any
 from bodycheck._util.formatting import count, names, number, scientific, vector
 from bodycheck.reference_impl.rotations import matrix_to_quaternion
 from bodycheck.reports.alerts import Alert
-from bodycheck.reports.audit.audit import SAME, SINGLE, Audit, Body, Comparison, Difference, LinkAudit, Spin
+from bodycheck.reports.audit.audit import (
+    SAME,
+    SINGLE,
+    Audit,
+    Body,
+    Comparison,
+    Difference,
+    JointAudit,
+    LinkAudit,
+    Spin,
+)
 from bodycheck.reports.audit.audit_summary import (
     LEVELS,
     TINTS,
     answer,
     by_severity,
     impossible,
+    joint_groups,
+    moving_joints,
     repeated,
 )
+from bodycheck.reports.audit.joint_causes import QUANTITIES
 from bodycheck.reports.document import Cell, Column, Document, Sentence, Span, Table
+from bodycheck.scenarios.model_files.model_file import UNLIMITED, Joint
 
 _MAX_FINDINGS = 40
+_MAX_JOINTS = 12
+_MOST_JOINTS = 3  # names in a cell
 
 
 def audit_document(audit: Audit, machines: Sequence[str] = ()) -> Document:
@@ -41,8 +57,11 @@ def audit_document(audit: Audit, machines: Sequence[str] = ()) -> Document:
             *map(Sentence, machines),
             _findings(audit),
             _differences(audit),
+            _joint_differences(audit),
+            _matrices(audit),
             _spins(audit),
             _importers(audit),
+            _joints(audit),
             *([_bodies(audit)] if audit.format == "usd" and not audit.columns else []),
         ),
     )
@@ -59,6 +78,15 @@ def _remarks(audit: Audit) -> list[Sentence]:
     found += [Sentence(note) for note in audit.notes]
     for name, extra in audit.extra.items():
         found.append(Sentence(f"{name} also has links that the file does not name: {names(list(extra))}."))
+    orders: dict[tuple[str, ...], list[str]] = {}
+    for name, order in audit.orders.items():
+        orders.setdefault(tuple(order), []).append(name)
+    for order, importers in orders.items():
+        own = [joint.stated.name for joint in audit.joints if joint.stated.name in set(order)]
+        held, stated = next(pair for pair in zip(order, own, strict=True) if len(set(pair)) > 1)
+        found.append(
+            Sentence(f"Joints in another order: {names(importers)} with {held} where the file has {stated}.")
+        )
     return [*found, *_not_spun(audit)]
 
 
@@ -124,6 +152,74 @@ def _differences(audit: Audit) -> Table:
                 )
     file = Path(audit.file).name if audit.compared else "the file"
     return Table(columns, tuple(rows), f"Differences, relative to {file}")
+
+
+def _joint_differences(audit: Audit) -> Table:
+    columns = (
+        Column("file" if audit.compared else "importer", "fixed"),
+        Column("joints", "number"),
+        Column("difference"),
+        Column("in"),
+    )
+    rows = []
+    for group in joint_groups(audit):
+        text = group.first if group.same else f"{group.kind}, such as {group.first.partition(': ')[2]}"
+        rows.append((group.importer, str(len(group.joints)), Span(text, "bad"), _some(group.joints)))
+    missing: dict[tuple[str, str], list[str]] = {}
+    for joint in audit.joints:
+        for importer, one in joint.held.items():
+            for text in one.not_held:
+                missing.setdefault((importer, text.partition(":")[0]), []).append(joint.name)
+    for (importer, text), joints in missing.items():
+        rows.append((importer, str(len(joints)), Span(text, "open"), _some(joints)))
+    return Table(columns, tuple(rows), "Joints that differ")
+
+
+def _some(joints: Sequence[str]) -> str:
+    more = len(joints) - _MOST_JOINTS
+    return names([*joints[:_MOST_JOINTS], *([f"{more} more"] if more > 0 else [])])
+
+
+def _matrices(audit: Audit) -> Table:
+    columns = (
+        Column("importer", "fixed"),
+        Column("difference", "number"),
+        Column("largest in"),
+        Column("cause"),
+    )
+    rows = []
+    for name, one in audit.matrices.items():
+        size = "" if one.deviation is None else scientific(one.deviation)
+        tint = "none" if one.deviation is None else "bad" if one.differs else "good"
+        rows.append((name, Span(size, tint), names(list(one.joints)), one.cause))
+    return Table(columns, tuple(rows), "Mass matrix at random configurations, relative to that of the file")
+
+
+def _joints(audit: Audit) -> Table:
+    columns = (Column("joint", "name"), Column("kind", "fixed"), Column("in the file"))
+    rows = [
+        (joint.name, joint.stated.kind, ", ".join(joint_numbers(joint.stated)))
+        for joint in moving_joints(audit)
+    ]
+    rest = "--json has all of them"
+    return Table(columns, tuple(rows), "Joints in the file", max_rows=_MAX_JOINTS, rest=rest)
+
+
+def joint_numbers(joint: Joint) -> list[str]:
+    """Return what is stated or held of a joint in words, without what is neutral."""
+    found = [] if joint.axis is None else [f"axis {vector(joint.axis)}"]
+    found += [f"at {vector(joint.at_m)} m"] if any(joint.at_m) else []
+    if joint.limits is not None and joint.limits != UNLIMITED:
+        found.append(f"limits [{number(joint.limits[0], 4)}, {number(joint.limits[1], 4)}]")
+    for one in QUANTITIES:
+        value = getattr(joint, one.attribute)
+        if value is not None and value != one.neutral:
+            found.append(f"{one.name} {number(value, 4)}")
+    if joint.mimic is not None:
+        found.append(f"follows {joint.mimic[0] or 'another joint'}")
+    if joint.gains is not None and any(joint.gains):
+        found.append(f"gains {number(joint.gains[0], 4)} and {number(joint.gains[1], 4)}")
+    return found
 
 
 def _relative(difference: Difference | None) -> tuple[str, str, str]:
@@ -217,6 +313,26 @@ def audit_data(audit: Audit) -> dict[str, Any]:
         "outside": list(audit.outside),
         "notes": list(audit.notes),
         "links_not_in_file": {name: list(extra) for name, extra in audit.extra.items()},
+        "joints": [_joint_data(joint) for joint in audit.joints],
+        "mass_matrices": {name: vars(one) for name, one in audit.matrices.items()},
+        "joint_orders": {name: list(order) for name, order in audit.orders.items()},
+    }
+
+
+def _joint_data(joint: JointAudit) -> dict[str, Any]:
+    return {
+        "name": joint.stated.name,
+        "link": joint.link,
+        "stated": vars(joint.stated),
+        "held": {
+            name: {
+                "state": one.state,
+                "joint": None if one.held is None else vars(one.held),
+                "causes": list(one.causes),
+                "not_held": list(one.not_held),
+            }
+            for name, one in joint.held.items()
+        },
     }
 
 
@@ -268,6 +384,9 @@ def alerts_of(audit: Audit, *, differences: bool) -> list[Alert]:
     for link, name, why in audit.differing() if differences else ():
         text = f"{link.name}: {name} imported a different body: {why}"
         found.append(Alert("import-difference", text, "warning", Path(audit.file), link.line))
+    for joint, name, cause in audit.differing_joints() if differences else ():
+        text = f"{joint.name}: {name}: {cause}"
+        found.append(Alert("joint-difference", text, "warning", Path(audit.file), joint.stated.line))
     return found
 
 
@@ -281,7 +400,7 @@ def failures(audit: Audit, fail_on: Sequence[str]) -> list[str]:
     if bad := bad or impossible(audit):
         found.append(count(len(bad), "finding"))
     if "difference" in fail_on:
-        differing = audit.differing()
+        differing = [*audit.differing(), *audit.differing_joints()]
         found += [count(len(differing), "difference")] if differing else []
         found += [f"{names(audit.failed)} did not import the file"] if audit.failed else []
     return found

@@ -11,9 +11,9 @@ from markupsafe import Markup, escape
 
 from bodycheck._util.formatting import number, scientific
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.audit.audit import Audit, Body, Comparison, Finding, LinkAudit
-from bodycheck.reports.audit.audit_document import audit_document, tint_of
-from bodycheck.reports.audit.audit_summary import TINTS, by_severity, impossible, repeated
+from bodycheck.reports.audit.audit import Audit, Body, Comparison, Finding, JointAudit, LinkAudit
+from bodycheck.reports.audit.audit_document import audit_document, joint_numbers, tint_of
+from bodycheck.reports.audit.audit_summary import TINTS, by_severity, impossible, moving_joints, repeated
 from bodycheck.reports.document import page
 
 _VIEW = 110.0  # side of a drawing in px
@@ -73,10 +73,14 @@ def audit_page(audit: Audit) -> str:
         for link in audit.links
     ]
     file, other = Path(audit.file).name, Path(audit.compared).name
+    where = "both files" if audit.compared else "every importer"
+    maps = [("link", f"Every link in {where}", rows)]
+    if joints := [_joint_row(audit, joint) for joint in moving_joints(audit)]:
+        maps.append(("joint", f"Every joint in {where}", joints))
     return page(
         audit_document(audit),
         "audit.html",
-        heading="Every link in both files" if audit.compared else "Every link in every importer",
+        maps=maps,
         stated=f"in {file}" if audit.compared else "in the file",
         held=f"in {other}" if audit.compared else "in the engine",
         heads=heads,
@@ -84,6 +88,22 @@ def audit_page(audit: Audit) -> str:
         file=audit.file,
         sha256=audit.sha256,
     )
+
+
+def _joint_row(audit: Audit, joint: JointAudit) -> _Row:
+    cells = []
+    for column in audit.columns:
+        one = joint.held.get(column.name)
+        if one is None:
+            cells.append(_Cell("none", column.outcome, (), (), Markup("")))
+            continue
+        tint = (
+            "fault" if one.state == "absent" else "bad" if one.causes else "open" if one.not_held else "good"
+        )
+        held = () if one.held is None else tuple(joint_numbers(one.held))
+        cells.append(_Cell(tint, one.state, (*one.causes, *one.not_held), held, Markup("")))
+    stated = (joint.stated.kind, *joint_numbers(joint.stated))
+    return _Row(joint.name, joint.stated.line, "none", [], stated, cells)
 
 
 def _stated(link: LinkAudit) -> tuple[str, ...]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 
 from bodycheck._util.formatting import count
-from bodycheck.reports.audit.audit import Audit, Column, Finding, LinkAudit, Severity
+from bodycheck.reports.audit.audit import Audit, Column, Finding, JointAudit, LinkAudit, Severity
 from bodycheck.reports.document import Sentence
 
 LEVELS: tuple[Severity, ...] = ("error", "warning", "note")
@@ -74,6 +74,47 @@ def _of_importers(audit: Audit) -> list[Sentence]:
 
 def _clause(audit: Audit, column: Column) -> tuple[str, bool]:
     """Return what an importer does with the file, and whether it holds all that it reads."""
+    bodies, sound = _of_bodies(audit, column)
+    changed = [group for group in joint_groups(audit) if group.importer == column.name]
+    joints = {joint for group in changed for joint in group.joints}
+    if column.outcome != "ok" or not joints:
+        return bodies, sound
+    first = max(changed, key=lambda group: len(group.joints))
+    amount = f"{len(joints)} of {count(len(moving_joints(audit)), 'joint')}"
+    return f"{bodies}{', but changes' if sound else ', and'} {amount} ({first.kind})", False
+
+
+def moving_joints(audit: Audit) -> list[JointAudit]:
+    """Return the joints that are not fixed in the file."""
+    return [joint for joint in audit.joints if joint.stated.motion != "fixed"]
+
+
+@dataclass(frozen=True)
+class JointGroup:
+    """A kind of difference in one importer: the joints that have it, and its text in the first of them."""
+
+    importer: str
+    kind: str
+    joints: tuple[str, ...]
+    first: str
+    same: bool
+
+
+def joint_groups(audit: Audit) -> list[JointGroup]:
+    """Return the differences of joints by importer and kind, in the order of importers."""
+    found: dict[tuple[str, str], dict[str, str]] = {}
+    for joint, importer, cause in audit.differing_joints():
+        found.setdefault((importer, cause.partition(":")[0]), {})[joint.name] = cause
+    order = [column.name for column in audit.columns]
+    groups = [
+        JointGroup(importer, kind, tuple(causes), next(iter(causes.values())), len(set(causes.values())) == 1)
+        for (importer, kind), causes in found.items()
+    ]
+    return sorted(groups, key=lambda group: order.index(group.importer))
+
+
+def _of_bodies(audit: Audit, column: Column) -> tuple[str, bool]:
+    """Return what an importer does with the bodies of the file, and whether it holds all that it reads."""
     if column.outcome == "unsupported":
         return column.message, True
     if column.outcome != "ok":

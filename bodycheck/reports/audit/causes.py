@@ -10,7 +10,6 @@ from itertools import combinations, permutations, product
 import numpy as np
 
 from bodycheck._util.formatting import number, scientific
-from bodycheck.adapters.importers import ImportedLink
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import parallel_axis_tensor
 from bodycheck.reports.audit.audit import SINGLE, Body, Difference
@@ -27,7 +26,7 @@ from bodycheck.scenarios.model_files.exact import (
     doubles,
     identity,
 )
-from bodycheck.scenarios.model_files.model_file import Joint, ModelFile, ModelLink, Shape
+from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, Shape
 from bodycheck.scenarios.model_files.shape_sizes import bounding_boxes, uniform, volume_m3
 
 DISCARDED = "tensor discarded"
@@ -40,6 +39,7 @@ _NEARLY_A_BOX = 0.05  # shapes of meshes have small margins
 KNOWN_ISSUES = {
     ("mujoco", "rotation of the inertial frame ignored"): "google-deepmind/mujoco#3559",
     ("mujoco", "rotation of the merged links ignored"): "google-deepmind/mujoco#2982",
+    ("mujoco", "mimic dropped"): "google-deepmind/mujoco#3527",
     ("usd", "rotated by the inverse of the principal axes"): "newton-physics/urdf-usd-converter#118",
     ("usd", "principal axes lost"): "isaac-sim/urdf-importer-extension#2",
     ("pybullet", f"{DISCARDED}: recomputed from the collision shape"): "bulletphysics/bullet3#1671",
@@ -315,42 +315,3 @@ def _angle(expected: Body, imported: Body) -> float:
         turn[:, 2] *= np.sign(np.linalg.det(turn)) or 1.0
         angles.append(math.acos(min(1.0, max(-1.0, (float(np.trace(turn)) - 1.0) / 2.0))))
     return min(angles)
-
-
-def joint_causes(joint: Joint | None, imported: ImportedLink) -> tuple[str, ...]:
-    """Return what the import added to a joint, or left out."""
-    if joint is None or joint.fixed or joint.kind in ("free", "floating", "mocap"):
-        return ()
-    found = []
-    if (
-        joint.damping is not None
-        and imported.damping is not None
-        and not _close(joint.damping, imported.damping)
-    ):
-        change = "added" if joint.damping == 0.0 else "dropped" if imported.damping == 0.0 else "changed"
-        found.append(
-            f"damping {change}: {number(joint.damping, 6)} in the file, {number(imported.damping, 6)} held"
-        )
-    if joint.limits is None and imported.limits is not None and not _endless(imported.limits, joint.kind):
-        found.append(f"limits added: {_interval(imported.limits)}")
-    if joint.limits is not None and imported.limits is not None:
-        if not all(_close(a, b) for a, b in zip(joint.limits, imported.limits, strict=True)):
-            found.append(
-                f"limits changed: {_interval(joint.limits)} in the file, {_interval(imported.limits)} held"
-            )
-    elif joint.limits is not None and imported.damping is not None and joint.limits[0] < joint.limits[1]:
-        found.append(f"limits dropped: {_interval(joint.limits)} in the file")
-    return tuple(found)
-
-
-def _close(a: float, b: float) -> bool:
-    return abs(a - b) <= SINGLE * max(abs(a), abs(b))
-
-
-def _endless(limits: tuple[float, float], kind: str) -> bool:
-    """Return whether limits do not limit: beyond 1e10, or a continuous joint's placeholder."""
-    return limits[1] - limits[0] > 1e10 or (kind in ("continuous", "spherical") and limits[0] >= limits[1])
-
-
-def _interval(limits: tuple[float, float]) -> str:
-    return f"[{number(limits[0], 6)}, {number(limits[1], 6)}]"

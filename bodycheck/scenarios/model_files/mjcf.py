@@ -5,6 +5,7 @@ Source: https://mujoco.readthedocs.io/en/stable/XMLreference.html (compiler, def
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -23,6 +24,7 @@ from bodycheck.scenarios.model_files.exact import (
     ExactInertia,
     Frame,
     composite,
+    doubles,
     exact,
     finite,
     identity,
@@ -43,18 +45,21 @@ from bodycheck.scenarios.model_files.mjcf_shapes import (
     mesh_inertia,
 )
 from bodycheck.scenarios.model_files.model_file import (
+    UNLIMITED,
     Joint,
     ModelFile,
     ModelLink,
     Shape,
     StatedInertia,
     WeighedMesh,
+    limit_of,
 )
 from bodycheck.scenarios.model_files.xml_file import Node, parse_xml
 
 _TINY_MASS = 1e-14  # kg; lighter geoms do not count
 _TINY_LENGTH = 1e-14  # m; half the length of a geom is greater
 _ALTERNATIVES = ("axisangle", "euler", "xyaxes", "zaxis")
+_ACTUATORS = ("general", "motor", "position", "velocity")
 _GENERATORS = ("composite", "flexcomp", "attach")
 _MAX_COPIES = 10_000
 
@@ -69,6 +74,7 @@ def read_mjcf(root: Any, path: Path) -> ModelFile:
     reader.read_settings()
     for world in reader.sections("worldbody"):
         reader.body_content(world, None, Frame.of(), None, "")
+    reader.actuate()
     links = _total_mass(reader.links, finite(reader.compiler.get("settotalmass", "-1"), 1)[0])
     return ModelFile(
         path, "mjcf", tuple(links), tuple(sorted(reader.reads)), tuple(reader.notes), dict(reader.compiler)
@@ -235,7 +241,7 @@ class _Reader:
         own = self._classes[parent] if name == parent else dict(self._classes[parent])
         self._classes[name] = own
         for node in self._nodes(section):
-            if node.tag in ("mesh", "geom", "joint"):
+            if node.tag in ("mesh", "geom", "joint", *_ACTUATORS):
                 attributes = {str(k): str(v) for k, v in node.element.attrib.items()}
                 own[node.tag] = _overridden(own.get(node.tag, {}), attributes)
         for node in self._nodes(section, "default"):
@@ -288,7 +294,7 @@ class _Reader:
                     if child.tag == "freejoint" and aligned == "auto":
                         aligned = self.compiler.get("alignfree", "false")
                     body.aligned = child.tag == "freejoint" and aligned == "true"
-                    body.joints.append(self._joint(child, childclass))
+                    body.joints.append(self._joint(child, childclass, frame))
                 case tag if tag in _GENERATORS:
                     self.notes.append(f"{child.where}: what it adds to the model is not computed here")
                     if body is not None and tag == "composite":
@@ -320,6 +326,7 @@ class _Reader:
             shapes=tuple(body.shapes),
             malformed=bool(body.malformed),
             meshes=tuple(body.meshes) if stated is not None and stated.parts else (),
+            several=tuple(body.joints) if len(body.joints) > 1 else (),
         )
 
     def _name(self, node: Node, suffix: str) -> str:
@@ -547,19 +554,94 @@ class _Reader:
     def _euler(self, angles: list[float]) -> Exact:
         return rotation_of_euler([self._angle(angle) for angle in angles], self.settings.sequence)
 
-    def _joint(self, node: Node, childclass: str | None) -> Joint:
+    def _joint(self, node: Node, childclass: str | None, frame: Frame) -> Joint:
         if node.tag == "freejoint":
-            return Joint(node.text("name", ""), "free", node.line)
+            return Joint(node.text("name", ""), "free", node.line, damping=0.0, friction=0.0, armature=0.0)
         own = self._attributes(node, childclass)
         kind = own.get("type", "hinge")
-        limits = None
-        if "range" in own and own.get("limited", "auto") != "false":
+        unit = math.pi / 180.0 if kind in ("hinge", "ball") and self.settings.degrees else 1.0
+
+        def first(name: str) -> float:
+            return [*_numbers(node, own, name, "0"), 0.0][0]
+
+        limits = UNLIMITED
+        automatic = self.compiler.get("autolimits", "true") == "true"
+        if "range" in own and (own.get("limited", "auto") == "true" or (automatic and "limited" not in own)):
             low, high = _numbers(node, own, "range", "", 2)
-            unit = np.pi / 180.0 if kind in ("hinge", "ball") and self.settings.degrees else 1.0
             limits = (low * unit, high * unit)
-        damping = _numbers(node, own, "damping", "0")
-        axis = tuple(_numbers(node, own, "axis", "0 0 1", 3)) if kind in ("hinge", "slide") else None
-        return Joint(own.get("name", ""), kind, node.line, axis, damping[0] if damping else 0.0, limits)
+        axis, at = (
+            None,
+            doubles(frame.rotation @ exact(_numbers(node, own, "pos", "0 0 0", 3)) + frame.position),
+        )
+        if kind in ("hinge", "slide"):
+            along = frame.rotation @ exact(_numbers(node, own, "axis", "0 0 1", 3))
+            axis = tuple(doubles(along).tolist())
+        by_times = any(_numbers(node, own, "springdamper", "0 0"))
+        return Joint(
+            own.get("name", ""),
+            kind,
+            node.line,
+            axis,
+            math.nan if by_times else first("damping"),
+            limits,
+            tuple(at.tolist()),
+            friction=first("frictionloss"),
+            armature=first("armature"),
+            stiffness=math.nan if by_times else first("stiffness"),
+            rest=first("springref") * unit,
+            reference=first("ref") * unit,
+            effort=limit_of(max(map(abs, _numbers(node, own, "actuatorfrcrange", "0 0", 2)))),
+            gains=(0.0, 0.0),
+        )
+
+    def actuate(self) -> None:
+        """Add to each joint the gains of its actuators and what an <equality> makes it follow."""
+        gains: dict[str, list[tuple[float, float]]] = {}
+        for section in self.sections("actuator"):
+            for node in self._nodes(section, *_ACTUATORS):
+                own = self._actuator(node)
+                gains.setdefault(own.get("joint", own.get("jointinparent", "")), []).append(_gains(node, own))
+        mimics = {}
+        for section in self.sections("equality"):
+            for node in self._nodes(section, "joint"):
+                own = _raw(node)
+                terms = _numbers(node, own, "polycoef", "0 1 0 0 0", 5)
+                if "joint2" in own and not any(terms[2:]) and own.get("active") != "false":
+                    mimics[own.get("joint1", "")] = (own["joint2"], terms[1], terms[0])
+
+        def actuated(joint: Joint) -> Joint:
+            known = gains.get(joint.name, [])
+            total = (sum((one[0] for one in known), 0.0), sum((one[1] for one in known), 0.0))
+            return replace(joint, gains=total, mimic=mimics.get(joint.name))
+
+        for place, link in enumerate(self.links):
+            if link.joint is not None and not link.joint.fixed and link.joint.kind != "mocap":
+                self.links[place] = replace(link, joint=actuated(link.joint))
+            elif link.several:
+                self.links[place] = replace(link, several=tuple(map(actuated, link.several)))
+
+    def _actuator(self, node: Node) -> dict[str, str]:
+        """Return the attributes of an actuator; all kinds share the defaults of <general>."""
+        shared = self._classes.get(node.element.get("class") or "main", {}).get("general", {})
+        return {**shared, **self._attributes(node, None)}
+
+
+def _gains(node: Node, own: dict[str, str]) -> tuple[float, float]:
+    """Return the stiffness and the damping of an actuator in its joint; NaN if they are not stated."""
+    gear = [*_numbers(node, own, "gear", "1"), 0.0][0]
+    match node.tag:
+        case "position" if "dampratio" in own or "timeconst" in own:
+            gains = (_number(node, own, "kp", 1.0), math.nan)
+        case "position":
+            gains = (_number(node, own, "kp", 1.0), _number(node, own, "kv", 0.0))
+        case "velocity":
+            gains = (0.0, _number(node, own, "kv", 1.0))
+        case "general" if own.get("biastype") == "affine":
+            _, position, velocity, *_ = [*_numbers(node, own, "biasprm", "0 0 0"), 0.0, 0.0, 0.0]
+            gains = (-position, -velocity)
+        case _:
+            gains = (0.0, 0.0)
+    return gear * gear * gains[0], gear * gear * gains[1]
 
 
 def _overridden(before: dict[str, str], own: dict[str, str]) -> dict[str, str]:

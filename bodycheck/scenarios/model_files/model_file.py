@@ -39,7 +39,14 @@ class StatedInertia:
 
 @dataclass(frozen=True)
 class Joint:
-    """The connection of a link to its parent; damping None where the format has no such number."""
+    """The connection of a link to its parent, as a file states it or an importer holds it, in SI units.
+
+    axis: of a hinge or slide, of any length; at_m: the joint point; both in link axes, from its origin.
+    limits, effort, velocity: infinite where there are none. rest: the coordinate at which the spring has no
+    load; reference: that of the pose in the file. mimic: another joint, multiplier and offset.
+    gains: of position and of velocity, of the actuators. None where the format or the importer has no such
+    number, NaN where it cannot be computed here.
+    """
 
     name: str
     kind: str
@@ -47,11 +54,42 @@ class Joint:
     axis: tuple[float, ...] | None = None
     damping: float | None = None
     limits: tuple[float, float] | None = None
+    at_m: tuple[float, ...] = (0.0, 0.0, 0.0)
+    friction: float | None = None
+    armature: float | None = None
+    stiffness: float | None = None
+    rest: float | None = None
+    reference: float | None = None
+    effort: float | None = None
+    velocity: float | None = None
+    mimic: tuple[str, float, float] | None = None
+    gains: tuple[float, float] | None = None
 
     @property
     def fixed(self) -> bool:
         """Whether the joint allows no motion."""
         return self.kind == "fixed"
+
+    @property
+    def motion(self) -> str:
+        """Its kind in the words of trees: hinge, slide, ball, free, fixed; another kind by its own name."""
+        return _MOTIONS.get(self.kind, self.kind)
+
+
+_MOTIONS = {
+    "revolute": "hinge",
+    "continuous": "hinge",
+    "prismatic": "slide",
+    "spherical": "ball",
+    "floating": "free",
+    "mocap": "fixed",
+}
+UNLIMITED = (-math.inf, math.inf)
+
+
+def limit_of(value: float) -> float:
+    """Return a limit of effort or velocity; importers take one that is not positive as none."""
+    return value if value > 0.0 else math.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +134,8 @@ class ModelLink:
     stated None: without inertia; unread: why it cannot be computed here; malformed: because of a mistake in
     the file. static: part of a model of SDFormat that never moves.
     inertia_scaling: the factor of <contact><inertia_scaling>, an element that only Bullet reads.
-    meshes: those of MJCF that the inertia follows from.
+    meshes: those of MJCF that the inertia follows from. several: the joints of a body of MJCF that has more
+    than one, the first next to the parent; then `joint` is None.
     """
 
     name: str
@@ -113,6 +152,12 @@ class ModelLink:
     malformed: bool = False
     static: bool = False
     meshes: tuple[WeighedMesh, ...] = ()
+    several: tuple[Joint, ...] = ()
+
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        """All joints to the parent."""
+        return self.several or (() if self.joint is None else (self.joint,))
 
     @property
     def collisions(self) -> tuple[Shape, ...]:

@@ -15,9 +15,17 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.untrusted import printable
-from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, composite, exact, mp
+from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, composite, doubles, exact, mp
 from bodycheck.scenarios.model_files.mjcf_shapes import geom_inertia
-from bodycheck.scenarios.model_files.model_file import Joint, ModelFile, ModelLink, Shape, StatedInertia
+from bodycheck.scenarios.model_files.model_file import (
+    UNLIMITED,
+    Joint,
+    ModelFile,
+    ModelLink,
+    Shape,
+    StatedInertia,
+    limit_of,
+)
 from bodycheck.scenarios.model_files.sdf_frames import (
     Frames,
     content,
@@ -38,6 +46,7 @@ _SIZES = {
     "capsule": ("radius", "length"),
     "cone": ("radius", "length"),
 }
+_ENDLESS = 1e16  # rad or m: a placeholder for no limit
 _DEEPEST = 20  # nested models
 
 
@@ -50,7 +59,7 @@ def read_sdf(root: Any, path: Path) -> ModelFile:
     sdf = Node(root, path)
     if not any(True for _ in sdf.children()):
         raise InputError(f"{sdf.where}: has no <model>")
-    reader = _Reader(path)
+    reader = _Reader(path, sdf.text("version", ""))
     reader.name_includes(sdf, *sdf.children("world"))
     for before, model in named_models(sdf):
         reader.read(model, before)
@@ -76,8 +85,9 @@ def linked(model: Node, before: str) -> Iterator[tuple[str, Node]]:
 
 
 class _Reader:
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, version: str) -> None:
         self.path = path
+        self.axes_in_model = version in ("1.0", "1.2", "1.3", "1.4")
         self.links: list[ModelLink] = []
         self.notes: list[str] = []
 
@@ -124,7 +134,7 @@ class _Reader:
             name = nested.text("name")
             found |= self._joints(nested, frames.nested[name], f"{before}{name}::", known)
         for node in model.children("joint"):
-            joint = self._joint(node)
+            joint = self._joint(node, frames)
             ends = {tag: end(node, tag) for tag in ("parent", "child")}
             links = {tag: frames.link_of(name) for tag, name in ends.items() if name != "world"}
             named = {tag: before + link for tag, link in links.items() if link and before + link in known}
@@ -190,25 +200,58 @@ class _Reader:
             inner = f"{scope}{name}::"
             self._links(nested, frames.nested[name], outer, before, inner, joints, static=static)
 
-    def _joint(self, node: Node) -> Joint:
+    def _joint(self, node: Node, frames: Frames) -> Joint:
         axis = node.child("axis")
-        kind = node.text("type", "")
+        kind, name = node.text("type", ""), node.text("name", "")
+        if kind == "fixed":
+            return Joint(name, kind, node.line)
         try:
-            xyz = None if axis is None else axis.child("xyz")
-            limit = None if axis is None else axis.child("limit")
-            damping = _number(None if axis is None else axis.child("dynamics"), "damping", 0.0)
+            limit, dynamics = (None if axis is None else axis.child(tag) for tag in ("limit", "dynamics"))
             limits = (_bound(limit, "lower", -math.inf), _bound(limit, "upper", math.inf))
+            along, at = self._axis(node, axis, frames)
             return Joint(
-                node.text("name", ""),
+                name,
                 kind,
                 node.line,
-                None if xyz is None else tuple(numbers(xyz, 3)),
-                None if kind == "fixed" else damping,
-                None if limit is None or max(map(abs, limits)) >= 1e16 else limits,
+                along,
+                _number(dynamics, "damping", 0.0),
+                UNLIMITED if max(map(abs, limits)) >= _ENDLESS else limits,
+                at,
+                friction=_number(dynamics, "friction", 0.0),
+                stiffness=_number(dynamics, "spring_stiffness", 0.0),
+                rest=_number(dynamics, "spring_reference", 0.0),
+                effort=limit_of(_bound(limit, "effort", math.inf)),
+                velocity=limit_of(_bound(limit, "velocity", math.inf)),
+                mimic=_mimic(axis),
             )
         except InputError as error:
             self.notes.append(f"{error}.")
-            return Joint(node.text("name", ""), kind, node.line)
+            return Joint(name, kind, node.line)
+
+    def _axis(
+        self, node: Node, axis: Node | None, frames: Frames
+    ) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
+        """Return axis and joint point in the axes of the child link; None for an axis that is not known.
+
+        An axis is in the joint's frame, or in the one that `expressed_in` names; until version 1.4 it is in
+        the model's frame, until 1.6 where use_parent_model_frame says so.
+        """
+        link = frames.pose_of(frames.link_of(end(node, "child")) or "?")
+        own = frames.pose_of(node.text("name", ""))
+        xyz = None if axis is None else axis.child("xyz")
+        if link is None or own is None:
+            return None, (0.0, 0.0, 0.0)
+        to_link = link.inverse()
+        at = tuple(doubles((to_link @ own).position).tolist())
+        if xyz is None or axis is None:
+            return None, at
+        base = xyz.text("expressed_in", "")
+        if self.axes_in_model or _flag(axis, "use_parent_model_frame"):
+            base = "__model__"
+        frame = frames.pose_of(base) if base else own
+        if frame is None:
+            return None, at
+        return tuple(doubles(to_link.rotation @ frame.rotation @ exact(numbers(xyz, 3))).tolist()), at
 
     def _shapes(self, link: Node, frames: Frames, tag: str) -> tuple[Shape, ...]:
         found = []
@@ -268,6 +311,15 @@ def _bound(limit: Node | None, tag: str, default: float) -> float:
     if word.lstrip("-") in ("inf", "infinity"):
         return math.copysign(math.inf, -1.0 if word.startswith("-") else 1.0)
     return _number(limit, tag, default)
+
+
+def _mimic(axis: Node | None) -> tuple[str, float, float] | None:
+    found = None if axis is None else axis.child("mimic")
+    if found is None:
+        return None
+    factor = _number(found, "multiplier", 1.0)
+    offset = _number(found, "offset", 0.0) - factor * _number(found, "reference", 0.0)
+    return found.text("joint", ""), factor, offset
 
 
 def _shape(node: Node, shape: Node, placed: Frame) -> Shape:

@@ -15,7 +15,15 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, exact, mp, rotation_of_rpy
-from bodycheck.scenarios.model_files.model_file import Joint, ModelFile, ModelLink, Shape, StatedInertia
+from bodycheck.scenarios.model_files.model_file import (
+    UNLIMITED,
+    Joint,
+    ModelFile,
+    ModelLink,
+    Shape,
+    StatedInertia,
+    limit_of,
+)
 from bodycheck.scenarios.model_files.xml_file import Node
 
 _MOVABLE = ("revolute", "continuous", "prismatic", "floating", "planar", "spherical")
@@ -150,16 +158,30 @@ def _joint(node: Node) -> Joint:
     if kind != "fixed" and kind not in _MOVABLE:
         known = ", ".join(("fixed", *_MOVABLE))
         raise InputError(f"{node.where}: unknown joint type {kind!r:.60} (available: {known})")
-    axis, dynamics, limit = node.child("axis"), node.child("dynamics"), node.child("limit")
+    axis, dynamics, limit, mimic = map(node.child, ("axis", "dynamics", "limit", "mimic"))
+    name = node.text("name", "")
+    if kind == "fixed":
+        return Joint(name, kind, node.line)
+
+    def number(of: Node | None, key: str) -> float:
+        return 0.0 if of is None else of.number(key, 0.0)
+
+    limits = UNLIMITED
+    if limit is not None and kind in ("revolute", "prismatic"):
+        limits = (number(limit, "lower"), number(limit, "upper"))
     return Joint(
-        node.text("name", ""),
+        name,
         kind,
         node.line,
         tuple(axis.leading("xyz", 3, "1 0 0")) if axis is not None else (1.0, 0.0, 0.0),
-        None if kind == "fixed" else dynamics.number("damping", 0.0) if dynamics is not None else 0.0,
-        (limit.number("lower", 0.0), limit.number("upper", 0.0))
-        if limit is not None and kind in ("revolute", "prismatic")
-        else None,
+        number(dynamics, "damping"),
+        limits,
+        friction=number(dynamics, "friction"),
+        effort=limit_of(number(limit, "effort")),
+        velocity=limit_of(number(limit, "velocity")),
+        mimic=None
+        if mimic is None
+        else (mimic.text("joint", ""), mimic.number("multiplier", 1.0), mimic.number("offset", 0.0)),
     )
 
 
