@@ -14,10 +14,22 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import number
 from bodycheck._util.untrusted import read_bytes
 from bodycheck.adapters.importers import ImportedLink
-from bodycheck.reports.audit.audit import SAME, SINGLE, Audit, Body, Column, Comparison, Difference, State
+from bodycheck.reports.audit.audit import (
+    SAME,
+    SINGLE,
+    Audit,
+    Body,
+    Column,
+    Comparison,
+    Difference,
+    JointAudit,
+    State,
+)
 from bodycheck.reports.audit.causes import body_causes, with_issue
 from bodycheck.reports.audit.file_causes import file_causes
 from bodycheck.reports.audit.lint import lint
+from bodycheck.runs.audit_joints import HeldJoints, audited_joints
+from bodycheck.runs.audit_matrix import compared_matrices, matrices_of_file
 from bodycheck.runs.audit_run import Imported, compared, link_audit
 from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.model_files.exact import Frame, doubles
@@ -37,7 +49,9 @@ def audit_against(path: Path, other_path: Path) -> Audit:
     links = _named(model, other)
     if not links:
         raise InputError(f"{path}: no link has the name of a link of {other_path}")
-    held = {name: _as_held(name, link) for name, link in links.items()}
+    every = _as_held(model)
+    place = {link.name: index for index, link in enumerate(model.links)}
+    held = {name: replace(every[place[link.name]], name=name) for name, link in links.items()}
     column = Column(path.name, "", "", f"as the {model.format.upper()} file states them", "ok")
     imported = Imported(column, held)
     moved = _moved(model, other, links)
@@ -51,6 +65,13 @@ def audit_against(path: Path, other_path: Path) -> Audit:
             comparison = _explained(other, link, imported, moved.get(link.name), twin, model.format)
         audited.append(replace(one, held={column.name: comparison}))
     extra = tuple(link.name for link in model.links if link not in links.values())
+    joints: list[JointAudit] = []
+    orders: dict[str, list[str]] = {}
+    matrices = {}
+    if "usd" not in (model.format, other.format):  # whose joints are read as kinds only
+        its = HeldJoints(every, {name: place[link.name] for name, link in links.items()})
+        joints, orders = audited_joints(other, {column.name: ("", its)})
+        matrices = {column.name: compared_matrices(other, its, *matrices_of_file(model))}
     return Audit(
         str(other.path),
         other.format,
@@ -62,6 +83,9 @@ def audit_against(path: Path, other_path: Path) -> Audit:
         (*model.notes, *other.notes),
         {column.name: extra} if extra else {},
         str(model.path),
+        joints,
+        matrices,
+        orders,
     )
 
 
@@ -78,11 +102,27 @@ def _identifier(name: str) -> str:
     return re.sub(r"\W", "_", name.rpartition("::")[2])
 
 
-def _as_held(name: str, link: ModelLink) -> ImportedLink:
-    if link.stated is None:
-        return ImportedLink(name, 0.0, [0.0] * 3, np.zeros((3, 3)).tolist())
-    body = Body.of(link.stated.in_link)
-    return ImportedLink(name, body.mass_kg, body.centre_m.tolist(), body.inertia_kg_m2.tolist())
+def _as_held(model: ModelFile) -> list[ImportedLink]:
+    """Return the links of a file as an importer would hold them."""
+    placed = _placed(model)
+    place = {link.name: index for index, link in enumerate(model.links)}
+    found = []
+    for link in model.links:
+        stated = link.stated
+        body = Body(0.0, np.zeros(3), np.zeros((3, 3))) if stated is None else Body.of(stated.in_link)
+        found.append(
+            ImportedLink(
+                link.name,
+                body.mass_kg,
+                body.centre_m.tolist(),
+                body.inertia_kg_m2.tolist(),
+                doubles(placed[link.name].position).tolist(),
+                doubles(placed[link.name].rotation).tolist(),
+                -1 if link.parent is None else place[link.parent],
+                link.joints,
+            )
+        )
+    return found
 
 
 def _explained(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bodycheck.adapters.importers import (
+    CONFIGURATIONS,
     ImportedLink,
     ImportRequest,
     MassMatrices,
@@ -16,8 +17,6 @@ from bodycheck.adapters.workers.protocol import Message
 from bodycheck.scenarios.model_files.model_file import Format
 from bodycheck.scenarios.model_files.rewriting import text_without_meshes
 from bodycheck.scenarios.model_files.xml_file import read_bytes
-
-_CONFIGURATIONS = 3
 
 
 def import_request(path: Path, form: Format, flags: str) -> ImportRequest:
@@ -42,7 +41,7 @@ def matrices_once(
     pool: EnginePool, engine: str, request: ImportRequest, timeout_s: float
 ) -> tuple[list[MassMatrices], str]:
     """Return the mass matrices of an import at random configurations, and why there are none."""
-    message = {"do": "import", "import": request.__dict__, "matrices": _CONFIGURATIONS}
+    message = {"do": "import", "import": request.__dict__, "matrices": CONFIGURATIONS}
     answer = pool.ask(engine, message, timeout_s)
     if answer.get("outcome") != "ok":
         return [], str(answer.get("message") or answer.get("outcome"))

@@ -11,10 +11,10 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import names
-from bodycheck.adapters.importers import MassMatrices
+from bodycheck.adapters.importers import CONFIGURATIONS, MassMatrices
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import exp_quaternion
-from bodycheck.reference_impl.trees.dynamics import tree_dynamics
+from bodycheck.reference_impl.trees.tree_dynamics import tree_dynamics
 from bodycheck.reports.audit.audit import SINGLE, MatrixComparison
 from bodycheck.runs.audit_joints import HeldJoints, matched_joints
 from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, exact, mp
@@ -77,6 +77,39 @@ def compared_matrices(
     return MatrixComparison(worst, joints, _cause(model, pairs, held, found))
 
 
+def matrices_of_file(model: ModelFile) -> tuple[list[MassMatrices], str]:
+    """Return the mass matrices of a file at random configurations, and why there are none."""
+    place = {link.name: index for index, link in enumerate(model.links)}
+    rng, found = np.random.default_rng(1), []
+    try:
+        for tree in model_trees(model):
+            scene = tree.scene
+            labels = zip(tree.joints, scene.rate_slices, strict=True)
+            columns = [
+                (place[link], k) for (link, k), rates in labels for _ in range(rates.stop - rates.start)
+            ]
+            moved = rng.uniform(-1.0, 1.0, (CONFIGURATIONS, len(columns)))
+            values = [_mass_matrix(tree, displacement) for displacement in moved]
+            found.append(MassMatrices(columns, moved, np.array(values)))
+    except InputError as error:
+        return [], str(error)
+    return found, ""
+
+
+def _mass_matrix(tree: ModelTree, displacement: Array) -> Array:
+    """Return M (n, n) at displacements (n,) of its rates; raises InputError where the tree is singular."""
+    scene = tree.scene
+    q = scene.q0.copy()
+    for (_, number), at, rates in zip(tree.joints, scene.coordinate_slices, scene.rate_slices, strict=True):
+        moved = displacement[rates]
+        if number >= 0:
+            q[at] = moved if len(moved) == 1 else exp_quaternion(moved)
+    try:
+        return tree_dynamics(scene, q, np.zeros(len(scene.u0))).mass_matrix
+    except FloatingPointError:
+        raise InputError("the tree is singular at a random configuration") from None
+
+
 def _pair(
     tree: ModelTree,
     places: Mapping[tuple[str, int], tuple[int, int]],
@@ -105,18 +138,9 @@ def _pair(
     its_base = [k for k, (link, _) in enumerate(of.columns) if link == root and k not in columns]
     pair = _Pair(labels, [], [], [])
     for displacement, M in zip(of.displacements, of.values, strict=True):
-        q = scene.q0.copy()
-        for body, (coordinates, rates) in enumerate(
-            zip(scene.coordinate_slices, scene.rate_slices, strict=True)
-        ):
-            if tree.joints[body][1] < 0:
-                continue
-            moved = displacement[[columns[rows.index(k)] for k in range(rates.start, rates.stop)]]
-            q[coordinates] = moved if len(moved) == 1 else exp_quaternion(moved)
-        try:
-            exact_M = tree_dynamics(scene, q, np.zeros(len(scene.u0))).mass_matrix
-        except FloatingPointError:
-            raise InputError("the tree is singular at a random configuration") from None
+        moved = np.zeros(len(scene.u0))
+        moved[rows] = displacement[columns]
+        exact_M = _mass_matrix(tree, moved)
         both = bool(base and its_base)
         pair.stated.extend(_of_joints(exact_M, rows, base if both else []))
         pair.held.extend(_of_joints(M, columns, its_base if both else []))

@@ -61,7 +61,7 @@ def random_urdf(rng: np.random.Generator, *, fixed: bool = False) -> str:
             f'<child link="link{k}"/><origin xyz="{_numbers(rng.normal(0.0, 0.3, 3))}" '
             f'rpy="{_numbers(rng.uniform(-3.1, 3.1, 3))}"/><axis xyz="{axis}"/>'
             f"{limits if kind in ('revolute', 'prismatic') else ''}"
-            f'<dynamics damping="{float(rng.choice([0.0, 0.25]))!r}"/></joint>'
+            f'<dynamics damping="{float(rng.choice([0.0, 0.25]))!r}" friction="{0.1 * (k % 2)!r}"/></joint>'
         )
     return f'<?xml version="1.0"?>\n<robot name="random">\n{chr(10).join(parts)}\n</robot>\n'
 
@@ -76,13 +76,13 @@ def sdf_of(urdf: str) -> str:
         R, p = poses[parent]
         turned, moved = _frame(joint.find("origin"))
         poses[child] = (R * turned, R.apply(moved) + p)
-        axis, damping = joint.find("axis").get("xyz"), joint.find("dynamics").get("damping")
+        axis, dynamics = joint.find("axis").get("xyz"), joint.find("dynamics").items()
         limit = joint.find("limit")
-        limits = "" if limit is None else "".join(f"<{k}>{limit.get(k)}</{k}>" for k in ("lower", "upper"))
+        limits = "" if limit is None else "".join(f"<{k}>{value}</{k}>" for k, value in limit.items())
         parts.append(
             f'<joint name="{joint.get("name")}" type="{joint.get("type")}"><parent>{parent}</parent>'
             f"<child>{child}</child><axis><xyz>{axis}</xyz><limit>{limits}</limit>"
-            f"<dynamics><damping>{damping}</damping></dynamics></axis></joint>"
+            f"<dynamics>{''.join(f'<{k}>{value}</{k}>' for k, value in dynamics)}</dynamics></axis></joint>"
         )
     for link in robot.findall("link"):
         inertial = link.find("inertial")
@@ -148,8 +148,41 @@ def _inertial(rng: np.random.Generator, degrees: bool) -> str:
     return f'<inertial {at} fullinertia="{_numbers(full)}"/>'
 
 
+def _element(tag: str, attributes: dict[str, str]) -> str:
+    return f"<{tag} {' '.join(f'{name}={value!r}' for name, value in attributes.items())}/>"
+
+
+def _joints(rng: np.random.Generator, name: str, depth: int) -> str:
+    """Return one to three hinges and slides, a ball, or at the top a free joint, with or without names."""
+    if rng.random() < 0.2:
+        named = f'name="ball_{name}"' if rng.random() < 0.5 else ""
+        return "<freejoint/>" if depth == 0 else f'<joint {named} type="ball" damping="0.1" armature="0.01"/>'
+    found = []
+    for k in range(int(rng.integers(1, 4))):
+        low = rng.uniform(-3.0, 0.0)
+        attributes = {
+            "type": str(rng.choice(["hinge", "hinge", "slide"])),
+            "axis": _numbers(rng.normal(size=3)),
+            "pos": _numbers(rng.normal(0.0, 0.1, 3)),
+            "damping": repr(float(rng.uniform(0.0, 1.0))),
+            "stiffness": str(rng.choice(["0", "2.5"])),
+            "frictionloss": str(rng.choice(["0", "0.1"])),
+            "armature": str(rng.choice(["0", "0.05"])),
+            "class": str(rng.choice(["main", "heavy"])),
+        }
+        if rng.random() < 0.7:
+            attributes["name"] = f"joint{k}_{name}"
+        if rng.random() < 0.5:
+            attributes |= {"ref": "0.3", "springref": "-0.2"}
+        if rng.random() < 0.5:
+            attributes["range"] = f"{low!r} {low + 1.0!r}"
+        found.append(_element("joint", attributes))
+    return "".join(found)
+
+
 def random_mjcf(rng: np.random.Generator) -> str:
     """Return an MJCF of nested bodies with inertials or geoms, defaults and compiler settings."""
+    (of_joints,) = rng.spawn(1)
     degrees = bool(rng.random() < 0.5)
     settings = [f'angle="{"degree" if degrees else "radian"}"']
     if rng.random() < 0.5:
@@ -164,6 +197,7 @@ def random_mjcf(rng: np.random.Generator) -> str:
         settings.append('inertiagrouprange="0 2"')
     default = (
         '<default><geom density="800"/><default class="heavy"><geom density="4000" group="1"/>'
+        '<joint actuatorfrcrange="-8 8"/>'
         '<default class="heavier"><geom density="9000" group="3"/></default></default></default>'
     )
 
@@ -178,7 +212,7 @@ def random_mjcf(rng: np.random.Generator) -> str:
             inside.append(
                 f'<frame pos="0.1 0.2 0.3" {_orientation(rng, degrees)}>{_geom(rng, degrees)}</frame>'
             )
-        joint = '<joint axis="0 0 -1" damping="0.5"/>' if rng.random() < 0.7 else ""
+        joint = _joints(of_joints, name, depth) if rng.random() < 0.7 else ""
         children = [
             body(f"{name}_{k}", depth + 1) for k in range(int(rng.integers(0, 3)) if depth < 2 else 0)
         ]

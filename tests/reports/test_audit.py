@@ -15,7 +15,6 @@ import pytest
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.shard import Shard
-from bodycheck.adapters.importers import ImportedLink
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reports.alerts import sarif
 from bodycheck.reports.audit.audit import (
@@ -32,7 +31,7 @@ from bodycheck.reports.audit.audit import (
 )
 from bodycheck.reports.audit.audit_document import alerts_of, audit_data, audit_document, failures
 from bodycheck.reports.audit.audit_page import audit_page
-from bodycheck.reports.audit.causes import DISCARDED, body_causes, joint_causes, with_issue
+from bodycheck.reports.audit.causes import DISCARDED, body_causes, with_issue
 from bodycheck.reports.audit.lint import lint
 from bodycheck.reports.document import Sentence, Table, json_text
 from bodycheck.runs import spelling_run, version_search
@@ -41,7 +40,7 @@ from bodycheck.runs.audit_run import AuditOptions, audit
 from bodycheck.runs.spelling_run import APART_RAD, run_spellings
 from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.model_files.exact import Frame, doubles
-from bodycheck.scenarios.model_files.model_file import Joint, ModelFile
+from bodycheck.scenarios.model_files.model_file import ModelFile
 from bodycheck.scenarios.model_files.spellings import spellings
 from tests.helpers.in_process_cli import run_bodycheck
 from tests.helpers.model_texts import sdf_of
@@ -160,15 +159,6 @@ def test_known_fault_names_its_issue() -> None:
     cause = "rotation of the inertial frame ignored"
     assert with_issue("mujoco==3.12.0", cause).endswith("(google-deepmind/mujoco#3559)")
     assert with_issue("dart", cause) == cause
-
-
-def test_added_damping_and_limits_are_named() -> None:
-    """Damping and limits that the file does not have are reported."""
-    joint = Joint("j", "revolute", 1, damping=0.0, limits=None)
-    held = ImportedLink("a", 1.0, [0, 0, 0], np.eye(3).tolist(), damping=0.04, limits=(-1.0, 1.0))
-    damping, limits = joint_causes(joint, held)
-    assert damping.startswith("damping added")
-    assert limits.startswith("limits added")
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,8 @@ from bodycheck.scenarios.model_files.model_file import Joint
 
 DEFAULT, RECOMMENDED = "default", "recommended"
 WITHOUT_MESHES = "shapes of mesh files left out"
+CONFIGURATIONS = 3
+"""At which mass matrices are compared."""
 
 _MODULES = {
     "mujoco": "bodycheck.adapters.importers.mujoco_import",

@@ -23,7 +23,7 @@ from bodycheck.adapters.importers import (
     rates_of,
 )
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.scenarios.model_files.model_file import Joint
+from bodycheck.scenarios.model_files.model_file import Joint, limit_of
 
 FLAGS = {
     "urdf": {DEFAULT: "DartLoader().parseSkeleton(FILE)", RECOMMENDED: WITHOUT_MESHES},
@@ -144,8 +144,8 @@ def _joint(joint: Any) -> Joint:
         stiffness=float(joint.getSpringStiffness(0)),
         rest=float(joint.getRestPosition(0)),
         reference=0.0,
-        effort=float(joint.getForceUpperLimit(0)),
-        velocity=float(joint.getVelocityUpperLimit(0)),
+        effort=limit_of(float(joint.getForceUpperLimit(0))),
+        velocity=limit_of(float(joint.getVelocityUpperLimit(0))),
         mimic=("", math.nan, math.nan) if follows else None,  # dartpy does not tell of which joint
         gains=(0.0, 0.0),
     )

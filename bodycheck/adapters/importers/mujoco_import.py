@@ -61,7 +61,9 @@ def mass_matrices(request: ImportRequest, count: int) -> list[MassMatrices]:
     model = _spec(request).compile()
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
     links = _links(model)
-    columns = rates_of(links) or []
+    columns = rates_of(links)
+    if not columns:
+        return []
     moved = random_displacements(links, columns, count)
     values = np.empty((count, model.nv, model.nv))
     data = mujoco.MjData(model)

@@ -61,7 +61,7 @@ def audit_document(audit: Audit, machines: Sequence[str] = ()) -> Document:
             _matrices(audit),
             _spins(audit),
             _importers(audit),
-            _joints(audit),
+            *([_joints(audit)] if audit.format != "usd" else []),
             *([_bodies(audit)] if audit.format == "usd" and not audit.columns else []),
         ),
     )

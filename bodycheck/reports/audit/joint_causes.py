@@ -130,7 +130,7 @@ def _number_causes(one: Quantity, stated: Joint, held: Joint) -> Iterator[str]:
 
 
 def _changed(name: str, given: float, found: float, neutral: float) -> Iterator[str]:
-    if given == found or close(given, found):
+    if close(given, found):
         return
     if given == neutral:
         yield f"{name} added: {number(found, 6)} held"
@@ -145,7 +145,7 @@ def _limit_causes(stated: Joint, held: Joint) -> Iterator[str]:
     if stated.limits is None or held.limits is None or stated.motion not in ("hinge", "slide", "ball"):
         return
     given, found = (_bounded(joint.limits or UNLIMITED) for joint in (stated, held))
-    if all(a == b or close(a, b) for a, b in zip(given, found, strict=True)):
+    if all(close(a, b) for a, b in zip(given, found, strict=True)):
         return
     if given == UNLIMITED:
         yield f"limits added: {_interval(found)} held"
@@ -254,7 +254,7 @@ def _article(motion: str) -> str:
 
 def close(a: float, b: float) -> bool:
     """Whether two numbers agree to single precision."""
-    return abs(a - b) <= SINGLE * max(abs(a), abs(b))
+    return math.isclose(a, b, rel_tol=SINGLE)
 
 
 def _interval(limits: tuple[float, float]) -> str:

@@ -576,6 +576,7 @@ class _Reader:
         if kind in ("hinge", "slide"):
             along = frame.rotation @ exact(_numbers(node, own, "axis", "0 0 1", 3))
             axis = tuple(doubles(along).tolist())
+        effort = _numbers(node, own, "actuatorfrcrange", "0 0", 2)  # ignored by balls
         by_times = any(_numbers(node, own, "springdamper", "0 0"))
         return Joint(
             own.get("name", ""),
@@ -590,7 +591,7 @@ class _Reader:
             stiffness=math.nan if by_times else first("stiffness"),
             rest=first("springref") * unit,
             reference=first("ref") * unit,
-            effort=limit_of(max(map(abs, _numbers(node, own, "actuatorfrcrange", "0 0", 2)))),
+            effort=math.inf if axis is None else limit_of(max(map(abs, effort))),
             gains=(0.0, 0.0),
         )
 

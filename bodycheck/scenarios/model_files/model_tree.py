@@ -91,7 +91,7 @@ class _Builder:
     ) -> None:
         kind = joint.motion
         if kind not in _RATES and (kind != "free" or parent >= 0):
-            raise InputError(f"{link.file}:{joint.line}: joint {joint.name!r:.60} is {kind!r:.30}")
+            raise InputError(f"{link.file}:{joint.line}: joint {joint.name!r:.60} is {joint.kind!r:.30}")
         if kind in ("hinge", "slide") and (joint.axis is None or not any(joint.axis)):
             raise InputError(f"{link.file}:{joint.line}: the axis of joint {joint.name!r:.60} is not known")
         at = exact(joint.at_m)
