@@ -29,10 +29,10 @@ class _Pair:
     """A tree of the file and, at each configuration, the matrices of it and of an importer.
 
     Each is that of the joints with the base at rest; with a free base, the one with the base free follows.
-    joints: the link of each row. scales: sqrt(M_ii) of the file, with the base at rest.
+    joints: link and number of each row. scales: sqrt(M_ii) of the file, with the base at rest.
     """
 
-    joints: Sequence[str]
+    joints: Sequence[tuple[str, int]]
     stated: list[Array]
     held: list[Array]
     scales: list[Array]
@@ -71,7 +71,7 @@ def compared_matrices(
         return MatrixComparison(None, cause="no joint moves")
     worst, pair = max(((one.worst()[0], one) for one in pairs), key=lambda one: one[0])
     i, j = pair.worst()[1]
-    joints = tuple(dict.fromkeys((pair.joints[i], pair.joints[j])))
+    joints = tuple(dict.fromkeys(_name(model, pair.joints[k]) for k in (i, j)))
     if worst <= SINGLE:
         return MatrixComparison(worst, joints)
     return MatrixComparison(worst, joints, _cause(model, pairs, held, found))
@@ -130,7 +130,7 @@ def _pair(
         if len(its) != len(own):
             raise InputError(f"a joint of {link!r:.60} is not in the mass matrix of the importer")
         rows, columns = rows + own, columns + its
-        labels += [link] * len(own)
+        labels += [(link, number)] * len(own)
     assert of is not None
     root = of.columns[columns[0]][0]
     while held.links[root].parent >= 0:
@@ -170,8 +170,14 @@ def _cause(model: ModelFile, pairs: Sequence[_Pair], held: HeldJoints, found: Se
             order = list(range(n))
             order[a], order[b] = b, a
             if pair.worst(lambda M, order=order: M[np.ix_(order, order)])[0] <= SINGLE:  # type: ignore[misc]
-                return f"joint order: the rates of {names([pair.joints[a], pair.joints[b]])} exchanged"
+                which = names([_name(model, pair.joints[k]) for k in (a, b)])
+                return f"joint order: the rates of {which} exchanged"
     return "not that of the bodies and joints that it holds"
+
+
+def _name(model: ModelFile, joint: tuple[str, int]) -> str:
+    link, number = joint
+    return model.by_name[link].joints[number].name or f"joint of {link}"
 
 
 def _explained_by_held(path: Path, held: HeldJoints, found: Sequence[MassMatrices]) -> bool:

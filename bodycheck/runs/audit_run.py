@@ -177,7 +177,9 @@ def _imports(pool: EnginePool, engine: str, model: ModelFile, options: AuditOpti
         named = _named(model, found)
         discarded = _discarded(pool, engine, model, flags, named, timeout_s)
         joints = HeldJoints.of(found, named, model)
-        matrix = compared_matrices(model, joints, *matrices_once(pool, engine, request, timeout_s))
+        matrix = None
+        if any(joint.motion != "fixed" for link in model.links for joint in link.joints):
+            matrix = compared_matrices(model, joints, *matrices_once(pool, engine, request, timeout_s))
         yield Imported(column, named, joints, matrix, discarded)
 
 

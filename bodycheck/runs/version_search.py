@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.formatting import names, number, suggestion
+from bodycheck._util.formatting import count, names, number, suggestion
 from bodycheck.adapters.contract import Engine, Method
 from bodycheck.adapters.engine_names import Pin
 from bodycheck.adapters.importers import importer
@@ -253,7 +253,9 @@ def _audit_finding(
 
 
 def _audit_summary(audit: Audit, flags: str) -> str:
-    """Return the audit of one importer in one line: states of the links, largest difference, causes."""
+    """Return the audit of one importer in one line: states of links, largest difference, causes, joints."""
+    from bodycheck.reports.audit.audit_summary import joint_groups
+
     (column,) = (one for one in audit.columns if one.flags == flags)
     if column.outcome != "ok":
         return column.outcome
@@ -263,4 +265,6 @@ def _audit_summary(audit: Audit, flags: str) -> str:
     differing = [one for one in comparisons if one.state == "differs"]
     largest = max((one.difference.largest for one in differing if one.difference is not None), default=0.0)
     causes = dict.fromkeys(cause for one in differing for cause in one.causes)
-    return states_text if not causes else f"{states_text}, by up to {number(largest, 2)}: {'; '.join(causes)}"
+    text = states_text if not causes else f"{states_text}, by up to {number(largest, 2)}: {'; '.join(causes)}"
+    joints = [group for group in joint_groups(audit) if group.importer == column.name]
+    return "; ".join([text, *(f"{group.kind} in {count(len(group.joints), 'joint')}" for group in joints)])

@@ -408,7 +408,7 @@ def test_exchanged_rates_of_a_mass_matrix_are_named(tmp_path: Path, monkeypatch:
 
     monkeypatch.setattr(module, "matrices_of_file", exchanged)
     (matrix,) = audit_against(tmp_path / "other.urdf", tmp_path / "robot.urdf").matrices.values()
-    assert matrix.cause == "joint order: the rates of a and b exchanged"
+    assert matrix.cause == "joint order: the rates of first and second exchanged"
 
 
 @pytest.mark.slow
