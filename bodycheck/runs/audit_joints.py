@@ -14,7 +14,8 @@ from bodycheck.reports.audit.audit import JointAudit, JointComparison
 from bodycheck.reports.audit.causes import with_issue
 from bodycheck.reports.audit.joint_causes import JointFacts, Placement, joint_causes, not_held
 from bodycheck.scenarios.model_files.exact import Frame, doubles
-from bodycheck.scenarios.model_files.model_file import Joint, ModelFile, ModelLink
+from bodycheck.scenarios.model_files.joint import Joint
+from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink
 
 
 @dataclass(frozen=True, eq=False)

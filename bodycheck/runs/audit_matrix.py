@@ -18,7 +18,8 @@ from bodycheck.reference_impl.trees.tree_dynamics import tree_dynamics
 from bodycheck.reports.audit.audit import SINGLE, MatrixComparison
 from bodycheck.runs.audit_joints import HeldJoints, matched_joints
 from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, exact, mp
-from bodycheck.scenarios.model_files.model_file import Joint, ModelFile, ModelLink, StatedInertia
+from bodycheck.scenarios.model_files.joint import Joint
+from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, StatedInertia
 from bodycheck.scenarios.model_files.model_tree import ModelTree, model_trees
 
 FOLLOWS = "follows from the bodies and joints that it holds"

@@ -34,7 +34,8 @@ from bodycheck.reports.document import Sentence
 from bodycheck.runs.audit_against import audit_against
 from bodycheck.runs.audit_run import AuditOptions, imported_audit
 from bodycheck.scenarios.model_files import read_model
-from bodycheck.scenarios.model_files.model_file import UNLIMITED, Joint, ModelFile
+from bodycheck.scenarios.model_files.joint import UNLIMITED, Joint
+from bodycheck.scenarios.model_files.model_file import ModelFile
 from bodycheck.scenarios.model_files.model_tree import model_trees
 from tests.helpers.model_texts import random_mjcf, random_urdf, sdf_of
 

@@ -16,7 +16,7 @@ from typing import Any, Protocol, cast
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.scenarios.model_files.model_file import Joint
+from bodycheck.scenarios.model_files.joint import Joint
 
 DEFAULT, RECOMMENDED = "default", "recommended"
 WITHOUT_MESHES = "shapes of mesh files left out"

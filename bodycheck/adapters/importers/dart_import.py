@@ -23,7 +23,7 @@ from bodycheck.adapters.importers import (
     rates_of,
 )
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.scenarios.model_files.model_file import Joint, limit_of
+from bodycheck.scenarios.model_files.joint import Joint, limit_of
 
 FLAGS = {
     "urdf": {DEFAULT: "DartLoader().parseSkeleton(FILE)", RECOMMENDED: WITHOUT_MESHES},

@@ -19,7 +19,7 @@ from bodycheck.adapters.importers import (
     tensor_of,
 )
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.scenarios.model_files.model_file import UNLIMITED, Joint
+from bodycheck.scenarios.model_files.joint import UNLIMITED, Joint
 
 FLAGS = {
     "urdf": {

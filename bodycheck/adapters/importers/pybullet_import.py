@@ -25,7 +25,7 @@ from bodycheck.adapters.importers import (
 )
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
-from bodycheck.scenarios.model_files.model_file import UNLIMITED, Joint, limit_of
+from bodycheck.scenarios.model_files.joint import UNLIMITED, Joint, limit_of
 
 FLAGS = {
     "urdf": {

@@ -21,7 +21,7 @@ from bodycheck.adapters.importers import joint_of
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import principal_axes
 from bodycheck.scenarios.model_files.exact import ExactInertia, doubles
-from bodycheck.scenarios.model_files.model_file import Joint
+from bodycheck.scenarios.model_files.joint import Joint
 
 Severity: TypeAlias = Literal["error", "warning", "note"]
 Confidence: TypeAlias = Literal["certain", "likely", "possible"]

@@ -34,7 +34,7 @@ from bodycheck.reports.audit.audit_summary import (
 )
 from bodycheck.reports.audit.joint_causes import QUANTITIES
 from bodycheck.reports.document import Cell, Column, Document, Sentence, Span, Table
-from bodycheck.scenarios.model_files.model_file import UNLIMITED, Joint
+from bodycheck.scenarios.model_files.joint import UNLIMITED, Joint
 
 _MAX_FINDINGS = 40
 _MAX_JOINTS = 12

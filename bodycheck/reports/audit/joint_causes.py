@@ -12,7 +12,7 @@ from bodycheck._util.formatting import number
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import exp_matrix, log_matrix
 from bodycheck.reports.audit.audit import SINGLE
-from bodycheck.scenarios.model_files.model_file import UNLIMITED, Joint
+from bodycheck.scenarios.model_files.joint import UNLIMITED, Joint
 
 _DEGREES = 180.0 / math.pi
 _MOST_NAMES = 2  # of faults that make the same numbers

@@ -37,6 +37,7 @@ from bodycheck.scenarios.model_files.exact import (
     rotation_to,
     words_of,
 )
+from bodycheck.scenarios.model_files.joint import UNLIMITED, Joint, limit_of
 from bodycheck.scenarios.model_files.mjcf_shapes import (
     SIZES,
     MeshInertia,
@@ -44,16 +45,7 @@ from bodycheck.scenarios.model_files.mjcf_shapes import (
     geom_inertia,
     mesh_inertia,
 )
-from bodycheck.scenarios.model_files.model_file import (
-    UNLIMITED,
-    Joint,
-    ModelFile,
-    ModelLink,
-    Shape,
-    StatedInertia,
-    WeighedMesh,
-    limit_of,
-)
+from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, Shape, StatedInertia, WeighedMesh
 from bodycheck.scenarios.model_files.xml_file import Node, parse_xml
 
 _TINY_MASS = 1e-14  # kg; lighter geoms do not count

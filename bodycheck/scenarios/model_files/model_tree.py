@@ -11,7 +11,8 @@ from bodycheck.reference_impl.rotations import matrix_to_quaternion
 from bodycheck.reference_impl.trees.tree_scene import Joint as TreeJoint
 from bodycheck.reference_impl.trees.tree_scene import TreeBody, TreeScene
 from bodycheck.scenarios.model_files.exact import Exact, Frame, doubles, exact, mp
-from bodycheck.scenarios.model_files.model_file import Joint, ModelFile, ModelLink
+from bodycheck.scenarios.model_files.joint import Joint
+from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink
 
 _RATES = {"hinge": 1, "slide": 1, "ball": 3}
 _DURATION_S, _SAMPLES = 1.0, 2

@@ -15,15 +15,8 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, exact, mp, rotation_of_rpy
-from bodycheck.scenarios.model_files.model_file import (
-    UNLIMITED,
-    Joint,
-    ModelFile,
-    ModelLink,
-    Shape,
-    StatedInertia,
-    limit_of,
-)
+from bodycheck.scenarios.model_files.joint import UNLIMITED, Joint, limit_of
+from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, Shape, StatedInertia
 from bodycheck.scenarios.model_files.xml_file import Node
 
 _MOVABLE = ("revolute", "continuous", "prismatic", "floating", "planar", "spherical")

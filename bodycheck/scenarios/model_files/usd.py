@@ -32,7 +32,8 @@ from bodycheck.scenarios.model_files.exact import (
     rotation_of_quaternion,
     rotation_to,
 )
-from bodycheck.scenarios.model_files.model_file import Joint, ModelFile, ModelLink, Shape, StatedInertia
+from bodycheck.scenarios.model_files.joint import Joint
+from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, Shape, StatedInertia
 
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 _TIMEOUT_S = 120.0
