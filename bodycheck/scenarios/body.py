@@ -328,7 +328,7 @@ BODY_FORMS = (GIVEN, MESH, SHAPE, FILE)
 """The members of the union below, named as in messages."""
 
 
-def _form(value: Any) -> str:
+def form_of(value: Any) -> str:
     """Return which of the forms a table, or a body to be serialised, has by its keys."""
     keys = value if isinstance(value, dict) else getattr(type(value), "model_fields", ())
     if "urdf" in keys or "mjcf" in keys:
@@ -343,5 +343,5 @@ Body: TypeAlias = Annotated[
     | Annotated[MeshBody, Tag(MESH)]
     | Annotated[ShapeBody, Tag(SHAPE)]
     | Annotated[FileBody, Tag(FILE)],
-    Discriminator(_form),
+    Discriminator(form_of),
 ]

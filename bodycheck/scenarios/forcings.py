@@ -60,8 +60,9 @@ def _constant(value: Any, key: Key) -> Any:
     return np.array(value) if isinstance(value, tuple) else value
 
 
-class _SwitchedTable(LoadTable):
-    axes: _Axes
+class TimedTable(ForcingTable):
+    """A table of what acts within an interval of time."""
+
     from_s: Number = 0.0
     until_s: Number | None = None
 
@@ -72,6 +73,10 @@ class _SwitchedTable(LoadTable):
         if value is not None and start is not None and not value > start:
             raise ValueError(f"must be later than from_s = {start!r}")
         return value
+
+
+class _SwitchedTable(LoadTable, TimedTable):
+    axes: _Axes
 
 
 class GravityTable(ForcingTable):
@@ -146,14 +151,14 @@ class PivotTable(ForcingTable):
     at_m: Vector
 
 
-_TABLES: dict[str, type[ForcingTable]] = {
+FORCING_TABLES: dict[str, type[ForcingTable]] = {
     **{kind: _table(kind, load_type) for kind, load_type in load_kinds().items()},
     CallbackLoad.kind: CallableTable,
     "gravity": GravityTable,
     "pivot": PivotTable,
 }
 
-FORCING_KINDS = tuple(_TABLES)
+FORCING_KINDS = tuple(FORCING_TABLES)
 
 
 def _known_kind(value: Any) -> Any:
@@ -169,7 +174,7 @@ class _OneOfTheTables:
     """What tells pydantic to read a table by its kind."""
 
     def __get_pydantic_core_schema__(self, _: Any, handler: GetCoreSchemaHandler) -> Any:
-        tables: Any = Union[tuple(_TABLES.values())]  # noqa: UP007 - as many as there are
+        tables: Any = Union[tuple(FORCING_TABLES.values())]  # noqa: UP007 - as many as there are
         return handler.generate_schema(Annotated[tables, Discriminator("kind")])
 
 

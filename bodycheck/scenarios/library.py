@@ -11,11 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.formatting import nearest
+from bodycheck._util.formatting import nearest, suggestion
 from bodycheck.scenarios.model import Scenario
-from bodycheck.scenarios.reader import Members, parse_members, read_members
+from bodycheck.scenarios.reader import Members, parse_members, parse_trees, read_members, read_trees
+from bodycheck.scenarios.tree_model import TreeScenario
 
 _LIBRARY = files("bodycheck.scenarios") / "library"
+_TREES = _LIBRARY / "trees"
 
 PROBES = ("probe", "probe-free")
 """Scenarios that every run uses to probe each method, besides the requested ones; part of no suite."""
@@ -26,6 +28,11 @@ RECORDED = ("nesc-tumbling-brick",)
 def scenario_names() -> tuple[str, ...]:
     """Return the names of the built-in scenarios and families, in alphabetical order."""
     return tuple(sorted(entry.name[:-5] for entry in _LIBRARY.iterdir() if entry.name.endswith(".toml")))
+
+
+def tree_names() -> tuple[str, ...]:
+    """Return the names of the built-in trees of bodies, in alphabetical order; part of no suite."""
+    return tuple(sorted(entry.name[:-5] for entry in _TREES.iterdir()))
 
 
 @cache
@@ -57,8 +64,34 @@ def scenario_summaries() -> dict[str, str]:
     return {name: _file(name)["summary"] for name in scenario_names()}
 
 
+def tree_summaries() -> dict[str, str]:
+    """Return name -> one-line summary of the built-in trees."""
+    return {name: tomllib.loads(_text(name))["summary"] for name in tree_names()}
+
+
 def _file(name: str) -> dict[str, Any]:
-    return tomllib.loads((_LIBRARY / f"{name}.toml").read_text(encoding="utf-8"))
+    return tomllib.loads(_text(name))
+
+
+def _text(name: str) -> str:
+    """Return the file of a built-in scenario or tree."""
+    folder = _TREES if name in tree_names() else _LIBRARY
+    return (folder / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def load_trees(name: str | Path) -> list[tuple[str, TreeScenario]]:
+    """Return (spec, tree) for a built-in tree, or for the tree or the family of trees in a TOML file.
+
+    Raises InputError if there is no such name or file, the file is wrong, or has one [body].
+    """
+    if str(name) in tree_names():
+        members = parse_trees(_text(str(name)), where=f"{name}.toml", folder=_TREES)
+    elif isinstance(name, Path) or name.endswith(".toml") or "/" in name:
+        members = read_trees(Path(name))
+    else:
+        near = suggestion(name, tree_names())
+        raise InputError(f"{name}: is neither a .toml file nor a built-in tree{near}")
+    return [(f"{name}" if label is None else f"{name}/{label}", tree) for label, tree in members.items()]
 
 
 def load_scenario(name: str | Path, *, allow_code: bool = False) -> Scenario:
@@ -144,10 +177,9 @@ def _same(label: str, value: str) -> bool:
 def _read(name: str | Path, *, allow_code: bool) -> Members:
     if isinstance(name, Path) or name.endswith(".toml") or "/" in name:
         return read_members(Path(name), allow_code=allow_code)
-    if name not in scenario_names():
+    if name not in (*scenario_names(), *tree_names()):
         raise InputError(f"{name}: is neither a .toml file nor a built-in scenario or suite; {_hint(name)}")
-    text = (_LIBRARY / f"{name}.toml").read_text(encoding="utf-8")
-    return parse_members(text, where=f"{name}.toml", folder=_LIBRARY)
+    return parse_members(_text(name), where=f"{name}.toml", folder=_LIBRARY)
 
 
 def _hint(name: str) -> str:

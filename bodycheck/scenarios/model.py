@@ -29,6 +29,12 @@ _UNIT = 4.0 * float(np.finfo(np.float64).eps)  # deviation from 1 of the norm of
 DEFAULT_STEPS_PER_SAMPLE = (5, 10, 20, 50, 100)
 
 
+def rounded_to_unit(vector: tuple[float, ...]) -> Array:
+    """Return a vector as an array, normalised unless its norm is 1 to rounding."""
+    array = np.array(vector)
+    return array if abs(float(np.linalg.norm(array)) - 1.0) <= _UNIT else normalised(array)
+
+
 class Initial(Table):
     """[initial]: the initial state [default: at rest at the origin, axes aligned]."""
 
@@ -58,9 +64,7 @@ class Initial(Table):
         pivot (3,) in m from the centre of mass in body axes, or None; about a pivot, the rotation determines
         the velocity of the centre of mass.
         """
-        quaternion = np.array(self.quaternion)
-        if abs(float(np.linalg.norm(quaternion)) - 1.0) > _UNIT:
-            quaternion = normalised(quaternion)
+        quaternion = rounded_to_unit(self.quaternion)
         if self.omega_world_rad_s is not None:
             omega_body = quaternion_to_matrix(quaternion).T @ np.array(self.omega_world_rad_s)
         else:
@@ -81,8 +85,8 @@ class Initial(Table):
         )
 
 
-class Scenario(Table):
-    """One scenario file: a body, its initial state, the loads, the duration and the number of samples."""
+class ScenarioTable(Table):
+    """What every scenario file has: its name and origin, the duration, the samples and the steps."""
 
     name: Annotated[StrictStr, Field(min_length=1, max_length=200)]
     summary: StrictStr = ""
@@ -91,9 +95,6 @@ class Scenario(Table):
     duration_s: Positive
     samples: Annotated[StrictInt, Field(ge=2, le=_MAX_SAMPLES)]
     steps_s: tuple[Positive, ...] | None = None
-    body: Body
-    initial: Initial = Initial()
-    forcing: tuple[Forcing, ...] = ()
 
     @field_validator("name")
     @classmethod
@@ -126,6 +127,25 @@ class Scenario(Table):
             raise ValueError("contains a step twice")
         return value
 
+    @property
+    def family(self) -> str:
+        """The name before the slash for a child of a family, else the whole name."""
+        return self.name.partition("/")[0]
+
+    @property
+    def steps(self) -> tuple[float, ...]:
+        """The default step sizes of a run in s, coarsest first."""
+        interval = self.duration_s / (self.samples - 1)
+        return tuple(sorted(self.steps_s or (interval / n for n in DEFAULT_STEPS_PER_SAMPLE), reverse=True))
+
+
+class Scenario(ScenarioTable):
+    """One scenario file: a body, its initial state, the loads, the duration and the number of samples."""
+
+    body: Body
+    initial: Initial = Initial()
+    forcing: tuple[Forcing, ...] = ()
+
     @field_validator("forcing")
     @classmethod
     def _fit_together(cls, value: tuple[Forcing, ...], info: ValidationInfo) -> tuple[Forcing, ...]:
@@ -140,17 +160,6 @@ class Scenario(Table):
                     f"omega x (x - pivot) = {allowed.tolist()}"
                 )
         return value
-
-    @property
-    def family(self) -> str:
-        """The name before the slash for a child of a family, else the whole name."""
-        return self.name.partition("/")[0]
-
-    @property
-    def steps(self) -> tuple[float, ...]:
-        """The default step sizes of a run in s, coarsest first."""
-        interval = self.scene.sample_interval_s
-        return tuple(sorted(self.steps_s or (interval / n for n in DEFAULT_STEPS_PER_SAMPLE), reverse=True))
 
     @property
     def scene_as_written(self) -> Scene:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import copy
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, TypeAlias, TypeVar
 
 from pydantic import Field, PlainValidator, StrictStr, ValidationError, field_validator
 
@@ -18,8 +18,10 @@ from bodycheck._util.untrusted import parse_toml, read_text
 from bodycheck.scenarios.body import BODY_FORMS
 from bodycheck.scenarios.fields import Table, finite_numbers
 from bodycheck.scenarios.forcings import FORCING_KINDS
-from bodycheck.scenarios.model import Scenario
+from bodycheck.scenarios.model import Scenario, ScenarioTable
+from bodycheck.scenarios.tree_model import JOINT_KINDS, TREE_FORCINGS, TreeScenario, as_single_body
 
+_FORCINGS = {*FORCING_KINDS, *TREE_FORCINGS}
 _STEP = re.compile(r"(?:^|\.)([A-Za-z_]\w*)|\[(\d+)\]")
 
 
@@ -116,32 +118,80 @@ def read_members(path: Path, *, allow_code: bool = False) -> Members:
 def parse_members(text: str, where: str, folder: Traversable, *, allow_code: bool = False) -> Members:
     """Read TOML text; `where` names it in messages, mesh files are relative to `folder`.
 
-    Raises InputError as read_members does.
+    A tree of one free or pivoted body gives that body's scenario. Raises InputError as read_members does, and
+    for any other tree.
     """
+    return _members(text, where, folder, _single, allow_code=allow_code)
+
+
+TreeMembers: TypeAlias = dict[str | None, TreeScenario]
+"""The same as Members, of a file with trees."""
+
+
+def read_trees(path: Path) -> TreeMembers:
+    """Read the trees of a file. Raises InputError as read_members does, and for a file with one [body]."""
+    return parse_trees(read_text(path), where=str(path), folder=path.parent)
+
+
+def parse_trees(text: str, where: str, folder: Traversable) -> TreeMembers:
+    """Read TOML text of a tree; `where` names it in messages, mesh files are relative to `folder`.
+
+    Raises InputError as read_trees does.
+    """
+    return _members(text, where, folder, _tree)
+
+
+_S = TypeVar("_S", bound=ScenarioTable)
+_Validate: TypeAlias = Callable[[dict[str, Any], dict[str, Any]], _S]
+
+
+def _members(
+    text: str, where: str, folder: Traversable, validated: _Validate[_S], *, allow_code: bool = False
+) -> dict[str | None, _S]:
     context = {"folder": folder, "allow_code": allow_code, "file": Path(where)}
     try:
         data = parse_toml(text, where)
         if "sweep" in data:
-            return _family(data, where, context)
-        return {None: Scenario.model_validate(data, context=context)}
+            return _family(data, where, context, validated)
+        return {None: validated(data, context)}
     except RecursionError:
         raise InputError(f"{where}: is nested too deeply") from None
     except ValidationError as error:
         raise InputError("\n".join(f"{where}: {line}" for line in fault_lines(error))) from None
 
 
-def _family(data: dict[str, Any], where: str, context: dict[str, Any]) -> Members:
+def _single(data: dict[str, Any], context: dict[str, Any]) -> Scenario:
+    """Return the scenario of one body. Raises InputError for a tree that is none."""
+    if not isinstance(data.get("body"), list):
+        return Scenario.model_validate(data, context=context)
+    single = as_single_body(data, _tree(data, context))
+    if single is None:
+        hint = "'bodycheck dynamics' compares engines with it"
+        raise InputError(f"{context['file']}: is a tree of bodies, unsupported by this command; {hint}")
+    return Scenario.model_validate(single, context=context)
+
+
+def _tree(data: dict[str, Any], context: dict[str, Any]) -> TreeScenario:
+    """Return the tree. Raises InputError for a file with one [body]."""
+    if isinstance(data.get("body"), dict):
+        raise InputError(f"{context['file']}: has one [body]; a tree of bodies has [[body]] tables")
+    return TreeScenario.model_validate(data, context=context)
+
+
+def _family(
+    data: dict[str, Any], where: str, context: dict[str, Any], validated: _Validate[_S]
+) -> dict[str | None, _S]:
     """Return the children; report an error that all of them share only once, for the file."""
     (sweep,) = Family.model_validate({"sweep": data.pop("sweep")}).sweep
     try:
         files = list(children(data, sweep))
     except ValueError as error:
         raise InputError(f"{where}: sweep[0].key: {error}") from None
-    found: Members = {}
+    found: dict[str | None, _S] = {}
     faults: dict[str, list[str]] = {}
     for label, child in files:
         try:
-            found[label] = Scenario.model_validate(child, context={**context, "label": label})
+            found[label] = validated(child, {**context, "label": label})
         except ValidationError as error:
             faults[label] = fault_lines(error)
     if faults:
@@ -178,6 +228,8 @@ def _line(fault: Any) -> str:
             return f"{path}: is required"
         case "extra_forbidden":
             table = next((form for form in BODY_FORMS if form in fault["loc"]), "this table")
+            if fault["loc"][-3:-2] == ("joint",):
+                table = f"a joint of kind {fault['loc'][-2]!r}"
             return f"{path}: is not a key of {table}"
         case "model_type":
             return f"{path}: should be a table (it is {fault['input']!r:.60})"
@@ -201,7 +253,9 @@ def _path(location: tuple[int | str, ...]) -> str:
     """Return the path of a key: forcing[0].value_n_m[1]."""
     path = ""
     for before, part in zip((None, *location), location, strict=False):
-        if part in BODY_FORMS or (isinstance(before, int) and part in FORCING_KINDS):
+        if part in BODY_FORMS or (isinstance(before, int) and part in _FORCINGS):
+            continue
+        if before == "joint" and part in JOINT_KINDS:
             continue  # pydantic's name of the union's member, not a key of the file
         path += f"[{part}]" if isinstance(part, int) else f".{part}"
     return path.lstrip(".")

@@ -195,21 +195,16 @@ def _constrained(
     """
     n = len(scene.bodies)
     unknowns = 12 * n  # a, alpha, F, T of each body
-    rows: list[Vector] = []
-    right: list[Any] = []
-
-    def equation(terms: list[tuple[int, Any]], value: Any) -> None:
-        row = _exact(np.zeros(unknowns))
-        for place, coefficient in terms:
-            row[place] = row[place] + coefficient
-        rows.append(row)
-        right.append(value)
+    rows: list[dict[int, Any]] = []
 
     def vector_equations(terms: list[tuple[int, Vector]], value: Vector, directions: Vector) -> None:
         """Direction . (sum of M x) = direction . value."""
         for direction in directions:
-            row = [(place + j, (direction @ m)[j]) for place, m in terms for j in range(3)]
-            equation(row, direction @ value)
+            row: dict[int, Any] = {unknowns: direction @ value}
+            for place, m in terms:
+                for column, coefficient in enumerate(direction @ m, place):
+                    row[column] = row.get(column, mpf(0)) + coefficient
+            rows.append({column: entry for column, entry in row.items() if entry or column == unknowns})
 
     eye = np.eye(3, dtype=int).astype(object)
     _, omega = bodies.velocities(u)
@@ -230,8 +225,7 @@ def _constrained(
         gyroscopic = np.cross(omega[i], inertia @ omega[i])
         vector_equations(euler, torques[i] - gyroscopic, eye)
         _joint_equations(scene, bodies, i, u, omega, applied, vector_equations)
-    solution = mp.lu_solve(mp.matrix([list(row) for row in rows]), mp.matrix(right))
-    x = np.array(list(solution), dtype=object).reshape(n, 4, 3)
+    x = np.array(_solved(rows, unknowns), dtype=object).reshape(n, 4, 3)
     rates = 0 * u
     for i, body in enumerate(scene.bodies):
         rows_, parent, axis = scene.rate_slices[i], body.joint.parent, bodies.axis[i]
@@ -254,6 +248,25 @@ def _constrained(
         for i, r in enumerate(bodies.rotation)
     ]
     return rates, np.array([f for f, _ in turned]), np.array([m for _, m in turned])
+
+
+def _solved(rows: list[dict[int, Any]], unknowns: int) -> list[Any]:
+    """Solve sparse equations, with their right sides at `unknowns`, by elimination from the last column."""
+    pivots = []
+    for column in reversed(range(unknowns)):
+        pivot = max((row for row in rows if column in row), key=lambda row: abs(row[column]))
+        rows = [row for row in rows if row is not pivot]
+        for row in rows:
+            if factor := row.pop(column, 0) / pivot[column]:
+                for place, entry in pivot.items():
+                    if place != column:
+                        row[place] = row.get(place, mpf(0)) - factor * entry
+        pivots.append(pivot)
+    x: list[Any] = []
+    for column, pivot in enumerate(reversed(pivots)):
+        known = sum(entry * x[place] for place, entry in pivot.items() if place < column)
+        x.append((pivot[unknowns] - known) / pivot[column])
+    return x
 
 
 def _hat(v: Vector) -> Vector:

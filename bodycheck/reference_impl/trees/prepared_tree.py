@@ -5,7 +5,7 @@ Computed in rational arithmetic and rounded once, to doubles or to double-double
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import isqrt
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.kernels.generic_precision import Numbers
+from bodycheck.reference_impl.kernels.generic_precision import Numbers, high_part
 from bodycheck.reference_impl.loads.kinds.torque import Torque
 from bodycheck.reference_impl.rational import (
     Vector,
@@ -64,9 +64,14 @@ class PreparedTree:
     sines: Array
     sine_rates: NDArray[np.int64]
 
+    def rounded(self) -> PreparedTree:
+        """Return the same in doubles."""
+        names = ("constants", "gravity", "pushes", "torques")
+        return replace(self, **{name: high_part(getattr(self, name)) for name in names})
 
-def prepared_tree(scene: TreeScene, t_s: float, *, paired: bool) -> PreparedTree:
-    """Return the numbers of a scene with the loads that act at a time, in double-doubles if paired."""
+
+def prepared_tree(scene: TreeScene, t_s: float) -> PreparedTree:
+    """Return the numbers of a scene with the loads that act at a time, in double-doubles."""
     turns = [_turn(body) for body in scene.bodies]
     rows = [_constants(body, turns, i) for i, body in enumerate(scene.bodies)]
     acting = [load for load in scene.loads if interval(load)[0] <= t_s < interval(load)[1]]
@@ -79,11 +84,11 @@ def prepared_tree(scene: TreeScene, t_s: float, *, paired: bool) -> PreparedTree
                 torques[k] += value
     return PreparedTree(
         np.array([_structure(scene, i) for i in range(len(rows))], dtype=np.int64),
-        _numbers(rows, paired),
-        _numbers([[g] for g in fractions(scene.gravity)], paired),
-        _numbers([_push(load, turns) for load in pushes], paired),
+        _numbers(rows),
+        _numbers([[g] for g in fractions(scene.gravity)]),
+        _numbers([_push(load, turns) for load in pushes]),
         np.array([(load.body, load.load.axes == "world") for load in pushes], np.int64).reshape(-1, 2),
-        _numbers([[torque] for torque in torques], paired),
+        _numbers([[torque] for torque in torques]),
         np.array([(load.amplitude, load.rate, load.phase) for load in sines]).reshape(-1, 3),
         np.array([scene.rate_slices[load.body].start for load in sines], dtype=np.int64),
     )
@@ -95,13 +100,12 @@ def _structure(scene: TreeScene, i: int) -> tuple[int, ...]:
     return joint.parent, int(kind.rotation), int(kind.translation), scene.rate_slices[i].start, kind.rates
 
 
-def _numbers(rows: list[list[Fraction | tuple[float, float]]], paired: bool) -> Numbers:
+def _numbers(rows: list[list[Fraction | tuple[float, float]]]) -> Numbers:
     """Return exact rows (m, columns) rounded; no rows give (0, 9)."""
     pairs = np.array(
         [[x if isinstance(x, tuple) else pair(x) for x in row] for row in rows] or np.empty((0, 9, 2))
     )
-    high, low = (np.ascontiguousarray(pairs[..., part]) for part in range(2))
-    return (high, low) if paired else high
+    return np.ascontiguousarray(pairs[..., 0]), np.ascontiguousarray(pairs[..., 1])
 
 
 def _turn(body: TreeBody) -> Vector:

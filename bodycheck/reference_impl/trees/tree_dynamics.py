@@ -10,7 +10,7 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.kernels.generic_precision import Numbers, high_part
 from bodycheck.reference_impl.kernels.jit import interpreted
-from bodycheck.reference_impl.trees.prepared_tree import PreparedTree, prepared_tree
+from bodycheck.reference_impl.trees.prepared_tree import RATES, PreparedTree, prepared_tree
 from bodycheck.reference_impl.trees.tree_numbers import ROWS
 from bodycheck.reference_impl.trees.tree_response import factor, put_mass_matrix, response, solve
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
@@ -81,18 +81,32 @@ class TreeDynamics:
 def tree_dynamics(
     scene: TreeScene, q: Array | None = None, u: Array | None = None, t_s: float = 0.0
 ) -> TreeDynamics:
-    """Return the dynamics at coordinates q and rates u [default: the start] at a time, in doubles."""
-    numbers = _numbers(scene, scene.q0 if q is None else q, scene.u0 if u is None else u, t_s, paired=False)
-    return _dynamics({name: value for name, value in numbers.items() if not isinstance(value, tuple)})
+    """Return the dynamics at coordinates q and rates u [default: the start] at a time, in doubles.
+
+    Only the mass matrix, which takes most of the time, is computed in doubles. The rest is rounded from
+    double-doubles, because forces in doubles lose digits in proportion to the condition of the mass matrix.
+    """
+    numbers = _numbers(scene, q, u, t_s, paired=False)
+    return _dynamics({name: high_part(value) for name, value in numbers.items()})
 
 
 def paired_tree_dynamics(
     scene: TreeScene, q: Paired | None = None, u: Paired | None = None, t_s: float = 0.0
 ) -> tuple[TreeDynamics, TreeDynamics]:
     """Return the same in double-doubles: high and low parts. q and u: doubles, or high and low parts."""
-    numbers = _numbers(scene, scene.q0 if q is None else q, scene.u0 if u is None else u, t_s, paired=True)
-    high, low = ({name: value[part] for name, value in numbers.items()} for part in range(2))
+    numbers = _numbers(scene, q, u, t_s, paired=True)
+    high, low = ({name: np.asarray(value)[part] for name, value in numbers.items()} for part in range(2))
     return _dynamics(high), _dynamics(low)
+
+
+def pivot_ratios(scene: TreeScene) -> Array:
+    """M_ii / d_i (nu,) at the start, M = L D L^T: the loss of digits; infinite where M is singular."""
+    with interpreted(), np.errstate(divide="ignore", invalid="ignore"):
+        mass = _mass_in_doubles(prepared_tree(scene, 0.0), scene.q0[:, None])
+        factors = mass.copy()
+        factor(factors)
+        pivots = np.diag(factors)
+        return np.where(pivots > 0.0, np.diag(mass) / pivots, np.inf)
 
 
 def _dynamics(numbers: dict[str, Array]) -> TreeDynamics:
@@ -114,26 +128,36 @@ def _dynamics(numbers: dict[str, Array]) -> TreeDynamics:
     )
 
 
-def _numbers(scene: TreeScene, q: Paired, u: Paired, t_s: float, *, paired: bool) -> dict[str, Numbers]:
-    """Return arrays by the names of TreeDynamics, and the poses and totals, in doubles or double-doubles."""
-    tree = prepared_tree(scene, t_s, paired=paired)
-    place, rates = _column(q, paired), _column(u, paired)
-    at_rest = _zeros(paired, len(scene.u0), 1)
+def _numbers(
+    scene: TreeScene, q: Paired | None, u: Paired | None, t_s: float, *, paired: bool
+) -> dict[str, Numbers]:
+    """Return double-doubles by the names of TreeDynamics, and the poses and totals; paired: also M."""
+    tree = prepared_tree(scene, t_s)
+    place, rates = _column(scene.q0 if q is None else q), _column(scene.u0 if u is None else u)
+    at_rest = _zeros(True, len(scene.u0), 1)
     with interpreted():
         moving, resting = _State(tree, place, rates, t_s), _State(tree, place, at_rest, t_s)
-        mass = moving.mass_matrix()
-        bias, gravity_bias = moving.bias(), resting.bias()
+        mass = moving.mass_matrix() if paired else _mass_in_doubles(tree, place[0])
         applied = moving.joint_torques()
-        add_column(applied, resting.in_world_axes(resting.residual(_zeros(paired, 3, 1), pushed=True)), -1.0)
-        return {
-            "mass_matrix": moving.in_world_axes(_transposed(moving.in_world_axes(_copy(mass)))),
-            "bias": bias,
-            "gravity_bias": gravity_bias,
+        add_column(applied, resting.in_world_axes(resting.residual(_zeros(True, 3, 1), pushed=True)), -1.0)
+        numbers: dict[str, Numbers] = {
+            "bias": moving.bias(),
+            "gravity_bias": resting.bias(),
             "applied": applied,
             "accelerations": moving.accelerations(mass),
             "poses": moving.poses(),
             "totals": moving.totals(),
         }
+        pair = mass if isinstance(mass, tuple) else (mass, np.zeros_like(mass))
+        numbers["mass_matrix"] = moving.in_world_axes(_transposed(moving.in_world_axes(pair)))
+        return numbers
+
+
+def _mass_in_doubles(tree: PreparedTree, place: Array) -> Array:
+    """Return M (nu, nu) in doubles, at a place as a column, for u' of free bodies in body axes."""
+    at_rest = np.zeros((int(np.sum(tree.structure[:, RATES])), 1))
+    mass: Array = high_part(_State(tree.rounded(), place, at_rest, 0.0).mass_matrix())
+    return mass
 
 
 class _State:
@@ -195,12 +219,23 @@ class _State:
         return out
 
     def accelerations(self, mass: Numbers) -> Numbers:
-        """Return u' (rates, 1), in world axes for free bodies; the series then hold the forces."""
-        x, fall, factors = self.joint_torques(), self.column(), _copy(mass)
-        add_column(x, self.residual(self.tree.gravity, pushed=True), -1.0)
+        """Return u' (rates, 1), in world axes for free bodies; the series then hold the forces.
+
+        If M is in doubles, the solution is refined twice by what remains of the forces (Wilkinson 1963,
+        Rounding errors in algebraic processes).
+        """
+        x, forces = self.column(), self.joint_torques()
+        add_column(forces, self.residual(self.tree.gravity, pushed=True), -1.0)
+        factors = _copy(mass)
         factor(factors)
-        solve(factors, x)
+        for _ in range(1 if isinstance(mass, tuple) else 3):
+            rest = _copy(forces)
+            add_column(rest, self.respond(x, keep=False), -1.0)
+            change = rest if isinstance(mass, tuple) else high_part(rest)
+            solve(factors, change)
+            add_column(x, change if isinstance(mass, tuple) else (change, np.zeros_like(change)), 1.0)
         self.respond(x, keep=True)
+        fall = self.column()
         put_free_fall(self.structure, self.tree.gravity, self.series, fall)
         add_column(x, fall, 1.0)
         return self.in_world_axes(x)
@@ -222,11 +257,10 @@ def _zeros(paired: bool, *shape: int) -> Numbers:
     return (np.zeros(shape), np.zeros(shape)) if paired else np.zeros(shape)
 
 
-def _column(values: Paired, paired: bool) -> Numbers:
-    """Return values (m,) as a column (m, 1) of the precision."""
+def _column(values: Paired) -> tuple[Array, Array]:
+    """Return values (m,) as a column (m, 1) of double-doubles."""
     high, low = values if isinstance(values, tuple) else (values, np.zeros(len(values)))
-    column = np.array(high, np.float64)[:, None], np.array(low, np.float64)[:, None]
-    return column if paired else column[0]
+    return np.array(high, np.float64)[:, None], np.array(low, np.float64)[:, None]
 
 
 def _copy(numbers: Numbers) -> Numbers:
@@ -234,7 +268,5 @@ def _copy(numbers: Numbers) -> Numbers:
 
 
 def _transposed(numbers: Numbers) -> Numbers:
-    """M^T, as a copy."""
-    if isinstance(numbers, tuple):
-        return numbers[0].T.copy(), numbers[1].T.copy()
-    return numbers.T.copy()
+    """M^T of double-doubles, as a copy."""
+    return numbers[0].T.copy(), numbers[1].T.copy()

@@ -86,6 +86,9 @@ def response(
         force, torque = constant(work, i, 6), constant(work, i, 9)
         moment = subtracted(torque, cross(constant(constants, i, AT_BODY), force))
         put_joint_force(structure, out, i, force, moment)
+        for row in range(structure[i, RATE], structure[i, RATE] + structure[i, RATES]):
+            rotor = times(term(constants, i, ARMATURE), term(x, row, 0))
+            put(out, row, 0, plus(term(out, row, 0), rotor))
         if keep:
             add_vector(series, own + F, k, force)
             add_vector(series, own + N, k, torque)
@@ -181,9 +184,6 @@ def put_mass_matrix(
         put(x, j, 0, nothing(series))
         for i in range(rates):
             put(mass, i, j, term(out, i, 0))
-    for i in range(len(structure)):
-        for j in range(structure[i, RATE], structure[i, RATE] + structure[i, RATES]):
-            put(mass, j, j, plus(term(mass, j, j), term(constants, i, ARMATURE)))
 
 
 @kernel

@@ -12,6 +12,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from bodycheck._util.formatting import count
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.loads.kinds.force import PointForce
 from bodycheck.reference_impl.loads.kinds.torque import Torque
@@ -258,9 +259,9 @@ def _body_faults(i: int, body: TreeBody, names: Counter[str]) -> Iterator[tuple[
     if not np.any(joint.coordinates[-4:]) and kind.rotation is Rotation.BALL:
         yield ("joint", "start"), "must have a quaternion that is not 0"
     if joint.damping and kind.rotation and kind.translation:
-        yield ("joint", "damping"), f"a {joint.kind} has no damper"
+        yield ("joint", "damping"), f"a joint of kind {joint.kind!r} has no damper"
     if joint.stiffness and not kind.is_scalar:
-        yield ("joint", "stiffness"), f"a {joint.kind} has no spring"
+        yield ("joint", "stiffness"), f"a joint of kind {joint.kind!r} has no spring"
     if kind.translation is Translation.SPACE:
         if joint.armature:
             yield ("joint", "armature"), f"a {joint.kind} body has none"
@@ -285,4 +286,4 @@ def _load_faults(load: TreeLoad, bodies: tuple[TreeBody, ...]) -> Iterator[tuple
     elif isinstance(load, JointSineTorque) and not kind.is_scalar:
         yield ("body",), f"{bodies[load.body].name!r} has no joint of one coordinate"
     elif isinstance(load, JointTorque) and np.shape(load.value) != (kind.rates,):
-        yield ("value",), f"must be {kind.rates} numbers, not {np.asarray(load.value).tolist()}"
+        yield ("value",), f"must be {count(kind.rates, 'number')}, not {np.asarray(load.value).tolist()}"
