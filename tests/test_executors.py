@@ -24,8 +24,9 @@ from bodycheck.adapters.workers.executors import CaseRequest, ExecutorEngines, a
 from bodycheck.reports.cache.disk_cache import Entry
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.runs import cluster as dask_cluster
-from bodycheck.runs.directory import RunRequest, run_to_folder
-from bodycheck.runs.run_options import no_progress
+from bodycheck.runs.directory import run_to_folder
+from bodycheck.runs.progress import no_progress
+from bodycheck.runs.request import Request
 from bodycheck.runs.runner import run
 from bodycheck.runs.speed import _laps_of
 from bodycheck.scenarios.library import load_scenario
@@ -449,11 +450,11 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Loopback]:
         yield cluster
 
 
-def requested(scenario: Path, cluster: Loopback, **others: Any) -> RunRequest:
+def requested(scenario: Path, cluster: Loopback, **others: Any) -> Request:
     """Return a request for a run on the cluster."""
     given: dict[str, Any] = {"scenarios": [str(scenario)], "engines": ENGINES, "speed": False, "fresh": True}
     tls = {"tls_ca_file": cluster.tls["ca"], "tls_cert": cluster.tls["cert"], "tls_key": cluster.tls["key"]}
-    return RunRequest(**{**given, "cluster": cluster.address, **tls, **others})
+    return Request(**{**given, "cluster": cluster.address, **tls, **others})
 
 
 @pytest.mark.nightly

@@ -17,7 +17,8 @@ from bodycheck.adapters import registry
 from bodycheck.adapters.registry import register_adapter, registered
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs.manifest import Identity
-from bodycheck.runs.run_options import NULL_PROGRESS, RunOptions
+from bodycheck.runs.progress import NULL_PROGRESS
+from bodycheck.runs.request import Request
 from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import select
 from tests.helpers.expected_messages import ExpectedMessage
@@ -95,7 +96,7 @@ def run_of(scenario: Path, *, sound: bool, methods: list[str], speed: bool) -> R
     with registered(Misbehaving(sound=sound)):
         engines = [*(f"misbehaving:{method}" for method in methods), "reference:m1"]
         selection = select([scenario], engines, [*VALID_STEPS_S, BAD_STEP_S])
-        options = RunOptions(speed=speed, timeout_s=TIMEOUT_S, reuse="nothing", laws=False)
+        options = Request(speed=speed, timeout_s=TIMEOUT_S, fresh=True, laws=False)
         return run_selection(selection, options, Identity.new(), journal=None, progress=NULL_PROGRESS)
 
 

@@ -21,7 +21,8 @@ from bodycheck.reports.gates.gate_output import as_junit, results_data
 from bodycheck.reports.gates.verdict import check_gates
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.runs import gate_run
-from bodycheck.runs.run_options import NULL_PROGRESS, RunOptions
+from bodycheck.runs.progress import NULL_PROGRESS
+from bodycheck.runs.request import Request
 from bodycheck.runs.selection import Selection
 from tests.helpers.scenario_texts import tumbling
 
@@ -276,16 +277,16 @@ def test_new_run_is_compared_with_the_gates(folder: Path) -> None:
 @pytest.mark.slow
 def test_only_scenarios_and_methods_of_gates_are_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Other scenarios and methods are left out, and times are measured only if a gate needs them."""
-    requested: list[tuple[Selection, RunOptions]] = []
+    requested: list[tuple[Selection, Request]] = []
     monkeypatch.setattr(gate_run, "run_selection", lambda *reported, **_: requested.append(reported[:2]))
     text = '[[gate]]\nengine = "reference"\nmethod = "m[12]"\nscenario = "mine"\nreason = "r"\n'
     defaults = '[[gate]]\nengine = "mujoco"\nmethod = "euler@defaults"\nreason = "r"\n'
     for measure in ("energy_drift", "relative_cpu"):
         gates = parse_gates(f'{text}measure = "{measure}"\nupper = 1e9\n', "t")
         scenarios = [folder / "mine.toml", "intermediate-axis"]
-        gate_run.run_for_gates(gates, scenarios, RunOptions(), lambda _: nullcontext(NULL_PROGRESS))
+        gate_run.run_for_gates(gates, scenarios, Request(), lambda _: nullcontext(NULL_PROGRESS))
     gates = parse_gates(f'{defaults}measure = "verdict"\nequals = "converges"\n', "t")
-    gate_run.run_for_gates(gates, ["intermediate-axis"], RunOptions(), lambda _: nullcontext(NULL_PROGRESS))
+    gate_run.run_for_gates(gates, ["intermediate-axis"], Request(), lambda _: nullcontext(NULL_PROGRESS))
     names = [
         (
             [scenario.name for _, scenario in selection.scenarios],

@@ -25,7 +25,7 @@ from bodycheck.cli import commands
 from bodycheck.reference_impl.rotations import quaternion_product
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.document import Document, Sentence, markdown
-from bodycheck.runs.run_options import TIMEOUT_S
+from bodycheck.runs.request import TIMEOUT_S
 from tests.helpers.scenario_texts import SCENARIO, tumbling
 from tests.helpers.weakened_engine import Weakened
 

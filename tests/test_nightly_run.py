@@ -16,9 +16,9 @@ from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import SUMMARY_KEYS, check_files, read_summary
 from bodycheck.runs import nightly_run
-from bodycheck.runs.directory import RunRequest
 from bodycheck.runs.nightly_run import resume_nightly, run_nightly, store_nightly
-from bodycheck.runs.run_options import no_progress
+from bodycheck.runs.progress import no_progress
+from bodycheck.runs.request import Request
 from tests.helpers.expected_messages import ExpectedMessage
 
 EARLIER, TONIGHT = "20260101T000000Z-000001", "20260102T000000Z-000002"
@@ -63,7 +63,7 @@ def test_nightly_run_is_carried_out_with_a_journal_in_its_history(
         return words[-1].store(RUN)
 
     monkeypatch.setattr(nightly_run, "begin", begin)
-    (judged, run) = run_nightly(cast(RunRequest, "a request"), history.folder, no_progress, Thresholds(0.25))
+    (judged, run) = run_nightly(cast(Request, "a request"), history.folder, no_progress, Thresholds(0.25))
     ((request, identity, out, progress, storage),) = begun
     assert (request, progress) == ("a request", no_progress)
     assert out == history.folder / identity.run_id

@@ -10,7 +10,8 @@ import pytest
 from bodycheck.reports.gates.gate import read_gates
 from bodycheck.reports.gates.verdict import check_gates
 from bodycheck.runs.gate_run import run_for_gates
-from bodycheck.runs.run_options import NULL_PROGRESS, RunOptions
+from bodycheck.runs.progress import NULL_PROGRESS
+from bodycheck.runs.request import Request
 from bodycheck.scenarios.library import suites
 
 ROOT = Path(__file__).parents[1]
@@ -22,7 +23,7 @@ def test_gates_of_the_intermediate_axis_hold() -> None:
     gates = [
         gate for gate in read_gates(ROOT / "tolerances.toml") if gate.matches_scenario("intermediate-axis")
     ]
-    run = run_for_gates(gates, ["intermediate-axis"], RunOptions(), lambda _: nullcontext(NULL_PROGRESS))
+    run = run_for_gates(gates, ["intermediate-axis"], Request(), lambda _: nullcontext(NULL_PROGRESS))
     results = check_gates(gates, run)
     lost = run.manifest["engines"].get("pybullet", {}).get("unavailable")
     wanted = {"passed"} if lost is None else {"passed", "nothing"}  # no PyBullet on later versions of Python

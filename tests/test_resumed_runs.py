@@ -22,8 +22,9 @@ from bodycheck._util.errors import InputError
 from bodycheck.cli import commands
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.runs import directory
-from bodycheck.runs.directory import RunRequest, resume, run_to_folder
-from bodycheck.runs.run_options import no_progress
+from bodycheck.runs.directory import resume, run_to_folder
+from bodycheck.runs.progress import no_progress
+from bodycheck.runs.request import Request
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.scenario_texts import RUN_SPECIFIC_COLUMNS, SCENARIO, tumbling
 from tests.helpers.worker_processes import all_gone, workers_of
@@ -224,7 +225,7 @@ def test_run_whose_scenario_has_changed_is_not_continued(
     def stopped(*_: object, **__: object) -> None:
         raise InputError("the disk is full")
 
-    request = RunRequest(scenarios=["mine.toml"], engines=["reference:m1"], speed=False)
+    request = Request(scenarios=["mine.toml"], engines=["reference:m1"], speed=False)
     with monkeypatch.context() as patched:
         patched.setattr(Journal, "is_empty", False)
         patched.setattr(directory, "run_selection", stopped)

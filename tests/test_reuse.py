@@ -19,7 +19,7 @@ from bodycheck.reports.document import print_document
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs import runner
-from bodycheck.runs.run_options import RunOptions
+from bodycheck.runs.request import Request
 from bodycheck.runs.selection import Selection
 from tests.helpers.compiled_engine_package import build_library, needs_a_compiler, write_shaky
 from tests.helpers.scenario_texts import SCENARIO
@@ -50,7 +50,7 @@ COMMANDS = [
 class ManagedError(Exception):
     """Ends a command before its run starts and stores what it would reuse."""
 
-    def __init__(self, options: RunOptions) -> None:
+    def __init__(self, options: Request) -> None:
         super().__init__(options.reuse)
         self.options = options
 
@@ -66,7 +66,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def _no_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    def ended(_: object, options: RunOptions, *__: object, **___: object) -> None:
+    def ended(_: object, options: Request, *__: object, **___: object) -> None:
         raise ManagedError(options)
 
     def nothing(*_: object, **__: object) -> Selection:
@@ -120,7 +120,7 @@ def test_gates_in_tests_measure_again(requested: bool, reuse: str, monkeypatch: 
     )
     fixtures.parametrize_gates(metafunc)  # type: ignore[arg-type]
 
-    def ended(_gates: object, _scenarios: object, options: RunOptions, _watching: object) -> None:
+    def ended(_gates: object, _scenarios: object, options: Request, _watching: object) -> None:
         raise ManagedError(options)
 
     monkeypatch.setattr(fixtures, "run_for_gates", ended)

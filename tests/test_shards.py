@@ -19,9 +19,10 @@ from bodycheck._util.shard import Shard
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.sentinels import disagreements, read_sentinels
 from bodycheck.runs import directory
-from bodycheck.runs.directory import RunRequest, resume, run_to_folder, write_run
+from bodycheck.runs.directory import resume, run_to_folder, write_run
 from bodycheck.runs.merge import merge
-from bodycheck.runs.run_options import no_progress
+from bodycheck.runs.progress import no_progress
+from bodycheck.runs.request import Request
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.in_process_cli import run_bodycheck
 from tests.helpers.scenario_texts import RUN_SPECIFIC_COLUMNS, tumbling
@@ -31,12 +32,12 @@ TABLES = ("results", "methods", "stability", "probes")
 Message = Callable[..., None]
 
 
-def request(folder: Path, **others: Any) -> RunRequest:
+def request(folder: Path, **others: Any) -> Request:
     """Return a run of two scenarios by four methods whose steps the run refines."""
     engines = ["reference:m1,reference:rk4,reference:exact,mujoco:euler"]
     scenarios = [str(folder / "mine.toml"), str(folder / "other.toml")]
     given: dict[str, Any] = {"scenarios": scenarios, "engines": engines[0].split(","), "speed": False}
-    return RunRequest(**{**given, "fresh": True, **others})
+    return Request(**{**given, "fresh": True, **others})
 
 
 @pytest.fixture(scope="module")

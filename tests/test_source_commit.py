@@ -13,7 +13,7 @@ from bodycheck._util.source_commit import COMMIT_VARIABLES, commit_range, compar
 from bodycheck.reports.comparison.compare import compare
 from bodycheck.reports.comparison.describe import alerts_of, comparison_data, sentences
 from bodycheck.reports.run_files.run_tables import Tables
-from bodycheck.runs.run_options import RunOptions
+from bodycheck.runs.request import Request
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.gate_tables import make_tables
 from tests.helpers.in_process_cli import run_bodycheck
@@ -98,4 +98,4 @@ def test_the_commit_is_stored_with_the_run(tmp_path: Path, monkeypatch: pytest.M
         manifest = json.loads((tmp_path / out / "manifest.json").read_text())
         assert manifest["source"] == {"id": commit, "url": "https://github.com/me/engine"}
     assert run_bodycheck(tmp_path, *words, "--commit", "a b").returncode == 2
-    assert RunOptions().commit is None
+    assert Request().commit is None

@@ -23,7 +23,7 @@ from bodycheck.reports.comparison.release_results import Found
 from bodycheck.reports.run_files.run_tables import Tables
 from bodycheck.runs import version_search
 from bodycheck.runs.manifest import Identity
-from bodycheck.runs.run_options import RunOptions
+from bodycheck.runs.request import Request
 from bodycheck.runs.selection import Selection
 from bodycheck.runs.version_search import search
 from tests.helpers.expected_messages import ExpectedMessage
@@ -218,7 +218,7 @@ def test_releases_are_bisected_unless_every_one_is_requested(every: bool | None,
     """Each release is run once, both ends first, and each finding is the value in its release."""
     requested = version_search.Search(*SEARCHED, **({} if every is None else {"every": every}))
     assert not requested.allow_code
-    found = version_search.search(requested, RunOptions(), reported.append)
+    found = version_search.search(requested, Request(), reported.append)
     assert reported[:2] == ["toy==1", "toy==7"]
     assert len(reported) == len({*reported}) == (7 if every else 5)
     (track,) = found.tracks
@@ -256,8 +256,8 @@ def selected(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Selection, dict[str,
         methods = {one.name: one for one in METHODS if (release, one.name) != ("1", "n")}
         return {name: Engine(name, release, methods)}
 
-    def run_selection(selection: Selection, options: RunOptions, identity: Identity, **rest: Any) -> Tables:
-        assert options == RunOptions(jobs=1)
+    def run_selection(selection: Selection, options: Request, identity: Identity, **rest: Any) -> Tables:
+        assert options == Request(jobs=1)
         assert isinstance(identity, Identity)
         runs.append((selection, rest))
         ((_, scenario),) = selection.scenarios
@@ -289,7 +289,7 @@ def searched(**requested: Any) -> tuple[Found, list[str]]:
 
     words = dict(zip(SEARCH_FIELDS, SEARCHED, strict=True)) | {"dt_s": None, **requested}
     request = version_search.Search(**words)
-    return search(request, RunOptions(jobs=1), lambda _: None, lambda name: partial(progress, name)), shown
+    return search(request, Request(jobs=1), lambda _: None, lambda name: partial(progress, name)), shown
 
 
 def test_releases_are_run_with_all_methods_that_are_not_on_request(

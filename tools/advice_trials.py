@@ -24,7 +24,8 @@ from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import MethodKey, key_of
 from bodycheck.reports.summary.error_curve import ErrorCurve, Estimate, cases_within, curves_of, largest_error
 from bodycheck.runs.advice_run import measure_steps
-from bodycheck.runs.run_options import NULL_PROGRESS, RunOptions
+from bodycheck.runs.progress import NULL_PROGRESS
+from bodycheck.runs.request import Request
 
 FACTOR = 1.5
 MAX_UNSURE = 0.1
@@ -77,7 +78,7 @@ def main() -> int:
     found, factors = Counter[str](), []
     for batch in _batches(cheap):
         steps = {one.place: one.dt_s for one in batch}
-        measured = measure_steps(run, steps, RunOptions(speed=False), lambda _: nullcontext(NULL_PROGRESS))
+        measured = measure_steps(run, steps, Request(speed=False), lambda _: nullcontext(NULL_PROGRESS))
         cases = {(case.columns["scenario"], key_of(case.columns)): case for case in measured.cases}
         for one in batch:
             ratio = largest_error(cases[one.place], requested.measure) / one.error

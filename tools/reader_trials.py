@@ -140,11 +140,11 @@ def _inputs(sound: Path) -> list[Reader]:
     }
     for name, content in meshes.items():
         (sound / name).write_bytes(content if isinstance(content, bytes) else content.encode())
-    from bodycheck.runs.directory import RunRequest
     from bodycheck.runs.manifest import Identity
+    from bodycheck.runs.request import Request
 
     selection = select([sound / "mine.toml"], ["reference:m1"])
-    _describe(sound / "out.partial", RunRequest(dt_s=[0.01]), Identity.new(), selection, sound / "out")
+    _describe(sound / "out.partial", Request(dt_s=[0.01]), Identity.new(), selection, sound / "out")
     return [
         Reader("scenario", sound / "mine.toml", read_members, "toml", toml_line, 2.0),
         Reader("scenario with loads", sound / "rich.toml", read_members, "toml", toml_line, 2.0),

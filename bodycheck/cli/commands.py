@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -23,31 +24,21 @@ from bodycheck.cli.options import (
     WATCH,
     WHAT,
     AllowCode,
-    Commit,
-    Engines,
-    EnginesFile,
-    Fresh,
     Group,
     HtmlFile,
-    Jobs,
     Json,
-    NoSpeed,
     OutFolder,
     Quiet,
-    Scenarios,
-    ShardOption,
-    TimeoutS,
-    admit_engines,
     complete_scenarios,
     described,
     numbers,
     progress_of,
     refuse_others,
-    steps_option,
+    takes_request,
 )
 from bodycheck.cli.stored_runs import questions
 from bodycheck.cli.versions_command import environment_commands, versioning
-from bodycheck.runs.run_options import TIMEOUT_S
+from bodycheck.runs.request import Request
 
 if TYPE_CHECKING:
     from bodycheck.scenarios.given_motion import GivenMotion
@@ -92,53 +83,11 @@ def _before_any_command(
         "bodycheck run --resume first",
     ),
 )
+@takes_request()
 def run(
     context: typer.Context,
-    scenarios: Scenarios = None,
-    engine: Engines = None,
-    dt: Annotated[str | None, steps_option("each scenario's")] = None,
-    tolerance: Annotated[
-        str | None,
-        typer.Option(
-            help="Error tolerances of the adaptive methods, like 1e-6,1e-9.",
-            show_default="each method's",
-            rich_help_panel=WHAT,
-        ),
-    ] = None,
+    request: Callable[..., Request],
     out: OutFolder = None,
-    jobs: Jobs = None,
-    timeout_s: TimeoutS = TIMEOUT_S,
-    no_speed: NoSpeed = False,
-    fresh: Fresh = None,
-    shard: ShardOption = None,
-    cluster: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Run the cases on a Dask cluster, like tcp://scheduler:8786; see docs/clusters.md.",
-            show_default="this machine",
-            rich_help_panel=HOW,
-        ),
-    ] = None,
-    tls_ca_file: Annotated[
-        str | None,
-        typer.Option(help="PEM certificate of the authority that signed the cluster's.", rich_help_panel=HOW),
-    ] = None,
-    tls_cert: Annotated[
-        str | None, typer.Option(help="PEM certificate of this client.", rich_help_panel=HOW)
-    ] = None,
-    tls_key: Annotated[str | None, typer.Option(help="PEM key of this client.", rich_help_panel=HOW)] = None,
-    insecure: Annotated[
-        bool,
-        typer.Option(
-            "--insecure",
-            help="Allow a cluster on other machines without TLS, in a network that you trust.",
-            rich_help_panel=HOW,
-        ),
-    ] = False,
-    commit: Commit = None,
-    engines: EnginesFile = None,
-    allow_code: AllowCode = False,
     resume: Annotated[
         Path | None,
         typer.Option(
@@ -154,40 +103,21 @@ def run(
     from bodycheck.adapters.registry import engines_to_install
     from bodycheck.reports.document import answer
     from bodycheck.reports.summary.sentences import run_data, run_document
-    from bodycheck.runs.directory import RunRequest, run_to_folder
     from bodycheck.runs.directory import resume as go_on
+    from bodycheck.runs.directory import run_to_folder
 
-    make_progress = progress_of(quiet=quiet)
-    admit_engines(engines, allow_code=allow_code)
-    request = RunRequest(
-        scenarios=scenarios or ["standard"],
-        engines=None if engine is None else engine.split(","),
-        dt_s=numbers(dt, "--dt"),
-        tolerances=numbers(tolerance, "--tolerance"),
-        speed=not no_speed,
-        jobs=jobs,
-        timeout_s=timeout_s,
-        fresh=fresh,
-        shard=shard,
-        cluster=cluster,
-        tls_ca_file=tls_ca_file,
-        tls_cert=tls_cert,
-        tls_key=tls_key,
-        insecure=insecure,
-        commit=commit,
-        allow_code=allow_code,
-    )
+    make_progress, requested = progress_of(quiet=quiet), request()
     if resume is not None:
         refuse_others(
             context,
             "--resume: continues a run with its original settings",
             ("resume", "json", "quiet", "engines", "allow_code"),
         )
-        measured, report = go_on(resume, make_progress, allow_code=allow_code)
+        measured, report = go_on(resume, make_progress, allow_code=requested.allow_code)
     else:
-        if engine is None and not quiet and (how := engines_to_install()):
+        if requested.engines is None and not quiet and (how := engines_to_install()):
             print(f"no engine is installed, only the reference is measured: {how}", file=sys.stderr)
-        measured, report = run_to_folder(request, out, make_progress)
+        measured, report = run_to_folder(requested, out, make_progress)
     answer(run_document(measured), {**run_data(measured), "report": report}, as_json=json)
     if not json:
         print(report)

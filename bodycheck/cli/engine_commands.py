@@ -18,7 +18,7 @@ from bodycheck.cli.options import (
     complete_engines,
     described,
 )
-from bodycheck.runs.run_options import TIMEOUT_S
+from bodycheck.runs.request import TIMEOUT_S
 
 adapter_commands = typer.Typer()
 

@@ -31,7 +31,7 @@ from bodycheck.cli.options import (
     refuse_others,
     steps_option,
 )
-from bodycheck.runs.run_options import TIMEOUT_S
+from bodycheck.runs.request import TIMEOUT_S
 
 if TYPE_CHECKING:
     from bodycheck.runs.ensemble_result import EnsembleRequest

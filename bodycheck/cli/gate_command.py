@@ -37,14 +37,15 @@ from bodycheck.cli.options import (
     tell_github,
     write_files,
 )
-from bodycheck.runs.run_options import TIMEOUT_S
+from bodycheck.runs.request import TIMEOUT_S
 
 if TYPE_CHECKING:
     from bodycheck.reports.document import Document
     from bodycheck.reports.gates.gate import Gate
     from bodycheck.reports.gates.verdict import GateResult
     from bodycheck.reports.run_files.run_tables import Run, Tables
-    from bodycheck.runs.run_options import ProgressFactory, RunOptions
+    from bodycheck.runs.progress import ProgressFactory
+    from bodycheck.runs.request import Request
 
 gating = typer.Typer()
 
@@ -125,7 +126,7 @@ def gate(
     from bodycheck.reports.gates.verdict import check_gates
     from bodycheck.reports.run_files.run_reader import read_tables
     from bodycheck.reports.run_files.writer import check_output
-    from bodycheck.runs.run_options import RunOptions, reuse_of
+    from bodycheck.runs.request import Request
 
     text = read_text(gates)
     bounds = parse_gates(text, str(gates))
@@ -139,7 +140,7 @@ def gate(
         check_output(out)
     measured: Run | Tables
     if run is None:
-        options = RunOptions(jobs=jobs, timeout_s=timeout_s, reuse=reuse_of(fresh, "truths"))
+        options = Request(jobs=jobs, timeout_s=timeout_s, fresh=fresh, reuse_by_default="truths")
         make_progress = progress_of(quiet=quiet)
         admit_engines(engines, allow_code=allow_code)
         if engine is None:
@@ -186,7 +187,7 @@ def _new_run(
     gates: Sequence[Gate],
     scenarios: Sequence[str],
     engines: Sequence[str],
-    options: RunOptions,
+    options: Request,
     make_progress: ProgressFactory,
     out: Path | None,
     *,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from os.path import relpath
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -14,36 +14,28 @@ from bodycheck._util.errors import InputError
 from bodycheck.cli.options import (
     HOW,
     WATCH,
-    AllowCode,
-    Commit,
-    Engines,
-    EnginesFile,
     Files,
     Github,
     HtmlFile,
-    Jobs,
     Json,
     JunitFile,
     MarkdownFile,
-    NoSpeed,
     PartFolder,
     Quiet,
-    Scenarios,
-    ShardOption,
     Threshold,
     ThresholdsFile,
-    TimeoutS,
-    admit_engines,
     check_files,
     described,
     progress_of,
     refuse_others,
+    request_words,
+    takes_request,
     tell_github,
     thresholds_of,
     write_files,
 )
 from bodycheck.reports.gates.thresholds import THRESHOLD
-from bodycheck.runs.run_options import TIMEOUT_S
+from bodycheck.runs.request import Request
 
 if TYPE_CHECKING:
     from bodycheck.reports.history.acceptances import Acceptance
@@ -59,20 +51,6 @@ _EXITS = {"no regression": 0, "regression": 1, "nothing measured": 1, "insuffici
 
 _LEFT_OUT = 1
 
-_OF_A_SHARD = (
-    "scenarios",
-    "engine",
-    "jobs",
-    "timeout_s",
-    "no_speed",
-    "commit",
-    "shard",
-    "out",
-    "engines",
-    "allow_code",
-    "quiet",
-)
-
 _RESUMED = (
     *("history", "threshold", "thresholds", "fail_on", "resume", "html", "markdown", "junit", "github"),
     *("engines", "allow_code", "json", "quiet"),
@@ -86,8 +64,10 @@ _Folder = Annotated[Path, typer.Argument(metavar="HISTORY", help="Folder of a hi
     short_help="Run, store, and compare with earlier runs.",
     **described(WATCH, "bodycheck nightly --history nights --engine mujoco,reference:rk4"),
 )
+@takes_request("dt_s", "tolerances", "fresh", "cluster", "tls_ca_file", "tls_cert", "tls_key", "insecure")
 def nightly_(
     context: typer.Context,
+    request: Callable[..., Request],
     history: Annotated[
         Path | None,
         typer.Option(
@@ -95,8 +75,6 @@ def nightly_(
             show_default="required without --shard",
         ),
     ] = None,
-    scenarios: Scenarios = None,
-    engine: Engines = None,
     threshold: Threshold = THRESHOLD,
     thresholds: ThresholdsFile = None,
     fail_on: Annotated[
@@ -106,10 +84,6 @@ def nightly_(
             "before."
         ),
     ] = "open",
-    jobs: Jobs = None,
-    timeout_s: TimeoutS = TIMEOUT_S,
-    no_speed: NoSpeed = False,
-    commit: Commit = None,
     resume: Annotated[
         bool,
         typer.Option(
@@ -118,14 +92,11 @@ def nightly_(
             rich_help_panel=HOW,
         ),
     ] = False,
-    shard: ShardOption = None,
     out: PartFolder = None,
     github: Github = False,
     html: HtmlFile = None,
     markdown: MarkdownFile = None,
     junit: JunitFile = None,
-    engines: EnginesFile = None,
-    allow_code: AllowCode = False,
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -134,40 +105,30 @@ def nightly_(
     A regression stays open until it is gone or accepted with `bodycheck history accept`. The exit status is 1
     while one is open or if nothing was measured, and 3 if the history is insufficient to compare with.
     """
-    from bodycheck.runs.directory import RunRequest, run_to_folder
+    from bodycheck.runs.directory import run_to_folder
     from bodycheck.runs.nightly_run import SPEED_PASSES, resume_nightly, run_nightly
 
     levels = thresholds_of(threshold, thresholds)
     files = {"html": html, "markdown": markdown, "junit": junit}
     check_files(files)
-    admit_engines(engines, allow_code=allow_code)
-    request = RunRequest(
-        scenarios=scenarios or ["standard"],
-        engines=None if engine is None else engine.split(","),
-        speed=not no_speed,
-        jobs=jobs,
-        timeout_s=timeout_s,
-        fresh=True,  # a stored result would hide a change of the engine
-        shard=shard,
-        speed_passes=SPEED_PASSES,
-        commit=commit,
-        allow_code=allow_code,
-    )
-    if shard is not None:
+    # a stored result would hide a change of the engine
+    requested = request(fresh=True, speed_passes=SPEED_PASSES)
+    if (shard := requested.shard) is not None:
         reason = f"--shard {shard}: `bodycheck merge --history` stores and compares the whole run"
-        refuse_others(context, reason, _OF_A_SHARD)
+        refuse_others(context, reason, (*request_words(), "out", "quiet"))
         if out is None:
             raise InputError(f"--shard {shard}: requires --out, the folder of this shard")
-        _, report = run_to_folder(request, out, progress_of(quiet=quiet))
+        _, report = run_to_folder(requested, out, progress_of(quiet=quiet))
         print(report)
         return
     if history is None or out is not None:
         raise InputError("--out: requires --shard" if out else "--history: required, the folder of a history")
     if resume:
         refuse_others(context, "--resume: continues with the settings of the interrupted run", _RESUMED)
+        allow_code = requested.allow_code
         judged, run_folder = resume_nightly(history, progress_of(quiet=quiet), levels, allow_code=allow_code)
     else:
-        judged, run_folder = run_nightly(request, history, progress_of(quiet=quiet), levels)
+        judged, run_folder = run_nightly(requested, history, progress_of(quiet=quiet), levels)
     print_judgement(judged, run_folder, files, json=json, github=github, fail_on=fail_on)
 
 

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import sys
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import Field
+from functools import partial, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, get_args, get_origin
 
 import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from bodycheck._util.errors import InputError
 from bodycheck.reports.gates.thresholds import Thresholds
+from bodycheck.runs.request import Option, Request, options
 
 if TYPE_CHECKING:
     from bodycheck.reports.alerts import Alert
     from bodycheck.reports.document import Document
-    from bodycheck.runs.run_options import ProgressFactory
+    from bodycheck.runs.progress import ProgressFactory
 
 
 MEASURE, ASK, WATCH = "Measure", "Query stored runs", "Detect changes"
@@ -27,6 +31,8 @@ ADAPTERS = "Add an engine"
 
 WHAT, HOW, OUTPUT = "What to run", "How to run", "Output"
 """The groups of options."""
+
+_WHAT_TO_RUN = ("engines", "dt_s", "tolerances")
 
 
 def described(group: str, *examples: str) -> dict[str, Any]:
@@ -163,14 +169,79 @@ def _positive_seconds(value: float) -> float:
     return value
 
 
-Scenarios: TypeAlias = Annotated[
-    list[str] | None,
-    typer.Argument(
-        help="Built-in scenarios, suites or .toml files.",
-        show_default="standard",
-        autocompletion=complete_scenarios,
-    ),
-]
+_COMPLETIONS: dict[str, Callable[[str], Any]] = {
+    "scenarios": complete_scenarios,
+    "engines": complete_engines,
+}
+
+
+def request_words() -> list[str]:
+    """Return the names of the parameters of commands for the options of runs."""
+    return [words for name, (_, one) in options().items() if (words := _words(name, one))]
+
+
+def _words(name: str, option: Option) -> str:
+    """Return the name of an option's parameter of a command; "" where it has none."""
+    return "scenarios" if name == "scenarios" else option.flag.partition("/")[0].strip("-").replace("-", "_")
+
+
+def _of_run(name: str) -> Any:
+    """Return an option of runs for another command."""
+    return _parameter(name, *options()[name]).annotation.__metadata__[0]
+
+
+def _parameter(name: str, field: Field[Any], option: Option) -> inspect.Parameter:
+    """Return the parameter of a command for an option of runs; many values are one text, with commas."""
+    facts: dict[str, Any] = {
+        "help": option.about,
+        "metavar": option.metavar,
+        "autocompletion": _COMPLETIONS.get(option.completion or ""),
+    }
+    if option.otherwise is not None:
+        facts["show_default"] = option.otherwise
+    kind, default = field.type, field.default
+    if name == "scenarios":
+        kind, default, told = list[str] | None, None, typer.Argument(**facts)
+    else:
+        facts["rich_help_panel"] = WHAT if name in _WHAT_TO_RUN else HOW
+        if _is_many(kind):
+            kind = str | None
+        elif option.flag.startswith("--no-"):
+            kind, default = bool, False
+            facts["help"] = f"Do not {option.about[0].lower()}{option.about[1:]}"
+        elif name == "timeout_s":
+            facts["callback"] = _positive_seconds
+        elif kind == str | Path | None:
+            kind = Path | None
+        told = typer.Option(option.flag, **facts)
+    return inspect.Parameter(
+        _words(name, option),
+        inspect.Parameter.POSITIONAL_OR_KEYWORD,
+        default=default,
+        annotation=Annotated[kind, told],
+    )
+
+
+def _is_many(kind: Any) -> bool:
+    return any(get_origin(one) in (Iterable, Sequence) for one in get_args(kind))
+
+
+def _request(words: Mapping[str, Any], **others: Any) -> Request:
+    """Return the request of a command line; others: options that the command decides."""
+    given: dict[str, Any] = {}
+    for name, value in words.items():
+        field, option = options()[name]
+        if name == "scenarios":
+            given[name] = value or ["standard"]
+        elif not _is_many(field.type):
+            given[name] = not value if option.flag.startswith("--no-") else value
+        elif get_args(get_args(field.type)[0]) == (float,):
+            given[name] = numbers(value, option.flag)
+        else:
+            given[name] = None if value is None else value.split(",")
+    return Request(**{**given, **others})
+
+
 Scenario: TypeAlias = Annotated[
     str, typer.Option(help="A built-in scenario or a .toml file.", autocompletion=complete_scenarios)
 ]
@@ -204,54 +275,10 @@ def folder_option(purpose: str, default: str | bool) -> Any:
     )
 
 
-Engines: TypeAlias = Annotated[str | None, engine_option("Engines to run", "every installed engine")]
-Jobs: TypeAlias = Annotated[
-    int | None,
-    typer.Option(
-        help="Number of cases to run in parallel.", show_default="one per core", rich_help_panel=HOW
-    ),
-]
-TimeoutS: TypeAlias = Annotated[
-    float,
-    typer.Option(
-        help="Time limit of one case in s.",
-        callback=_positive_seconds,
-        rich_help_panel=HOW,
-    ),
-]
-Fresh: TypeAlias = Annotated[
-    bool | None,
-    typer.Option(
-        "--fresh/--reuse",
-        help="Run every case again, or reuse results of earlier runs by the same build of an engine.  "
-        "[default: --fresh for gate; --reuse for run and versions, but --fresh for plug-ins and editable "
-        "installs]",
-        show_default=False,
-        rich_help_panel=HOW,
-    ),
-]
-ShardOption: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        "--shard",
-        metavar="K/N",
-        help="Run part K of N, chosen by a hash, like 3/8; `bodycheck merge` combines the parts.",
-        show_default="the whole run",
-        rich_help_panel=HOW,
-    ),
-]
-NoSpeed: TypeAlias = Annotated[
-    bool, typer.Option("--no-speed", help="Do not measure CPU time.", rich_help_panel=HOW)
-]
-Commit: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        metavar="ID",
-        help="The commit of the engine that is measured; changes are reported with their range of commits.",
-        show_default="that of the environment of GitHub Actions, GitLab CI, ...",
-        rich_help_panel=HOW,
-    ),
-]
+Scenarios: TypeAlias = Annotated[list[str] | None, _of_run("scenarios")]
+Jobs: TypeAlias = Annotated[int | None, _of_run("jobs")]
+TimeoutS: TypeAlias = Annotated[float, _of_run("timeout_s")]
+Fresh: TypeAlias = Annotated[bool | None, _of_run("fresh")]
 Threshold: TypeAlias = Annotated[
     float,
     typer.Option(
@@ -266,24 +293,8 @@ ThresholdsFile: TypeAlias = Annotated[
         help="TOML file with [[change]] tables: thresholds of individual measures.",
     ),
 ]
-AllowCode: TypeAlias = Annotated[
-    bool,
-    typer.Option(
-        "--allow-code",
-        help="Allow files to name code that runs: programs, and functions f(t, position, R, velocity, omega) "
-        "-> force, torque in scenarios; R is (3, 3), t a number, the others (3,).",
-        rich_help_panel=HOW,
-    ),
-]
-EnginesFile: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE",
-        help="TOML file that gives programs names for --engine, see docs/workers.md; needs --allow-code.",
-        show_default="none",
-        rich_help_panel=HOW,
-    ),
-]
+AllowCode: TypeAlias = Annotated[bool, _of_run("allow_code")]
+EnginesFile: TypeAlias = Annotated[Path | None, _of_run("engines_file")]
 Json: TypeAlias = Annotated[
     bool,
     typer.Option("--json", help="Print the answer as JSON, in full precision.", rich_help_panel=OUTPUT),
@@ -322,6 +333,32 @@ Github: TypeAlias = Annotated[
 ]
 Files: TypeAlias = Mapping[str, Path | None]
 """The files that options name, by format: the name of the option without its dashes."""
+
+
+def takes_request(*left_out: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator: the command takes the options of runs in place of its parameter `request`.
+
+    left_out: the options that it does not take. The programs of --engines are admitted before it is called.
+    """
+    taken = {name: one for name, one in options().items() if name not in left_out and _words(name, one[1])}
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @wraps(command)
+        def with_request(**given: Any) -> None:
+            words = {name: given.pop(_words(name, one)) for name, (_, one) in taken.items()}
+            admit_engines(words["engines_file"], allow_code=words["allow_code"])
+            command(request=partial(_request, words), **given)
+
+        own = inspect.signature(command, eval_str=True)
+        derived = [_parameter(name, *one) for name, one in taken.items()]
+        kept = [one for one in own.parameters.values() if one.name != "request"]
+        before = [one for one in kept if one.default is one.empty]
+        signature = [*before, *derived, *(one for one in kept if one not in before)]
+        with_request.__signature__ = inspect.Signature(signature)  # type: ignore[attr-defined]
+        with_request.__annotations__ = {one.name: one.annotation for one in signature}
+        return with_request
+
+    return decorate
 
 
 def admit_engines(file: Path | None, *, allow_code: bool) -> None:
@@ -376,7 +413,7 @@ def thresholds_of(threshold: float, file: Path | None) -> Thresholds:
 def progress_of(*, quiet: bool, label: str = "") -> ProgressFactory:
     """Return what shows the progress of a run, with a label before each phase."""
     if quiet:
-        from bodycheck.runs.run_options import no_progress
+        from bodycheck.runs.progress import no_progress
 
         return no_progress
     from bodycheck.reports.render.progress import LiveProgress

@@ -29,7 +29,7 @@ from bodycheck.cli.options import (
     thresholds_of,
 )
 from bodycheck.reports.gates.thresholds import THRESHOLD
-from bodycheck.runs.run_options import TIMEOUT_S
+from bodycheck.runs.request import TIMEOUT_S
 
 versioning = typer.Typer()
 
@@ -88,7 +88,7 @@ def versions(
     """
     from bodycheck.reports.comparison.release_results import found_data, found_document
     from bodycheck.reports.document import answer
-    from bodycheck.runs.run_options import RunOptions, reuse_of
+    from bodycheck.runs.request import Request
     from bodycheck.runs.version_search import Search, audit_versions, search
 
     announce = partial(_announce, quiet=quiet)
@@ -106,9 +106,7 @@ def versions(
         every=every,
         thresholds=thresholds_of(threshold, None),
     )
-    options = RunOptions(
-        speed=False, jobs=jobs, timeout_s=timeout_s, reuse=reuse_of(fresh, "installed"), laws=False
-    )
+    options = Request(speed=False, jobs=jobs, timeout_s=timeout_s, fresh=fresh, laws=False)
     found = search(
         request,
         options,

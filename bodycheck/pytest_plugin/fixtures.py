@@ -21,7 +21,7 @@ from bodycheck.adapters.contract import Adapter
 from bodycheck.adapters.engine_names import admit
 from bodycheck.adapters.registry import registered
 from bodycheck.adapters.step_function import Step, StepFunction
-from bodycheck.reports.cache.answers import Reuse
+from bodycheck.reports.cache import Reuse
 from bodycheck.reports.gates.gate import Gate, gate_of, measure_of, read_gates
 from bodycheck.reports.gates.gate_output import failure_rows, line_of, obtained
 from bodycheck.reports.gates.verdict import Check, GateResult, Row, check_gates, rows_of
@@ -30,7 +30,8 @@ from bodycheck.reports.run_files.tables import TABLES
 from bodycheck.runs import runner
 from bodycheck.runs.directory import write_run
 from bodycheck.runs.gate_run import run_for_gates
-from bodycheck.runs.run_options import NULL_PROGRESS, RunOptions
+from bodycheck.runs.progress import NULL_PROGRESS
+from bodycheck.runs.request import Request
 from bodycheck.runs.selection import select
 from bodycheck.scenarios.library import load_scenarios
 
@@ -360,7 +361,9 @@ class GateCase:
 def _run_of(
     gates: tuple[Gate, ...], scenarios: tuple[str, ...], reuse: Reuse, report_folder: Path | None
 ) -> tuple[Run, Path | None]:
-    run = run_for_gates(gates, scenarios, RunOptions(reuse=reuse), lambda _: nullcontext(NULL_PROGRESS))
+    run = run_for_gates(
+        gates, scenarios, Request(reuse_by_default=reuse), lambda _: nullcontext(NULL_PROGRESS)
+    )
     return run, None if report_folder is None else _write_report(run, report_folder, None)
 
 

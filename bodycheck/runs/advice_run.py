@@ -36,9 +36,10 @@ from bodycheck.reports.summary.advice import (
     to_measure,
 )
 from bodycheck.reports.summary.error_curve import curves_of
-from bodycheck.runs.directory import RUNS, RunRequest, run_to_folder
+from bodycheck.runs.directory import RUNS, run_to_folder
 from bodycheck.runs.manifest import Identity
-from bodycheck.runs.run_options import ProgressFactory, RunOptions
+from bodycheck.runs.progress import ProgressFactory
+from bodycheck.runs.request import Request
 from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import select
 from bodycheck.scenarios.free_body import FreeBody, scenario_text
@@ -123,7 +124,7 @@ def chosen_run(
     scenarios = list(requested) or ["standard"]
     what = "scenarios and engines" if engines else "scenarios"
     print(f"no stored run in {RUNS}/ has these {what}; running {' '.join(scenarios)}", file=sys.stderr)
-    new = RunRequest(scenarios=scenarios, engines=list(engines) or None, allow_code=allow_code)
+    new = Request(scenarios=scenarios, engines=list(engines) or None, allow_code=allow_code)
     _, report = run_to_folder(new, None, make_progress)
     return _named(report.parent, requested, allow_code=allow_code)
 
@@ -319,7 +320,7 @@ def _searched(
         }
         if not steps:
             return answers
-        options = RunOptions(speed=run.manifest["speed"], laws=False)
+        options = Request(speed=run.manifest["speed"], laws=False)
         measured = measure_steps(
             run, steps, options, make_progress, file=folder / MANIFEST, allow_code=request.allow_code
         )
@@ -330,7 +331,7 @@ def _searched(
 def measure_steps(
     run: Tables,
     steps: Mapping[tuple[str, MethodKey], float],
-    options: RunOptions,
+    options: Request,
     make_progress: ProgressFactory,
     *,
     file: Path | None = None,

@@ -22,7 +22,7 @@ from bodycheck._util.formatting import count, names
 from bodycheck.adapters.workers.executors import run_batch
 from bodycheck.reports.history.baseline import machine_class
 from bodycheck.runs.manifest import machine
-from bodycheck.runs.run_options import Timing
+from bodycheck.runs.request import Timing
 
 TIMING = "timing"
 """The resource that a worker declares if nothing else runs on its machine while it times cases."""

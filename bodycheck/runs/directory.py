@@ -5,23 +5,16 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import reduce
+from operator import or_
 from pathlib import Path
-from typing import Annotated, Generic, TypeVar
+from types import UnionType
+from typing import Annotated, Any, Generic, TypeVar, get_args, get_origin
 
-from pydantic import (
-    AwareDatetime,
-    BaseModel,
-    ConfigDict,
-    Field,
-    StrictBool,
-    StrictFloat,
-    StrictInt,
-    StrictStr,
-    ValidationError,
-)
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError, create_model
 
 from bodycheck._util.code_gate import check_code
 from bodycheck._util.errors import InputError, StoppedError
@@ -37,7 +30,8 @@ from bodycheck.reports.measurement.case import ALLOW_CODE, ENGINES_FILE
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.writer import check_output, write_files
 from bodycheck.runs.manifest import Identity
-from bodycheck.runs.run_options import TIMEOUT_S, ProgressFactory, RunOptions, reuse_of
+from bodycheck.runs.progress import ProgressFactory
+from bodycheck.runs.request import Request, stored_fields
 from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import Selection, select
 from bodycheck.scenarios.reader import fault_lines
@@ -51,77 +45,55 @@ _PARTIAL = ".partial"
 _Stored = TypeVar("_Stored")
 
 
-@dataclass(frozen=True)
-class RunRequest:
-    """A run's settings as plain data, sufficient to repeat the run."""
+def _stored_type(kind: Any) -> Any:
+    """Return the type in request.json of a field of a request, with lists, and text for paths."""
+    if get_origin(kind) is UnionType:
+        return reduce(or_, map(_stored_type, get_args(kind)))
+    if get_origin(kind) in (Sequence, Iterable):
+        (of,) = get_args(kind)
+        return list[float] if of is float else list[str]
+    return kind
 
-    __pydantic_config__ = ConfigDict(extra="forbid")
 
-    scenarios: list[StrictStr] = field(default_factory=lambda: ["standard"])
-    engines: list[StrictStr] | None = None
-    dt_s: list[StrictFloat] | None = None
-    tolerances: list[StrictFloat] | None = None
-    speed: StrictBool = True
-    jobs: StrictInt | None = None
-    timeout_s: StrictFloat = TIMEOUT_S
-    fresh: StrictBool | None = None
-    allow_code: StrictBool = False
-    shard: StrictStr | None = None
-    speed_passes: StrictInt = 1
-    cluster: StrictStr | None = None
-    tls_ca_file: StrictStr | None = None
-    tls_cert: StrictStr | None = None
-    tls_key: StrictStr | None = None
-    insecure: StrictBool = False
-    commit: StrictStr | None = None
+_StoredRequest: Any = create_model(
+    "_StoredRequest",
+    __config__=ConfigDict(extra="forbid", strict=True),
+    **{one.name: (_stored_type(one.type), one.default) for one in stored_fields()},  # type: ignore[call-overload]
+)
 
-    def selection(self, file: Path | None = None) -> Selection:
-        """Resolve and check scenarios, engines, steps and tolerances; raises InputError if any is wrong.
 
-        file: the one that stores the request, unless it is the user's.
-        """
-        shard = None if self.shard is None else Shard.parse(self.shard)
-        selection = select(
-            *(self.scenarios, self.engines, self.dt_s, self.tolerances),
-            allow_code=self.allow_code,
-            file=file,
-            partial=True,
-        )
-        return selection if shard is None else selection.of_shard(shard)
+def selected(request: Request, file: Path | None = None) -> Selection:
+    """Resolve and check scenarios, engines, steps and tolerances; raises InputError if any is wrong.
 
-    @property
-    def options(self) -> RunOptions:
-        """Return the run's options; raises InputError if any is wrong."""
-        source_commit(self.commit)  # checks it
-        reuse = reuse_of(self.fresh, "installed")
-        return RunOptions(
-            speed=self.speed,
-            jobs=self.jobs,
-            timeout_s=self.timeout_s,
-            reuse=reuse,
-            speed_passes=self.speed_passes,
-            commit=self.commit,
-        )
+    file: the one that stores the request, unless it is the user's.
+    """
+    shard = None if request.shard is None else Shard.parse(request.shard)
+    selection = select(
+        *(request.scenarios, request.engines, request.dt_s, request.tolerances),
+        allow_code=request.allow_code,
+        file=file,
+    )
+    return selection if shard is None else selection.of_shard(shard)
 
-    @contextmanager
-    def connected(self) -> Iterator[RunOptions]:
-        """Return the run's options with the cluster's executors, if there is one, for a with block.
 
-        Raises InputError if an option is wrong or the cluster cannot be used.
-        """
-        options = self.options
-        files = [self.tls_ca_file, self.tls_cert, self.tls_key]
-        given = [file for file in files if file is not None]
-        if given and (len(given) < len(files) or self.cluster is None):
-            raise InputError("--tls-ca-file, --tls-cert, --tls-key: give all three, with --cluster")
-        if self.cluster is None:
-            yield options
-            return
-        from bodycheck.runs.cluster import TlsFiles, connected
+@contextmanager
+def _connected(request: Request) -> Iterator[Request]:
+    """Return the request with the cluster's executors, if there is one, for a with block.
 
-        tls = TlsFiles(*given) if given else None
-        with connected(self.cluster, tls, speed=self.speed, insecure=self.insecure) as cluster:
-            yield replace(options, executor=cluster.executor, timing=cluster.timing)
+    Raises InputError if an option is wrong or the cluster cannot be used.
+    """
+    files = [request.tls_ca_file, request.tls_cert, request.tls_key]
+    given = [file for file in files if file is not None]
+    if given and (len(given) < len(files) or request.cluster is None):
+        raise InputError("--tls-ca-file, --tls-cert, --tls-key: give all three, with --cluster")
+    if request.cluster is None:
+        yield request
+        return
+    from bodycheck.runs.cluster import TlsFiles, connected
+
+    tls = TlsFiles(*given) if given else None
+    with connected(request.cluster, tls, speed=request.speed, insecure=request.insecure) as cluster:
+        yield replace(request, executor=cluster.executor, timing=cluster.timing)
 
 
 class _Description(BaseModel):
@@ -129,7 +101,7 @@ class _Description(BaseModel):
 
     run_id: Annotated[str, Field(strict=True, pattern=r"^[0-9A-Za-z-]{1,100}$")]
     created: AwareDatetime
-    request: RunRequest
+    request: _StoredRequest
     definitions: dict[str, str] = {}
 
 
@@ -139,7 +111,7 @@ def _definitions(selection: Selection) -> dict[str, str]:
     return {name: hashlib.sha256(text.encode()).hexdigest() for name, text in texts}
 
 
-def run_to_folder(request: RunRequest, out: Path | None, make_progress: ProgressFactory) -> tuple[Run, Path]:
+def run_to_folder(request: Request, out: Path | None, make_progress: ProgressFactory) -> tuple[Run, Path]:
     """Carry out a request, write the results to `out`, and return the run and its report's path.
 
     Until the run is complete, the folder is `out` with the suffix .partial. Raises InputError if the input is
@@ -170,7 +142,7 @@ def _storage(out: Path) -> Storage[tuple[Run, Path]]:
 
 
 def begin(
-    request: RunRequest,
+    request: Request,
     identity: Identity,
     out: Path,
     make_progress: ProgressFactory,
@@ -180,28 +152,26 @@ def begin(
 
     Raises the errors of run_to_folder.
     """
-    _ = request.options  # checks them
+    source_commit(request.commit)  # checks it
     check_output(out)
     partial = partial_of(out)
     if (partial / _REQUEST).exists():
         raise InputError(f"{partial}: holds an interrupted run; continue with --resume {out}, or remove it")
     try:
-        selection = request.selection()
+        selection = selected(request)
     except KeyboardInterrupt:
         raise StoppedError("stopped before anything was measured") from None
-    with request.connected() as options:
+    with _connected(request) as request:
         _describe(partial, request, identity, selection, out)
-        return _run_journaled(request, selection, options, identity, out, make_progress, storage)
+        return _run_journaled(request, selection, identity, out, make_progress, storage)
 
 
-def _describe(
-    partial: Path, request: RunRequest, identity: Identity, selection: Selection, out: Path
-) -> None:
+def _describe(partial: Path, request: Request, identity: Identity, selection: Selection, out: Path) -> None:
     """Write request.json atomically, without which a folder does not count as a run."""
     description = {
         "run_id": identity.run_id,
         "created": identity.created.isoformat(),
-        "request": asdict(request),
+        "request": request.data,
         "definitions": _definitions(selection),
     }
     try:
@@ -238,7 +208,7 @@ def proceed(
         raise InputError(f"--resume {out}: {state}") from None
     except InputError as error:
         raise InputError(f"--resume {out}: {error}") from None
-    request = replace(description.request, allow_code=allow_code)
+    request = Request(**{**description.request.model_dump(), "allow_code": allow_code})
     identity = Identity(description.run_id, description.created)
     if _run_id(out) == identity.run_id:  # interrupted after renaming the results
         shutil.rmtree(partial, ignore_errors=True)
@@ -247,7 +217,7 @@ def proceed(
     if request.cluster is not None:
         check_code(request.cluster, "a cluster can run code here", allow_code=allow_code, file=file)
     try:
-        selection = request.selection(file)
+        selection = selected(request, file)
     except KeyboardInterrupt:
         raise StoppedError(f"stopped; {_continue_hint(storage.again, request)}") from None
     now = _definitions(selection)
@@ -255,8 +225,8 @@ def proceed(
         raise InputError(
             f"--resume {out}: changed since the run began: {names(changed)}; restore it, or remove {partial}"
         )
-    with request.connected() as options:
-        return _run_journaled(request, selection, options, identity, out, make_progress, storage)
+    with _connected(request) as request:
+        return _run_journaled(request, selection, identity, out, make_progress, storage)
 
 
 def _description(path: Path) -> _Description:
@@ -295,9 +265,8 @@ def remove_interrupted(out: Path) -> None:
 
 
 def _run_journaled(
-    request: RunRequest,
+    request: Request,
     selection: Selection,
-    options: RunOptions,
     identity: Identity,
     out: Path,
     make_progress: ProgressFactory,
@@ -307,7 +276,7 @@ def _run_journaled(
     journal: Journal | None = None
     try:
         with Journal(partial / "journal") as journal, make_progress(selection.cases_listed()) as progress:
-            measured = run_selection(selection, options, identity, journal=journal, progress=progress)
+            measured = run_selection(selection, request, identity, journal=journal, progress=progress)
             progress.phase("writing the report")
             stored = storage.store(measured)
     except KeyboardInterrupt:
@@ -326,7 +295,7 @@ def _run_journaled(
     return stored
 
 
-def _continue_hint(again: Sequence[str], request: RunRequest) -> str:
+def _continue_hint(again: Sequence[str], request: Request) -> str:
     names = [split_method(name)[0] for name in request.engines or ()]
     files = dict.fromkeys(str(file) for name in names if (file := program_file(name)) is not None)
     words = [*again, *(word for file in files for word in (ENGINES_FILE, file))]

@@ -17,7 +17,7 @@ from bodycheck.adapters.engine_names import with_method
 from bodycheck.reports.run_files.sentinels import Sentinel
 from bodycheck.reports.summary.quantiles import Quantile, QuantileSketch
 from bodycheck.runs.ensemble_cases import ROTATION_MEASURES, BatchResult, BatchTruth, settings_of
-from bodycheck.runs.run_options import TIMEOUT_S
+from bodycheck.runs.request import TIMEOUT_S
 from bodycheck.runs.selection import select, step_faults, tolerance_faults
 from bodycheck.scenarios.ensemble import Ensemble, default_distribution
 from bodycheck.scenarios.library import load_scenario

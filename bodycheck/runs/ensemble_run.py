@@ -26,7 +26,8 @@ from bodycheck.reports.run_files.writer import atomic_folder, check_output
 from bodycheck.runs.ensemble_cases import BatchResult, BatchTruth, EnginePools, measured, replay_of, truth_of
 from bodycheck.runs.ensemble_files import Dataset, cases_folder, write_summaries
 from bodycheck.runs.ensemble_result import EnsembleRequest, EnsembleResult, Key
-from bodycheck.runs.run_options import ProgressFactory, RunOptions
+from bodycheck.runs.progress import ProgressFactory
+from bodycheck.runs.request import Request
 from bodycheck.runs.selection import refuse_unused_settings
 from bodycheck.scenarios.ensemble import Ensemble, scenario_text
 
@@ -53,7 +54,7 @@ def run_ensemble(request: EnsembleRequest, out: Path, make_progress: ProgressFac
     then nothing is written.
     """
     check_output(out)
-    options = RunOptions(jobs=request.jobs, timeout_s=request.timeout_s)
+    options = Request(jobs=request.jobs, timeout_s=request.timeout_s)
     ensemble = request.ensemble()
     keys = request.keys(ensemble)
     refuse_unused_settings([key[:2] for key in keys], request.dt_s, request.tolerances)
@@ -86,7 +87,7 @@ def is_free_rotation(ensemble: Ensemble, n: int = 1) -> bool:
 
 
 def _measure(
-    result: EnsembleResult, free: bool, options: RunOptions, dataset: Dataset, make_progress: ProgressFactory
+    result: EnsembleResult, free: bool, options: Request, dataset: Dataset, make_progress: ProgressFactory
 ) -> None:
     request, ensemble, template = result.request, result.ensemble, result.ensemble.template
     engine_pools = EnginePools(request.timeout_s)

@@ -11,7 +11,8 @@ from bodycheck.adapters.registry import default_engines, engine_names, optional_
 from bodycheck.reports.gates.gate import Gate
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs.manifest import Identity
-from bodycheck.runs.run_options import ProgressFactory, RunOptions
+from bodycheck.runs.progress import ProgressFactory
+from bodycheck.runs.request import Request
 from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import select
 
@@ -19,7 +20,7 @@ from bodycheck.runs.selection import select
 def run_for_gates(
     gates: Sequence[Gate],
     scenarios: Sequence[str | Path],
-    options: RunOptions,
+    options: Request,
     make_progress: ProgressFactory,
     *,
     engines: Sequence[str] = (),

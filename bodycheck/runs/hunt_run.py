@@ -28,7 +28,8 @@ from bodycheck.runs.ensemble_cases import ROTATION_MEASURES, BatchTruth, EngineP
 from bodycheck.runs.ensemble_files import SCHEMA_VERSION
 from bodycheck.runs.ensemble_result import EnsembleRequest, Key
 from bodycheck.runs.ensemble_run import is_free_rotation
-from bodycheck.runs.run_options import Progress, ProgressFactory, RunOptions
+from bodycheck.runs.progress import Progress, ProgressFactory
+from bodycheck.runs.request import Request
 from bodycheck.runs.selection import refuse_unused_settings
 from bodycheck.scenarios.ensemble import Ensemble, default_distribution, scenario_text
 
@@ -157,7 +158,7 @@ class _Search:
         self._pool = pool
         self._request, self._ensemble, self._keys, self._engine_pools = request, ensemble, keys, engine_pools
         self._free = is_free_rotation(ensemble)
-        self._workers = RunOptions(jobs=request.ensemble.jobs).workers
+        self._workers = Request(jobs=request.ensemble.jobs).workers
         self._parts: list[tuple[Array, Array, NDArray[np.object_], Array]] = []
         self._known: dict[bytes, float] = {}
 
@@ -224,7 +225,7 @@ def hunt(request: HuntRequest, make_progress: ProgressFactory) -> HuntResult:
         raise UnavailableError("hunt needs cma: pip install 'bodycheck[hunt]'") from None
     ensemble, keys = request.checked()
     engine_pools = EnginePools(request.ensemble.timeout_s)
-    pool = ThreadPoolExecutor(RunOptions(jobs=request.ensemble.jobs).workers)
+    pool = ThreadPoolExecutor(Request(jobs=request.ensemble.jobs).workers)
     try:
         search = _Search(request, ensemble, keys, engine_pools, pool)
         uniform = int(_UNIFORM_SHARE * request.evaluations)

@@ -18,7 +18,7 @@ from bodycheck._util.platform_identity import cpu_model
 from bodycheck._util.source_commit import source_commit
 from bodycheck.adapters.contract import Engine
 from bodycheck.reports.measurement.case import CaseResult
-from bodycheck.runs.run_options import RunOptions
+from bodycheck.runs.request import Request
 from bodycheck.runs.selection import Selection
 from bodycheck.runs.speed import MachineNoise
 from bodycheck.scenarios.serialization import serialized
@@ -50,7 +50,7 @@ def _engine(engine: Engine, cases: Sequence[CaseResult]) -> dict[str, Any]:
 def manifest_of(
     identity: Identity,
     selection: Selection,
-    options: RunOptions,
+    options: Request,
     cases: Sequence[CaseResult],
     seconds: Mapping[str, float],
     noise: MachineNoise | None,
@@ -73,6 +73,7 @@ def manifest_of(
         "speed": options.speed,
         "jobs": options.workers,
         "timeout_s": options.timeout_s,
+        "request": options.data,
         "speed_core": noise.core if noise else None,
         "speed_noise": noise.spread if noise else None,
         "outcomes": dict(Counter(case.columns["outcome"] for case in cases)),

@@ -35,6 +35,7 @@ from bodycheck.reports.run_files.sentinels import (
 from bodycheck.reports.run_files.tables import TABLES, Row
 from bodycheck.runs.directory import partial_of
 from bodycheck.runs.manifest import Identity
+from bodycheck.runs.request import differing
 from bodycheck.runs.selection import Selection
 
 _REQUESTED = ("dt_s", "tolerances", "speed")
@@ -189,13 +190,18 @@ def _shard(folder: Path) -> _Manifest:
 def _request_faults(one: _Manifest, first: _Manifest) -> Iterator[str]:
     """Yield how the requests of two shards differ: scenarios, steps, tolerances, speeds."""
     manifest, expected = one.content, first.content
-    for key in _REQUESTED:
-        if manifest[key] != expected[key]:
-            yield f"{one.folder}: {key} is {manifest[key]}, but {expected[key]} in {first.folder}"
+    mine, its = (_requested(content) for content in (manifest, expected))
+    for name in differing(mine, its):
+        yield f"{one.folder}: {name} is {mine[name]}, but {its[name]} in {first.folder}"
     if list(manifest["shard"]["scenarios"]) != list(expected["shard"]["scenarios"]):
         yield f"{one.folder}: has other scenarios than {first.folder}"
     for name in redefined(expected, manifest):
         yield f"{one.folder}: the scenario {name} differs from that of {first.folder}"
+
+
+def _requested(manifest: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a shard was requested to do; the manifests of earlier versions have less of it."""
+    return {**{key: manifest[key] for key in _REQUESTED}, **manifest.get("request", {})}
 
 
 def _selection(parts: Sequence[_Part]) -> Selection:
@@ -303,6 +309,7 @@ def _manifest(
         "created": identity.created.isoformat(timespec="seconds"),
         **{key: source[key] for key in _MACHINE},
         **{key: source[key] for key in (*_REQUESTED, "timeout_s")},
+        "request": {**_requested(source), "shard": None},
         "source": source.get("source"),
         "engines": _engines(parts),
         "speed_noise": max(noises, default=None),

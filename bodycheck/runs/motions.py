@@ -19,7 +19,8 @@ from bodycheck.reports.measurement.study import Study, restored, stored_form, st
 from bodycheck.reports.probes.examination import examined, replayed
 from bodycheck.reports.run_files.run_tables import MethodKey
 from bodycheck.reports.run_files.sentinels import Sentinel
-from bodycheck.runs.run_options import Progress, RunOptions
+from bodycheck.runs.progress import Progress
+from bodycheck.runs.request import Request
 from bodycheck.runs.selection import Selection
 from bodycheck.scenarios.model import Scenario
 
@@ -135,7 +136,7 @@ def run_motions(
     selection: Selection,
     problems: Sequence[Problem],
     answers: Answers,
-    options: RunOptions,
+    options: Request,
     progress: Progress,
 ) -> Motions:
     """Run every scenario by every method, and each method's probes, fingerprint and laws, in parallel."""
@@ -210,7 +211,7 @@ class _Studies:
 
     selection: Selection
     answers: Answers
-    options: RunOptions
+    options: Request
     progress: Progress
 
     def cost(self, problem: Problem, engine: Engine, method: Method) -> float:

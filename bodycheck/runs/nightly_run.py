@@ -30,23 +30,17 @@ from bodycheck.reports.history.trends import trends_page
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.writer import write_trajectories
-from bodycheck.runs.directory import (
-    RunRequest,
-    Storage,
-    begin,
-    interrupted_in,
-    proceed,
-    remove_interrupted,
-)
+from bodycheck.runs.directory import Storage, begin, interrupted_in, proceed, remove_interrupted
 from bodycheck.runs.manifest import Identity
-from bodycheck.runs.run_options import ProgressFactory
+from bodycheck.runs.progress import ProgressFactory
+from bodycheck.runs.request import Request
 
 SPEED_PASSES = 10
 """How often a nightly run times every case; noise of a shared machine rarely disturbs every pass."""
 
 
 def run_nightly(
-    request: RunRequest,
+    request: Request,
     folder: Path,
     make_progress: ProgressFactory,
     thresholds: Thresholds = DEFAULT_THRESHOLDS,

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Iterable, Sequence
-from concurrent.futures import Executor
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -32,7 +31,8 @@ from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.tables import TABLES, MeasuredTables
 from bodycheck.runs.manifest import Identity, manifest_of
 from bodycheck.runs.motions import run_motions
-from bodycheck.runs.run_options import NULL_PROGRESS, TIMEOUT_S, Progress, RunOptions, reuse_of
+from bodycheck.runs.progress import NULL_PROGRESS, Progress
+from bodycheck.runs.request import Request, with_options_of
 from bodycheck.runs.selection import Selection, select
 from bodycheck.runs.speed import Clock, last_core, measure_speeds
 from bodycheck.scenarios.given_motion import GivenMotion
@@ -40,57 +40,35 @@ from bodycheck.scenarios.library import PROBES, load_scenario
 from bodycheck.scenarios.model import Scenario
 
 
-def run(
-    scenarios: Sequence[str | Path] = ("standard",),
-    *,
-    engines: Sequence[str] | None = None,
-    dt_s: Iterable[float] | None = None,
-    tolerances: Iterable[float] | None = None,
-    speed: bool = True,
-    jobs: int | None = None,
-    timeout_s: float = TIMEOUT_S,
-    fresh: bool | None = None,
-    allow_code: bool = False,
-    engines_file: str | Path | None = None,
-    executor: Executor | None = None,
-) -> Run:
+@with_options_of(Request)
+def run(request: Request) -> Run:
     """Measure scenarios x methods x steps and return the tables with the motions behind them.
 
-    scenarios: built-in names, suites, paths of TOML files. engines: NAME[==VERSION][:METHOD] [default: every
-    engine that can be imported]. dt_s: step sizes in s, a list or an array [default: each scenario's, and
-    more where an order needs them]. tolerances: error tolerances of the adaptive methods [default: each
-    method's]. speed: whether to measure CPU time. jobs: number of cases to run in parallel [default: one per
-    core]. timeout_s: time limit of one case in s. fresh: True runs every case again; False reuses results of
-    earlier runs by the same build of an engine; None reuses those of installed engines only, not of plug-ins
-    and editable installs. allow_code: whether files may name functions and programs, whose code runs.
-    engines_file: names programs, see docs/workers.md. executor: runs the cases elsewhere, each as one task;
-    its workers need bodycheck and the engines. Speeds are measured here. An engine that was named and is not
-    available is left out with a warning. Raises InputError for wrong input, and if no engine is available.
+    Lists may be arrays. An engine that was named and is not available is left out with a warning. Raises
+    InputError for wrong input, and if no engine is available.
     """
-    listed: dict[str, Any] = {
-        "scenarios": scenarios,
-        "engines": engines,
-        "dt_s": dt_s,
-        "tolerances": tolerances,
-    }
-    for name, values in listed.items():
+    for name in ("scenarios", "engines", "dt_s", "tolerances"):
+        values: Any = getattr(request, name)
         if values is not None and np.size(values) == 0:
             raise InputError(f"{name}: name at least one")
-    reuse = reuse_of(fresh, "installed")
-    options = RunOptions(speed=speed, jobs=jobs, timeout_s=timeout_s, reuse=reuse, executor=executor)
-    if engines_file is not None:
-        admit_file(Path(engines_file), allow_code=allow_code)
+    engines = request.engines
+    if request.engines_file is not None:
+        admit_file(Path(request.engines_file), allow_code=request.allow_code)
     admit((name for name in engines or () if isinstance(name, str)), allow_code=True)
-    selection = select(scenarios, engines, dt_s, tolerances, allow_code=allow_code, partial=True)
+    selection = select(
+        *(request.scenarios, engines, request.dt_s, request.tolerances),
+        allow_code=request.allow_code,
+        partial=True,
+    )
     if engines is not None:
         for why in selection.unavailable.values():
-            warnings.warn(f"not measured: {why}", stacklevel=2)
-    return run_selection(selection, options, Identity.new(), journal=None, progress=NULL_PROGRESS)
+            warnings.warn(f"not measured: {why}", stacklevel=3)
+    return run_selection(selection, request, Identity.new(), journal=None, progress=NULL_PROGRESS)
 
 
 def run_selection(
     selection: Selection,
-    options: RunOptions,
+    options: Request,
     identity: Identity,
     *,
     journal: Journal | None,
@@ -153,7 +131,7 @@ def run_selection(
     )
 
 
-def _clock(selection: Selection, options: RunOptions) -> Clock:
+def _clock(selection: Selection, options: Request) -> Clock:
     """Return the clock of the speeds, which gets ready while truths are solved and motions recorded."""
     if options.timing_executor is not None:
         return Clock(None)

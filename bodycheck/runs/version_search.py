@@ -30,7 +30,8 @@ from bodycheck.reports.comparison.release_results import (
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.run_files.run_tables import Tables
 from bodycheck.runs.manifest import Identity
-from bodycheck.runs.run_options import ProgressFactory, RunOptions, no_progress
+from bodycheck.runs.progress import ProgressFactory, no_progress
+from bodycheck.runs.request import Request
 from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import Selection, checked_scenarios
 from bodycheck.scenarios.model import Scenario
@@ -75,7 +76,7 @@ class _Release:
 
 def search(
     request: Search,
-    options: RunOptions,
+    options: Request,
     announce: Callable[[str], None],
     progress_for: Callable[[str], ProgressFactory] = lambda name: no_progress,  # noqa: ARG005 - a factory per release
 ) -> Found:
@@ -152,7 +153,7 @@ def _run(
     request: Search,
     version: str,
     scenario: tuple[str, Scenario],
-    options: RunOptions,
+    options: Request,
     make_progress: ProgressFactory,
 ) -> _Release | str:
     """Run one release, or return why it cannot be run."""

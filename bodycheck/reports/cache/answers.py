@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, TypeVar
+from typing import Any, TypeVar
 
 from bodycheck._util.file_digests import digest_of
 from bodycheck._util.platform_identity import numeric_parts
@@ -22,14 +22,11 @@ from bodycheck.adapters.workers import case_messages, protocol, received_message
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reference_impl.scene import Scene
+from bodycheck.reports.cache import Reuse
 from bodycheck.reports.cache.disk_cache import Cache, Entry, key_of
 from bodycheck.reports.cache.journal import Journal
 
 _Result = TypeVar("_Result", Answer, StableStep)
-
-Reuse: TypeAlias = Literal["nothing", "truths", "installed", "everything"]
-"""What is reused: nothing; the truths of scenarios; also the answers of installed engines; also those of all
-other engines whose identity is known, including plug-ins and editable installs."""
 
 
 class Answers:
