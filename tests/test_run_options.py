@@ -100,7 +100,7 @@ def test_a_request_as_plain_data_is_the_same_request() -> None:
 
 
 def test_what_changes_a_result_is_no_matter_of_execution() -> None:
-    """Merging compares all options but those of the execution: one that is moved there is compared no more."""
+    """Merging compares all options but those of the execution."""
     assert {one.name for one in fields(Request)} - {one.name for one in fields(Execution)} == {
         *("scenarios", "engines", "dt_s", "tolerances", "speed", "shard", "commit"),
         *("speed_passes", "stable_steps", "laws"),
