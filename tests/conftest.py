@@ -17,6 +17,10 @@ from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.run_files.run_reader import read_run
 from bodycheck.scenarios.library import load_scenarios
 from tests.helpers.collection_order import pytest_collection_modifyitems as pytest_collection_modifyitems
+from tests.helpers.collection_order import pytest_configure as pytest_configure
+from tests.helpers.collection_order import pytest_sessionfinish as pytest_sessionfinish
+from tests.helpers.collection_order import pytest_terminal_summary as pytest_terminal_summary
+from tests.helpers.collection_order import pytest_testnodedown as pytest_testnodedown
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.nightly_runs import store_nightly_runs, unchanged
 from tests.helpers.shared_folder import shared_folder

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 pytest_plugins = ["pytester"]
@@ -20,23 +22,54 @@ MODULES = {
 }
 
 
+HOOKS = """
+from tests.helpers.collection_order import (
+    pytest_collection_modifyitems, pytest_configure, pytest_sessionfinish, pytest_terminal_summary,
+    pytest_testnodedown,
+)
+"""
+PLUGINS = ("no:cacheprovider", "no:hypothesispytest")
+
+
+@pytest.fixture
+def project(pytester: pytest.Pytester) -> pytest.Pytester:
+    """Return a project of two modules, whose tests lie in the folder of the settings."""
+    pytester.makeconftest(HOOKS)
+    pytester.makepyfile(**MODULES)
+    pytester.makeini("[pytest]\ntestpaths = .\nmarkers =\n  slow\n  nightly\n  engines\n")
+    return pytester
+
+
 @pytest.mark.parametrize(
     ("words", "run"),
     [
-        ((), ["test_slow", "test_quick"]),
+        ((), ["test_quick"]),
+        (("-m", "slow"), ["test_slow"]),
+        (("-m", "slow or not slow"), ["test_slow", "test_quick"]),
+        (("test_the_others.py", "test_quick.py"), ["test_slow", "test_quick"]),
+        (("test_the_others.py::test_slow",), ["test_slow"]),
         (("-m", "not slow"), ["test_quick"]),
         (("-m", "nightly"), ["test_nightly"]),
         (("-m", "nightly or not nightly"), ["test_nightly", "test_slow", "test_quick"]),
     ],
 )
-def test_push_leaves_out_nightly_tests(
-    words: tuple[str, ...], run: list[str], pytester: pytest.Pytester
+def test_fast_tests_run_unless_others_are_named(
+    words: tuple[str, ...], run: list[str], project: pytest.Pytester
 ) -> None:
-    """Nightly tests run only if -m selects them, and modules with slow tests run first."""
-    pytester.makeconftest("from tests.helpers.collection_order import pytest_collection_modifyitems")
-    pytester.makepyfile(**MODULES)
-    pytester.makeini("[pytest]\nmarkers =\n  slow\n  nightly\n")
-    plugins = ("no:cacheprovider", "no:xdist", "no:hypothesispytest")
-    done = pytester.runpytest_inprocess("-v", *(f"-p{plugin}" for plugin in plugins), *words)
+    """A file runs with its slow tests, nightly tests run only by their marker, slow modules run first."""
+    done = project.runpytest_inprocess("-v", "-pno:xdist", *(f"-p{plugin}" for plugin in PLUGINS), *words)
     reported = [line.split("::")[1].split()[0] for line in done.outlines if line.endswith("%]")]
     assert reported == run
+
+
+@pytest.mark.parametrize("processes", ["0", "2"])
+def test_the_session_ends_with_what_it_left_out(
+    processes: str, project: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last lines have the number of slow tests and the commands that run them, also with workers."""
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1]))
+    words = ("-n", processes, *(f"-p{plugin}" for plugin in PLUGINS))
+    done = project.runpytest_subprocess(*words)
+    (line,) = [line for line in done.outlines if "left out" in line]
+    assert line.startswith("1 slow tests were left out: python -m pytest -m slow runs them")
+    assert not any("left out" in line for line in project.runpytest_subprocess(*words, "-m", "slow").outlines)

@@ -530,9 +530,3 @@ def test_small_body_behaves_as_the_readme_states() -> None:
     found = bodycheck.run([ROOT / "docs/small-body.toml"], engines=["pybullet"], speed=False).methods
     verdicts = found[found["quantity"] == "orientation_error_rad"].set_index("method")["verdict"]
     assert verdicts.to_dict() == {"multibody": "converges", "maximal": "does-not-converge"}
-
-
-def test_ci_runs_the_test_command_of_the_readme() -> None:
-    """Exactly one line of the README ends in -m pytest, and CI runs it."""
-    lines = (ROOT / "README.md").read_text().splitlines()
-    assert sum(line.endswith("-m pytest") for line in lines) == 1

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -76,3 +78,39 @@ def test_nightly_workflow_runs_the_nightly_tests() -> None:
     """The workflow uses the marker of the project's settings."""
     steps = jobs(_FOLDER / "nightly.yml")["tests"]["steps"]
     assert steps[-1]["run"] == "python -m pytest -m nightly"
+
+
+STUB = """#!/bin/bash
+echo "python3 $*" >> log
+mkdir -p .venv/bin
+for name in pip python ruff mypy lint-imports sphinx-build bodycheck; do
+    printf '#!/bin/bash\\necho "%s $*" >> log\\n[ "$FAILING" != "%s $*" ]\\n' $name $name > .venv/bin/$name
+    chmod +x .venv/bin/$name
+done
+"""
+"""A python3 that makes an environment whose commands only note that they were called."""
+
+
+@pytest.mark.parametrize("failing", ["", "mypy ", "python -m pytest", "python -m pytest -m slow"])
+def test_a_push_runs_the_command_of_the_readme(
+    failing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """CI installs, checks, runs the fast tests as the README does, then the slow ones; a failure ends it."""
+    (readme,) = [
+        line for line in (_ROOT / "README.md").read_text().splitlines() if line.endswith("-m pytest")
+    ]
+    (tmp_path / "README.md").write_text(readme + "\n")
+    for name, text in {".ci/run": (_ROOT / ".ci/run").read_text(), "stub/python3": STUB}.items():
+        (tmp_path / name).parent.mkdir()
+        (tmp_path / name).write_text(text)
+    (tmp_path / "stub/python3").chmod(0o755)
+    (tmp_path / "stub/chromium").symlink_to("python3")
+    monkeypatch.setenv("PATH", f"{tmp_path / 'stub'}:{os.environ['PATH']}")
+    monkeypatch.setenv("FAILING", failing)
+    done = subprocess.run(["bash", ".ci/run"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    called = (tmp_path / "log").read_text().splitlines()
+    expected = ["python3 -m venv .venv", "pip install -e .[test]", "ruff check .", "ruff format --check ."]
+    expected += ["mypy ", "lint-imports ", "sphinx-build -q -W --keep-going docs docs/_build"]
+    expected += ["python -m pytest", "python -m pytest -m slow"]
+    assert done.returncode == bool(failing)
+    assert called[: len(expected)] == (expected[: expected.index(failing) + 1] if failing else expected)

@@ -2,7 +2,7 @@
 # The lines of bodycheck/ that tests run, of all its statements: those that worker processes run too, and kernels.
 #
 #     bash tools/coverage.sh                   # the tests of a push, or those that the arguments select:
-#     bash tools/coverage.sh -m "not slow"
+#     bash tools/coverage.sh tests/reports/gates
 #
 # A compiled kernel cannot be watched: tests of the mathematics that are quick without a compiler run again as plain
 # Python, where numpy warns of a NaN or an overflow; compiled kernels do not. A test of processor time is left out:
@@ -21,7 +21,7 @@ compiled=tests/reference_impl/test_load_formulas.py::test_order_under_a_continuo
 light=tests/reports/test_page_safety.py::test_a_large_run_stays_light
 signals=tests/test_command_endings.py::test_signal # SIGTERM is handled by coverage here, which stores its lines
 python -m coverage run -m pytest -p tests.helpers.counted_workers --deselect "$light" \
-    --deselect "${signals}_within_exec_keeps_its_status" --deselect "${signals}_ends_a_command_like_an_interrupt" "$@" || failed=1
+    --deselect "${signals}_within_exec_keeps_its_status" --deselect "${signals}_ends_a_command_like_an_interrupt" "${@:--m slow or not slow}" || failed=1
 python -m coverage run -m pytest -m nightly tests/reference_impl/test_taylor.py || failed=1 # starts plain Python itself
 NUMBA_DISABLE_JIT=1 python -m coverage run -m pytest -m "not slow" \
     -W "ignore:invalid value:RuntimeWarning" -W "ignore:overflow encountered:RuntimeWarning" --deselect "$compiled" \
