@@ -530,3 +530,28 @@ def test_small_body_behaves_as_the_readme_states() -> None:
     found = bodycheck.run([ROOT / "docs/small-body.toml"], engines=["pybullet"], speed=False).methods
     verdicts = found[found["quantity"] == "orientation_error_rad"].set_index("method")["verdict"]
     assert verdicts.to_dict() == {"multibody": "converges", "maximal": "does-not-converge"}
+
+
+def test_the_ten_steps_of_a_case_are_where_contributing_names_them() -> None:
+    """Each step names what its file defines; together the files stay short enough to be read in an hour."""
+    page = (ROOT / "CONTRIBUTING.md").read_text()
+    steps = re.findall(r"^\| (\d+) \| .* \| `(\w+)` \| `([\w/.]+)` \|$", page, re.MULTILINE)
+    assert [int(number) for number, _, _ in steps] == [*range(1, 11)]
+    texts = {file: (ROOT / file).read_text() for _, _, file in steps}
+    assert len(texts) == 10
+    assert sum(text.count("\n") for text in texts.values()) <= 3000
+    for _, name, file in steps:
+        assert re.search(rf"^(def|class) {name}\b|^{name}(: | = )", texts[file], re.MULTILINE), (name, file)
+    assert all((ROOT / "bodycheck" / room).is_dir() for room in re.findall(r"`(reports/\w+/)`", page))
+
+
+def test_every_array_of_the_notation_exists() -> None:
+    """Each row names a class of the reference implementation and one of its fields or properties."""
+    named = re.findall(r"`([A-Z]\w+)\.(\w+)`", (ROOT / "docs/notation.md").read_text())
+    assert len(named) > 20
+    found: dict[str, str] = {}
+    for file in sorted((ROOT / "bodycheck/reference_impl").rglob("*.py")):
+        parts = re.split(r"^class (\w+)", file.read_text(), flags=re.MULTILINE)[1:]
+        found |= dict(zip(parts[::2], parts[1::2], strict=True))
+    for owner, name in named:
+        assert re.search(rf"^    (def )?{name}\b", found[owner], re.MULTILINE), (owner, name)

@@ -375,7 +375,7 @@ WRONG = {
         "results has no beauty (available: run_id",
     ),
     "a column twice": (["table", "run", "--columns", "dt_s,dt_s"], "has a column twice"),
-    "an unknown table": (["table", "run", "beauty"], "'beauty' is not one of"),
+    "an unknown table": (["table", "run", "beauty"], "beauty: no table of a run (available: results"),
     "no scenario": (
         ["plot", "run", "--figure", "order", "--svg", "a.svg"],
         "--scenario is required (available: free",

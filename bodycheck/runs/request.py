@@ -10,6 +10,7 @@ import math
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import suppress
 from dataclasses import KW_ONLY, Field, dataclass, field, fields
 from functools import wraps
 from numbers import Integral, Real
@@ -135,7 +136,8 @@ class Execution:
         for one in fields(self):  # kept, and so not to be used up by the first reader
             value = getattr(self, one.name)
             if isinstance(value, Iterable) and not isinstance(value, str):
-                object.__setattr__(self, one.name, list(value))
+                with suppress(TypeError):  # an array without a dimension, which `select` refuses
+                    object.__setattr__(self, one.name, list(value))
         if self.jobs is not None and (not isinstance(self.jobs, Integral) or self.jobs < 1):
             raise InputError(f"jobs must be a whole number, 1 or more, not {self.jobs!r}")
         if not isinstance(self.timeout_s, Real) or not 0.0 < self.timeout_s < math.inf:
