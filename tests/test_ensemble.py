@@ -40,7 +40,7 @@ from bodycheck.runs.ensemble_merge import merge_ensembles
 from bodycheck.runs.ensemble_result import EnsembleRequest
 from bodycheck.runs.ensemble_run import run_ensemble
 from bodycheck.runs.hunt_run import HuntRequest, hunt, write_hunt
-from bodycheck.runs.progress import no_progress
+from bodycheck.runs.run_progress import no_progress
 from bodycheck.scenarios.ensemble import Ensemble, default_distribution, toml_text
 from bodycheck.scenarios.library import load_scenario
 from tests.helpers.expected_messages import ExpectedMessage

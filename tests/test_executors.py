@@ -25,8 +25,8 @@ from bodycheck.reports.cache.disk_cache import Entry
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.runs import cluster as dask_cluster
 from bodycheck.runs.directory import run_to_folder
-from bodycheck.runs.progress import no_progress
 from bodycheck.runs.request import Request
+from bodycheck.runs.run_progress import no_progress
 from bodycheck.runs.runner import run
 from bodycheck.runs.speed import _laps_of
 from bodycheck.scenarios.library import load_scenario

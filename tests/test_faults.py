@@ -17,8 +17,8 @@ from bodycheck.adapters import registry
 from bodycheck.adapters.registry import register_adapter, registered
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs.manifest import Identity
-from bodycheck.runs.progress import NULL_PROGRESS
 from bodycheck.runs.request import Request
+from bodycheck.runs.run_progress import NULL_PROGRESS
 from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import select
 from tests.helpers.expected_messages import ExpectedMessage

@@ -21,8 +21,8 @@ from bodycheck.reports.gates.gate_output import as_junit, results_data
 from bodycheck.reports.gates.verdict import check_gates
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.runs import gate_run
-from bodycheck.runs.progress import NULL_PROGRESS
 from bodycheck.runs.request import Request
+from bodycheck.runs.run_progress import NULL_PROGRESS
 from bodycheck.runs.selection import Selection
 from tests.helpers.scenario_texts import tumbling
 

@@ -17,8 +17,8 @@ from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import SUMMARY_KEYS, check_files, read_summary
 from bodycheck.runs import nightly_run
 from bodycheck.runs.nightly_run import resume_nightly, run_nightly, store_nightly
-from bodycheck.runs.progress import no_progress
 from bodycheck.runs.request import Request
+from bodycheck.runs.run_progress import no_progress
 from tests.helpers.expected_messages import ExpectedMessage
 
 EARLIER, TONIGHT = "20260101T000000Z-000001", "20260102T000000Z-000002"

@@ -10,8 +10,8 @@ import pytest
 from bodycheck.reports.gates.gate import read_gates
 from bodycheck.reports.gates.verdict import check_gates
 from bodycheck.runs.gate_run import run_for_gates
-from bodycheck.runs.progress import NULL_PROGRESS
 from bodycheck.runs.request import Request
+from bodycheck.runs.run_progress import NULL_PROGRESS
 from bodycheck.scenarios.library import suites
 
 ROOT = Path(__file__).parents[1]

@@ -23,8 +23,8 @@ from bodycheck.cli import commands
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.runs import directory
 from bodycheck.runs.directory import resume, run_to_folder
-from bodycheck.runs.progress import no_progress
 from bodycheck.runs.request import Request
+from bodycheck.runs.run_progress import no_progress
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.scenario_texts import RUN_SPECIFIC_COLUMNS, SCENARIO, tumbling
 from tests.helpers.worker_processes import all_gone, workers_of

@@ -21,8 +21,8 @@ from bodycheck.reports.run_files.sentinels import disagreements, read_sentinels
 from bodycheck.runs import directory
 from bodycheck.runs.directory import resume, run_to_folder, write_run
 from bodycheck.runs.merge import merge
-from bodycheck.runs.progress import no_progress
 from bodycheck.runs.request import Request
+from bodycheck.runs.run_progress import no_progress
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.in_process_cli import run_bodycheck
 from tests.helpers.scenario_texts import RUN_SPECIFIC_COLUMNS, tumbling

@@ -24,8 +24,8 @@ from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import MethodKey, key_of
 from bodycheck.reports.summary.error_curve import ErrorCurve, Estimate, cases_within, curves_of, largest_error
 from bodycheck.runs.advice_run import measure_steps
-from bodycheck.runs.progress import NULL_PROGRESS
 from bodycheck.runs.request import Request
+from bodycheck.runs.run_progress import NULL_PROGRESS
 
 FACTOR = 1.5
 MAX_UNSURE = 0.1

@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     from bodycheck.reports.gates.gate import Gate
     from bodycheck.reports.gates.verdict import GateResult
     from bodycheck.reports.run_files.run_tables import Run, Tables
-    from bodycheck.runs.progress import ProgressFactory
     from bodycheck.runs.request import Request
+    from bodycheck.runs.run_progress import ProgressFactory
 
 gating = typer.Typer()
 

@@ -22,7 +22,7 @@ from bodycheck.runs.request import Option, Request, options
 if TYPE_CHECKING:
     from bodycheck.reports.alerts import Alert
     from bodycheck.reports.document import Document
-    from bodycheck.runs.progress import ProgressFactory
+    from bodycheck.runs.run_progress import ProgressFactory
 
 
 MEASURE, ASK, WATCH = "Measure", "Query stored runs", "Detect changes"
@@ -413,7 +413,7 @@ def thresholds_of(threshold: float, file: Path | None) -> Thresholds:
 def progress_of(*, quiet: bool, label: str = "") -> ProgressFactory:
     """Return what shows the progress of a run, with a label before each phase."""
     if quiet:
-        from bodycheck.runs.progress import no_progress
+        from bodycheck.runs.run_progress import no_progress
 
         return no_progress
     from bodycheck.reports.render.progress import LiveProgress

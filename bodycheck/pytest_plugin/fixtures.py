@@ -30,8 +30,8 @@ from bodycheck.reports.run_files.tables import TABLES
 from bodycheck.runs import runner
 from bodycheck.runs.directory import write_run
 from bodycheck.runs.gate_run import run_for_gates
-from bodycheck.runs.progress import NULL_PROGRESS
 from bodycheck.runs.request import Request
+from bodycheck.runs.run_progress import NULL_PROGRESS
 from bodycheck.runs.selection import select
 from bodycheck.scenarios.library import load_scenarios
 

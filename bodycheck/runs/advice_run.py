@@ -38,8 +38,8 @@ from bodycheck.reports.summary.advice import (
 from bodycheck.reports.summary.error_curve import curves_of
 from bodycheck.runs.directory import RUNS, run_to_folder
 from bodycheck.runs.manifest import Identity
-from bodycheck.runs.progress import ProgressFactory
 from bodycheck.runs.request import Request
+from bodycheck.runs.run_progress import ProgressFactory
 from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import select
 from bodycheck.scenarios.free_body import FreeBody, scenario_text

@@ -30,8 +30,8 @@ from bodycheck.reports.measurement.case import ALLOW_CODE, ENGINES_FILE
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.writer import check_output, write_files
 from bodycheck.runs.manifest import Identity
-from bodycheck.runs.progress import ProgressFactory
 from bodycheck.runs.request import Request, stored_fields
+from bodycheck.runs.run_progress import ProgressFactory
 from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import Selection, select
 from bodycheck.scenarios.reader import fault_lines

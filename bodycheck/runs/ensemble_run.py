@@ -26,8 +26,8 @@ from bodycheck.reports.run_files.writer import atomic_folder, check_output
 from bodycheck.runs.ensemble_cases import BatchResult, BatchTruth, EnginePools, measured, replay_of, truth_of
 from bodycheck.runs.ensemble_files import Dataset, cases_folder, write_summaries
 from bodycheck.runs.ensemble_result import EnsembleRequest, EnsembleResult, Key
-from bodycheck.runs.progress import ProgressFactory
 from bodycheck.runs.request import Request
+from bodycheck.runs.run_progress import ProgressFactory
 from bodycheck.runs.selection import refuse_unused_settings
 from bodycheck.scenarios.ensemble import Ensemble, scenario_text
 

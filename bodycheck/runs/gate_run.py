@@ -11,8 +11,8 @@ from bodycheck.adapters.registry import default_engines, engine_names, optional_
 from bodycheck.reports.gates.gate import Gate
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs.manifest import Identity
-from bodycheck.runs.progress import ProgressFactory
 from bodycheck.runs.request import Request
+from bodycheck.runs.run_progress import ProgressFactory
 from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import select
 

@@ -28,8 +28,8 @@ from bodycheck.runs.ensemble_cases import ROTATION_MEASURES, BatchTruth, EngineP
 from bodycheck.runs.ensemble_files import SCHEMA_VERSION
 from bodycheck.runs.ensemble_result import EnsembleRequest, Key
 from bodycheck.runs.ensemble_run import is_free_rotation
-from bodycheck.runs.progress import Progress, ProgressFactory
 from bodycheck.runs.request import Request
+from bodycheck.runs.run_progress import Progress, ProgressFactory
 from bodycheck.runs.selection import refuse_unused_settings
 from bodycheck.scenarios.ensemble import Ensemble, default_distribution, scenario_text
 

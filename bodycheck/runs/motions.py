@@ -19,8 +19,8 @@ from bodycheck.reports.measurement.study import Study, restored, stored_form, st
 from bodycheck.reports.probes.examination import examined, replayed
 from bodycheck.reports.run_files.run_tables import MethodKey
 from bodycheck.reports.run_files.sentinels import Sentinel
-from bodycheck.runs.progress import Progress
 from bodycheck.runs.request import Request
+from bodycheck.runs.run_progress import Progress
 from bodycheck.runs.selection import Selection
 from bodycheck.scenarios.model import Scenario
 

@@ -32,8 +32,8 @@ from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.writer import write_trajectories
 from bodycheck.runs.directory import Storage, begin, interrupted_in, proceed, remove_interrupted
 from bodycheck.runs.manifest import Identity
-from bodycheck.runs.progress import ProgressFactory
 from bodycheck.runs.request import Request
+from bodycheck.runs.run_progress import ProgressFactory
 
 SPEED_PASSES = 10
 """How often a nightly run times every case; noise of a shared machine rarely disturbs every pass."""

@@ -31,8 +31,8 @@ from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.tables import TABLES, MeasuredTables
 from bodycheck.runs.manifest import Identity, manifest_of
 from bodycheck.runs.motions import run_motions
-from bodycheck.runs.progress import NULL_PROGRESS, Progress
 from bodycheck.runs.request import Request, with_options_of
+from bodycheck.runs.run_progress import NULL_PROGRESS, Progress
 from bodycheck.runs.selection import Selection, select
 from bodycheck.runs.speed import Clock, last_core, measure_speeds
 from bodycheck.scenarios.given_motion import GivenMotion

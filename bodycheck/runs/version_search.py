@@ -30,8 +30,8 @@ from bodycheck.reports.comparison.release_results import (
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.run_files.run_tables import Tables
 from bodycheck.runs.manifest import Identity
-from bodycheck.runs.progress import ProgressFactory, no_progress
 from bodycheck.runs.request import Request
+from bodycheck.runs.run_progress import ProgressFactory, no_progress
 from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import Selection, checked_scenarios
 from bodycheck.scenarios.model import Scenario

@@ -12,8 +12,8 @@ from bodycheck.reports.run_files.run_reader import read_run, read_tables
 from bodycheck.reports.run_files.tables import TABLES, TableKind
 from bodycheck.runs.directory import run_to_folder
 from bodycheck.runs.merge import merge
-from bodycheck.runs.progress import no_progress
 from bodycheck.runs.request import Request
+from bodycheck.runs.run_progress import no_progress
 from tests.helpers.in_process_cli import run_bodycheck
 from tests.helpers.scenario_texts import tumbling
 
