@@ -7,11 +7,14 @@ import os
 import sys
 from contextlib import suppress
 
-from bodycheck._util.errors import INTERRUPTED, SIGNALLED
+from bodycheck._util.errors import INPUT, INTERRUPTED, SIGNALLED
 
 
 def main() -> None:
     """Run the command line; report an interrupt or an error during its import in one line too."""
+    if sys.platform == "win32":  # no signals, file locks and process limits as bodycheck needs them
+        sys.stderr.write("bodycheck runs on Linux, and not on Windows itself: use it in WSL\n")
+        sys.exit(INPUT)
     statuses: list[int] = []
     # an interrupt inside exec() makes CPython kill itself by SIGINT at the end, although it was caught
     atexit.register(_end_with, statuses)

@@ -68,10 +68,10 @@ def test_commands_and_options_exist(file: Path) -> None:
         assert {word for word in rest if word.startswith("--")} <= options
 
 
-def test_tests_run_on_three_pythons() -> None:
+def test_tests_run_on_every_supported_python() -> None:
     """The versions are those that the package supports."""
     tests = jobs(_FOLDER / "tests.yml")["tests"]
-    assert tests["strategy"]["matrix"]["python"] == ["3.11", "3.12", "3.13"]
+    assert tests["strategy"]["matrix"]["python"] == ["3.11", "3.12", "3.13", "3.14"]
 
 
 def test_nightly_workflow_runs_the_nightly_tests() -> None:

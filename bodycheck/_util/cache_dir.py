@@ -18,7 +18,11 @@ def cache_dir() -> Path:
     if configured:
         return Path(configured)
     try:
-        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "bodycheck")
+        if sys.platform == "linux":
+            return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "bodycheck")
+        from platformdirs import user_cache_path  # required on other systems only
+
+        return user_cache_path("bodycheck", appauthor=False)
     except RuntimeError:  # neither HOME nor an entry in the user database
         return folder_for_this_command("there is no home folder: set HOME or BODYCHECK_CACHE_DIR", _VARIABLE)
 

@@ -115,6 +115,11 @@ def cpu_model() -> str:
     return _cpu_facts().get("model name") or platform.machine()
 
 
+def usable_cores() -> int:
+    """Return the number of cores that this process may use; all of them on systems that do not tell."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def _cpu_facts() -> dict[str, str]:
     """Return what /proc/cpuinfo states of the first processor, by name; nothing where it does not exist."""
     try:

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     import typer
 
 _MAX_PART = 140  # characters of the command and of the error, so that the line has room for what to do
+_TRACEBACK = "BODYCHECK_TRACEBACK"  # if set, an unexpected error also prints its traceback
 _ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 
 
@@ -209,10 +210,21 @@ def report_fault(error: BaseException, name: str) -> int:
     path = _store_traceback("".join(traceback.format_exception(error)), doing)
     location = "its traceback could not be stored" if path is None else f"its traceback is stored in {path}"
     what, why = (printable(" ".join(text.split()), _MAX_PART) for text in (doing, error_text(error)))
+    if os.environ.get(_TRACEBACK):
+        _print_error("".join(traceback.format_exception(error)).rstrip())
     _print_error(
-        f"unexpected error in {what}: {why}; {location}; please report it with that file to the developers"
+        f"unexpected error in {what}: {why}; {location}; please report it with that file and the output of "
+        f"`bodycheck doctor --json` at {_tracker()}"
     )
     return FAULT
+
+
+def _tracker() -> str:
+    """Return the address of the issues, which pyproject.toml states."""
+    from importlib.metadata import metadata
+
+    found = (line.partition(", ") for line in metadata("bodycheck").get_all("Project-URL", ()))
+    return next((address for name, _, address in found if name == "Issues"), "the developers")
 
 
 def _store_traceback(trace: str, doing: str) -> Path | None:

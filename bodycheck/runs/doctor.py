@@ -16,7 +16,7 @@ from bodycheck._util.distributions import installed, requirements
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.file_digests import files_below
 from bodycheck._util.files import check_folder
-from bodycheck._util.platform_identity import cpu_model
+from bodycheck._util.platform_identity import cpu_model, usable_cores
 from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.registry import default_engines, optional_engines
 from bodycheck.adapters.versions.uv import uv_program
@@ -24,7 +24,7 @@ from bodycheck.adapters.workers.engine_pool import announced
 from bodycheck.reference_impl.precompile import closed_forms_compiled
 from bodycheck.reports.document import Column, Document, Span, Table
 
-_NOT_LISTED = {"", "all", "bench", "docs", "engines", "test"}
+_NOT_LISTED = {"", "all", "bench", "docs", "engines", "release", "test"}
 """Extras of developers, and those whose packages stand in lines of their own."""
 
 
@@ -61,7 +61,7 @@ def diagnosis() -> Diagnosis:
     versions |= {name: _version(name) for name in requirements()[""]}
     versions |= {
         "system": platform.platform(),
-        "processor": f"{cpu_model()}, {len(os.sched_getaffinity(0))} of {os.cpu_count()} cores",
+        "processor": f"{cpu_model()}, {usable_cores()} of {os.cpu_count()} cores",
     }
     return Diagnosis(versions, tuple(_caches()), (*_engines(), *_cache_checks(), *_optional()))
 

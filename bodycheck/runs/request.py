@@ -7,7 +7,6 @@ interrupted run is continued, the entry `request` of a manifest, and what `merge
 # annotations are evaluated: the options are derived from them
 import inspect
 import math
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import Any, Literal, ParamSpec, TypeVar
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.platform_identity import usable_cores
 from bodycheck.reports.cache import Reuse
 
 TIMEOUT_S = 120.0
@@ -146,7 +146,7 @@ class Execution:
     @property
     def workers(self) -> int:
         """The number of cases to run in parallel."""
-        return self.jobs or (len(os.sched_getaffinity(0)) if self.executor is None else _IN_FLIGHT)
+        return self.jobs or (usable_cores() if self.executor is None else _IN_FLIGHT)
 
     @property
     def timing_executor(self) -> Executor | None:
