@@ -1,7 +1,7 @@
 """Print the section of CHANGELOG.md of a tag, `python scripts/release_notes.py v0.2.0`.
 
-Exit status 1 with one line if the tag is not the version of pyproject.toml, or if the changelog has no section
-of it or an empty one.
+Exit status 1 with one line if the tag is not the version of pyproject.toml, or if the changelog has no
+section of it or an empty one.
 """
 
 from __future__ import annotations

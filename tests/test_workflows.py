@@ -59,7 +59,7 @@ def test_commands_and_options_exist(file: Path) -> None:
         for line in re.findall(r"^[^#\n]*?(?:bodycheck|\$bodycheck\") ([a-z]+ .*)$", file.read_text(), re.M)
     ]
     known: Any = get_command(commands.app)
-    assert lines or file.name == "tests.yml"
+    assert lines or file.name in ("release.yml", "tests.yml")
     for first, *words in lines:
         command, rest = known.commands[first], words
         if hasattr(command, "commands"):
