@@ -41,7 +41,9 @@ class Program(BaseModel):
     environment: dict[str, str] = Field(default_factory=dict)
 
 
-class _ProgramsFile(BaseModel):
+class ProgramsFile(BaseModel):
+    """The file of --engines."""
+
     model_config = ConfigDict(extra="forbid")
 
     engines: dict[Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,60}$")], Program]
@@ -54,7 +56,7 @@ def admit_file(path: Path, *, allow_code: bool) -> None:
     """
     text = read_text(path)
     try:
-        found = _ProgramsFile.model_validate(parse_toml(text, str(path))).engines
+        found = ProgramsFile.model_validate(parse_toml(text, str(path))).engines
     except ValidationError as error:
         raise InputError("\n".join(f"{path}: {line}" for line in fault_lines(error))) from None
     if taken := found.keys() & set(engine_names()):

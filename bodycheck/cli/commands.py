@@ -36,6 +36,7 @@ from bodycheck.cli.options import (
     refuse_others,
     takes_request,
 )
+from bodycheck.cli.project_commands import project_commands
 from bodycheck.cli.stored_runs import questions
 from bodycheck.cli.versions_command import environment_commands, versioning
 from bodycheck.runs.request import Request
@@ -453,4 +454,5 @@ app.add_typer(versioning)
 app.add_typer(identity_commands)
 app.add_typer(adapter_commands)
 app.add_typer(ensemble_commands)
+app.add_typer(project_commands)
 app.add_typer(environment_commands, name="environments", rich_help_panel=WATCH)

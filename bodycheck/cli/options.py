@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 MEASURE, ASK, WATCH = "Measure", "Query stored runs", "Detect changes"
-ADAPTERS = "Add an engine"
+ADAPTERS, PROJECT = "Add an engine", "Set up a project"
 """The groups of commands."""
 
 WHAT, HOW, OUTPUT = "What to run", "How to run", "Output"

@@ -31,7 +31,13 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import suggestion
 from bodycheck._util.untrusted import read_bytes
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.solid import MassProperties, Overlap, known_shape, primitive
+from bodycheck.reference_impl.mass_properties.solid import (
+    PRIMITIVES,
+    MassProperties,
+    Overlap,
+    known_shape,
+    primitive,
+)
 from bodycheck.reference_impl.scene import Link
 from bodycheck.scenarios.fields import (
     ALIGNED,
@@ -88,7 +94,7 @@ class GivenBody(_BodyTable):
     """A body given by its mass in kg and its inertia about the centre of mass, in body axes, in kg m^2."""
 
     mass_kg: Positive
-    inertia_kg_m2: Annotated[Matrix, BeforeValidator(_inertia)]
+    inertia_kg_m2: Annotated[Matrix, BeforeValidator(_inertia, json_schema_input_type=Vector | Matrix)]
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -156,7 +162,9 @@ class MeshBody(_Solid):
     # before `mesh`, whose validator uses them
     mesh_unit: Unit | None = None
     mesh_overlap: Overlap | None = None
-    mesh: Annotated[MeshSolid, PlainValidator(_meshed), PlainSerializer(_mesh_facts)]
+    mesh: Annotated[
+        MeshSolid, PlainValidator(_meshed, json_schema_input_type=str), PlainSerializer(_mesh_facts)
+    ]
     density_kg_m3: Positive
 
     @field_validator("density_kg_m3")
@@ -175,7 +183,7 @@ class MeshBody(_Solid):
 class ShapeBody(_Solid):
     """A primitive with its axis along z; `scenarios.shapes.primitive` defines the sizes in m."""
 
-    shape: Annotated[StrictStr, AfterValidator(known_shape)]
+    shape: Annotated[StrictStr, AfterValidator(known_shape), Field(json_schema_extra={"enum": [*PRIMITIVES]})]
     size_m: tuple[Positive, ...]
     density_kg_m3: Positive
 
@@ -283,7 +291,7 @@ class FileBody(_BodyTable):
     mjcf: StrictStr | None = None
     of_file: Annotated[
         LinkOfFile,
-        PlainValidator(_of_file),
+        PlainValidator(_of_file, json_schema_input_type=str),
         PlainSerializer(_link_facts),
         Field(alias="link"),
     ]

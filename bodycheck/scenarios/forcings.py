@@ -101,7 +101,7 @@ _FORMS: dict[KeyForm, Any] = {
     "positive": Positive,
     "not negative": NotNegative,
     "vector": Vector,
-    "damping matrix": Annotated[Matrix, BeforeValidator(_damping)],
+    "damping matrix": Annotated[Matrix, BeforeValidator(_damping, json_schema_input_type=Number | Matrix)],
     "axes": _Axes,
 }
 
@@ -137,7 +137,11 @@ class CallableTable(LoadTable):
     """A force and a torque given only as a function."""
 
     kind: Literal["callable"]
-    function: Annotated[UserWrench, PlainValidator(_user_wrench), PlainSerializer(lambda f: f.name)]
+    function: Annotated[
+        UserWrench,
+        PlainValidator(_user_wrench, json_schema_input_type=str),
+        PlainSerializer(lambda f: f.name),
+    ]
 
     def load(self) -> Load:
         """Return the same as a load."""

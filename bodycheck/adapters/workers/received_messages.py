@@ -137,10 +137,17 @@ _Finite: TypeAlias = Number | None
 _AS_LISTS: TypeAdapter[Any] = TypeAdapter(list[_Finite] | list[list[_Finite]])
 
 
+def _or_lists(schema: dict[str, Any]) -> None:
+    """Let the JSON Schema of an array accept lists, as `_of_lists` does."""
+    encoded = dict(schema)
+    schema.clear()
+    schema["anyOf"] = [encoded, _AS_LISTS.json_schema()]
+
+
 class ArrayMessage(BaseModel):
     """An encoded array, or its numbers as lists; decoding checks the length and the content of its base64."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", json_schema_extra=_or_lists)
 
     shape: Annotated[list[Annotated[int, Field(strict=True, ge=0, le=10**9)]], Field(max_length=3)]
     base64: Annotated[str, Field(strict=True)]

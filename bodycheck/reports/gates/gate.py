@@ -85,6 +85,14 @@ def measure_of(name: str) -> Measure:
     )
 
 
+def measure_names() -> list[str]:
+    """Return every name that `measure_of` accepts."""
+    heads = ("verdict", "growth", "order")
+    of_methods = [f"{head}.{quantity}" for head in heads for quantity in QUANTITIES]
+    laws = [f"law.{name}" for name in LAW_NAMES]
+    return [*_COLUMNS, "outcome", "verdict", "stability.dt_stable_s", *of_methods, *laws]
+
+
 _Pattern = Annotated[StrictStr, Field(min_length=1)]
 """A name pattern: * matches any characters, ? any one character, [ab] one of these."""
 

@@ -315,7 +315,7 @@ _Entry: TypeAlias = Annotated[
 ]
 
 
-class _Manifest(BaseModel):
+class ManifestFile(BaseModel):
     """The keys of a manifest that comparison, gates and summaries read; other keys are allowed."""
 
     model_config = ConfigDict(extra="allow")
@@ -349,7 +349,7 @@ class _Manifest(BaseModel):
 def check_manifest(path: Path, manifest: Any) -> dict[str, Any]:
     """Return a valid manifest unchanged; raise InputError with one line that lists the faults otherwise."""
     try:
-        _Manifest.model_validate(manifest)
+        ManifestFile.model_validate(manifest)
     except ValidationError as error:
         faults = "; ".join(line.lstrip(": ") for line in fault_lines(error)[:_MAX_FAULTS])
         raise InputError(f"{path}: not a manifest of a run: {faults}") from None

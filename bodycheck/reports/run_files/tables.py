@@ -279,6 +279,11 @@ def known_cells(row: Mapping[str, Any]) -> Row:
     return {name: cell for name, cell in row.items() if cell is not None and cell == cell}
 
 
+def column_type(column: str, kind: TableKind) -> str:
+    """Return the type of a column as JSON has it: integer, boolean, string or number."""
+    return {"Int64": "integer", "bool": "boolean", None: "string"}.get(_dtype(column, kind), "number")
+
+
 def _dtype(column: str, kind: TableKind) -> str | None:
     """Return the dtype of a column; None where pandas chooses the text type."""
     if column in _WHOLE_NUMBERS:
