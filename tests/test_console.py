@@ -19,7 +19,7 @@ import pytest
 from typer.main import get_command
 
 from bodycheck.cli.commands import app
-from bodycheck.cli.options import ADAPTERS, ASK, MEASURE, WATCH
+from bodycheck.cli.options import ADAPTERS, ASK, MEASURE, PROJECT, WATCH
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.summary.cells import overviews, summary_cells
@@ -311,7 +311,7 @@ def test_every_command_is_in_a_named_group_of_the_help() -> None:
     """Each option and command is in a named group of the help."""
     commands: Any = get_command(app)
     groups = {command.rich_help_panel for command in commands.commands.values()}
-    assert groups == {MEASURE, ASK, WATCH, ADAPTERS}
+    assert groups == {MEASURE, ASK, WATCH, ADAPTERS, PROJECT}
 
 
 def test_help_has_groups_and_examples(folder: Path) -> None:

@@ -124,6 +124,8 @@ COMMANDS: dict[str, list[str]] = {
     "laws": ["laws", "reference:euler"],
     "ensemble": ["ensemble", "mine.toml", "--n", "20", "--engine", "reference:rk4", "--out", "made/ensemble"],
     "hunt": ["hunt", "mine.toml", "--engine", "reference:rk4", "--evaluations", "400", "--out", "made/hunt"],
+    "init": ["init", "made", "--engine", "reference"],
+    "schema": ["schema", "scenario"],
     "environments make": ["environments", "make", "mujoco==3.6.0"],
     "environments list": ["environments", "list"],
     "environments remove": ["environments", "remove", "mujoco==3.6.0"],

@@ -1,12 +1,14 @@
 """Check that truths lie within their bounds of fifty digits, over random motions of every kind.
 
     python tools/truth_trials.py --free 400 --forced 300
+    python tools/truth_trials.py --enclosed --free 200 --forced 100
 
 Free bodies have any shape: three in four move over about twenty radians, one in four to a time up to 1e9 s.
 Forced ones move under each kind of load, as tests/helpers/random_motions.py makes them. All starts have a
 quaternion whose norm is not exactly 1, half of them omega in world axes. The independent solutions are a
 Taylor series in integers, Gauss's method of order 24 in decimals, and the period of omega; none shares code
-with bodycheck. Prints the worst error over its bound of each kind and quantity.
+with bodycheck. With --enclosed, motions over up to 3 rad or 1 s are compared with rigorous enclosures in ball
+arithmetic instead. Prints the worst error over its bound of each kind and quantity.
 Exit status 1 if a ratio exceeds 1.
 """
 
@@ -24,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.truth.certification import solve_truth
+from tests.helpers.ball_arithmetic import ENCLOSED, enclosures, largest_ratios, short_times
 from tests.helpers.random_motions import (
     FORCED,
     QUANTITIES,
@@ -48,17 +51,31 @@ def _trials(free: int, forced: int) -> Iterator[tuple[str, int, Scene, list[floa
             yield kind, seed, make(seed), _TIMES
 
 
+def _enclosed_trials(free: int, forced: int) -> Iterator[tuple[str, int, Scene, list[float]]]:
+    """Yield the same for motions that can be enclosed, as many of each kind."""
+    for seed in range(free):
+        scene, times = free_scene(seed)
+        yield "free", seed, scene, short_times(scene, times)
+    for number in range(forced):
+        kind = ENCLOSED[number % len(ENCLOSED)]
+        yield kind, number, FORCED[kind][1](number), _TIMES
+
+
 def main() -> int:
     """Run the trials; return the exit status."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--free", type=int, default=400, help="number of free motions [default: 400]")
     parser.add_argument("--forced", type=int, default=300, help="number of forced motions [default: 300]")
+    parser.add_argument("--enclosed", action="store_true", help="compare with enclosures in ball arithmetic")
     requested = parser.parse_args()
     begin, worst, counts, wrong = time.perf_counter(), {}, {}, []
-    for kind, seed, scene, times in _trials(requested.free, requested.forced):
-        found, errors = ratios(
-            solve_truth(truth_scene(kind, scene), np.array(times)), exact_motion(kind, scene, times)
-        )
+    trials = _enclosed_trials if requested.enclosed else _trials
+    for kind, seed, scene, times in trials(requested.free, requested.forced):
+        truth = solve_truth(truth_scene(kind, scene), np.array(times))
+        if requested.enclosed:
+            found = errors = largest_ratios(truth, enclosures(scene, times))
+        else:
+            found, errors = ratios(truth, exact_motion(kind, scene, times))
         largest = found.max(axis=1)
         worst[kind] = np.maximum(worst.get(kind, np.zeros(4)), largest)
         counts[kind] = counts.get(kind, 0) + 1
