@@ -31,7 +31,15 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 UNWANTED = shutil.ignore_patterns(
-    ".venv", ".mypy_cache", ".pytest_cache", ".ruff_cache", ".hypothesis", "dist", "_build", "__pycache__", "bodycheck-runs"
+    ".venv",
+    ".mypy_cache",
+    ".pytest_cache",
+    ".ruff_cache",
+    ".hypothesis",
+    "dist",
+    "_build",
+    "__pycache__",
+    "bodycheck-runs",
 )
 EXTRAS = ("", "[engines]", "[history]", "[all]")
 COMPLETION = "bodycheck --show-completion; exit $?"  # with one command bash would be replaced by it
@@ -78,10 +86,14 @@ def built(folder: Path) -> Path:
     shutil.copytree(ROOT, source, symlinks=True, ignore=UNWANTED)
     for place in (made, folder / "again"):
         printed(
-            *(sys.executable, "-m", "build", "--outdir", place, source), folder=folder, SOURCE_DATE_EPOCH=_EPOCH
+            *(sys.executable, "-m", "build", "--outdir", place, source),
+            folder=folder,
+            SOURCE_DATE_EPOCH=_EPOCH,
         )
     for archive in made.iterdir():
-        must(archive.read_bytes() == (folder / "again" / archive.name).read_bytes(), f"{archive.name} differs")
+        must(
+            archive.read_bytes() == (folder / "again" / archive.name).read_bytes(), f"{archive.name} differs"
+        )
     (wheel,), (sdist,) = made.glob("*.whl"), made.glob("*.tar.gz")
     printed(sys.executable, "-m", "twine", "check", "--strict", wheel, sdist, folder=folder)
     programs = Path(sys.executable).parent
@@ -128,7 +140,9 @@ def tried(environment: Path, extra: str, folder: Path) -> str:
     must((folder / "run/report.html").stat().st_size > 1e6, "no report")
     manifest = json.loads((folder / "run/manifest.json").read_text(encoding="utf-8"))
     must(set(manifest["outcomes"]) <= ENDED_WELL, f"outcomes {manifest['outcomes']}")
-    measured = [f"{name} {facts['version']}" for name, facts in manifest["engines"].items() if "version" in facts]
+    measured = [
+        f"{name} {facts['version']}" for name, facts in manifest["engines"].items() if "version" in facts
+    ]
     must((len(measured) > 2) == (extra in ("[engines]", "[all]")), f"{extra}: measured {measured}")
     (folder / "true.csv").write_text(bodycheck("truth", "free-flight", "--at", "0,0.5,1"), encoding="utf-8")
     bodycheck("judge", "true.csv", "--scenario", "free-flight")
@@ -139,9 +153,7 @@ def tried(environment: Path, extra: str, folder: Path) -> str:
     return f"{size:.0f} MB; {manifest['outcomes']} in {seconds:.0f} s, from nothing; {', '.join(measured)}"
 
 
-def _starts(
-    bodycheck: Callable[..., str], programs: Path, folder: Path, variables: dict[str, str]
-) -> None:
+def _starts(bodycheck: Callable[..., str], programs: Path, folder: Path, variables: dict[str, str]) -> None:
     """Check help, completion, the lists and doctor."""
     module_help = printed(programs / "python", "-m", "bodycheck", "--help", folder=folder, **variables)
     must(all("Measure:" in text for text in (bodycheck("--help"), module_help)), "no help")
@@ -186,7 +198,15 @@ def main() -> int:
                 try:
                     if wheel is None:
                         versions = ("--python-version", python, "--only-binary", ":all:")
-                        uv("pip", "compile", *versions, "--extra", "all", ROOT / "pyproject.toml", folder=Path(place))
+                        uv(
+                            "pip",
+                            "compile",
+                            *versions,
+                            "--extra",
+                            "all",
+                            ROOT / "pyproject.toml",
+                            folder=Path(place),
+                        )
                         summary = "there are wheels for everything"
                     else:
                         environment = environment_of(python, wheel, extra, folder, *lowest)

@@ -23,7 +23,7 @@ from bodycheck.adapters.workers.received_messages import (
 from bodycheck.reports.gates.gate import ChangeThreshold, Gate, measure_names
 from bodycheck.reports.measurement.measures import MEASURES
 from bodycheck.reports.run_files.run_reader import ManifestFile
-from bodycheck.reports.run_files.tables import RESULT_COLUMNS, column_type
+from bodycheck.reports.run_files.tables import TABLES, column_type
 from bodycheck.scenarios.fields import Table
 from bodycheck.scenarios.model import Scenario
 from bodycheck.scenarios.reader import Sweep
@@ -75,15 +75,18 @@ def _tolerances(needed: str) -> dict[str, Any]:
 
 def _results() -> dict[str, Any]:
     """Return the schema of the rows of results.csv as `table RUN results --format json` prints them."""
+    kind = TABLES["results"]
     columns: dict[str, dict[str, Any]] = {
-        name: {"type": [column_type(name), "null"]} for name in RESULT_COLUMNS
+        name: {"type": [column_type(name, kind), "null"]} for name in kind.columns
     }
+    for name, words in kind.choices.items():
+        columns[name]["enum"] = [*words]
     for measure in MEASURES.values():
         columns[measure.name]["description"] = measure.formula
     row = {
         "type": "object",
         "properties": columns,
-        "required": list(RESULT_COLUMNS),
+        "required": [*kind.columns],
         "additionalProperties": False,
     }
     return {"type": "array", "items": row}
