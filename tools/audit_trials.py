@@ -7,6 +7,7 @@ python tools/audit_trials.py composites --trials 200   compared with 50-digit ar
 python tools/audit_trials.py damaged --files 10000  one clear line per file
 python tools/audit_trials.py stages --files 300      the same for USD stages
 python tools/audit_trials.py converters --trials 300   planted faults of converters to USD
+python tools/audit_trials.py joints --trials 240  joints and mass matrices: one slip in each, and healthy ones
 python tools/audit_trials.py slips --trials 2000    links with one planted slip and their shapes
 python tools/audit_trials.py healthy --trials 2000  right links: uniform, of several densities, rounded
 python tools/audit_trials.py size --trials 1000     the time to lint so many links
@@ -46,6 +47,7 @@ from bodycheck.scenarios.model_files.xml_file import read_bytes
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from tests.helpers import usd_stages
 from tests.helpers.model_texts import mutated, random_mjcf, random_urdf, sdf_of
+from tests.helpers.slipped_joints import JOINT_SLIPS, MJCF_SLIPS, joint_text, slipped, slipped_mjcf
 from tests.helpers.slipped_links import SLIPS, Link, chain, changes_enough, is_right, random_link
 
 PARTS = (
@@ -56,6 +58,7 @@ PARTS = (
     "damaged",
     "stages",
     "converters",
+    "joints",
     "slips",
     "healthy",
     "size",
@@ -314,6 +317,75 @@ def converters(count: int, seed: int) -> None:
         print(f"  {amount:6d}  {what}")
 
 
+def joints(count: int, seed: int) -> None:
+    """Plant one slip in a joint of each random URDF; then import healthy URDF, SDFormat and MJCF files."""
+    rng = np.random.default_rng(seed)
+    endings: Counter[str] = Counter()
+    with tempfile.TemporaryDirectory() as folder, np.errstate(all="ignore"):
+        stated, changed = Path(folder) / "stated.urdf", Path(folder) / "changed.urdf"
+        for k in range(count):
+            name = list(JOINT_SLIPS)[k % len(JOINT_SLIPS)]
+            text = ""
+            while text.count("<joint") < 2:
+                text = joint_text(rng, random_urdf(rng))
+            stated.write_text(text)
+            joint = read_model(stated).links[-1].joint
+            assert joint is not None
+            changed.write_text(slipped(text, name, joint.name))
+            endings[_ending(changed, stated, name, joint.name, JOINT_SLIPS[name].cause)] += 1
+            changed.write_text(sdf_of(text))
+            if accused := audit_against(changed, stated).differing_joints():
+                endings[f"healthy, ACCUSED: {accused[0][1:]}"] += 1
+            name = list(MJCF_SLIPS)[k % len(MJCF_SLIPS)]
+            text, other = slipped_mjcf(rng, name)
+            stated.write_text(text)
+            changed.write_text(other)
+            endings[_ending(changed, stated, f"MJCF, {name}", "j", MJCF_SLIPS[name].cause)] += 1
+    for what, amount in endings.most_common():
+        print(f"  {amount:6d}  {what}")
+    _healthy_joints(count, rng)
+
+
+def _ending(changed: Path, stated: Path, name: str, joint: str, cause: str) -> str:
+    """Return whether the first difference is the planted one, all are of its joint, and M is explained."""
+    found = audit_against(changed, stated)
+    causes = [(one.name, text) for one, _, text in found.differing_joints()]
+    if not causes or {one for one, _ in causes} != {joint} or not causes[0][1].startswith(cause):
+        return f"{name}: NOT NAMED: {causes}"
+    (matrix,) = found.matrices.values()
+    explained = not matrix.differs or matrix.cause.startswith("follows")
+    return f"{name}: named{'' if explained else f', M NOT EXPLAINED: {matrix}'}"
+
+
+def _healthy_joints(count: int, rng: np.random.Generator) -> None:
+    """Import healthy files; print the differences of joints, and the largest of mass matrices."""
+    accused: Counter[str] = Counter()
+    worst: dict[str, float] = {}
+    compared = 0
+    pool = EnginePool()
+    with tempfile.TemporaryDirectory() as folder, contextlib.closing(pool), np.errstate(all="ignore"):
+        for k in range(count):
+            mjcf = k % 2 == 1
+            path = Path(folder) / f"model{k}.{'xml' if mjcf else 'urdf'}"
+            path.write_text(random_mjcf(rng) if mjcf else random_urdf(rng))
+            engines = ["mujoco"] if mjcf else [name for name, _ in IMPORTERS]
+            found = imported_audit(pool, read_model(path), engines, AuditOptions(spins=False))
+            compared += sum(len(joint.held) for joint in found.joints)
+            for _, name, cause in found.differing_joints():
+                accused[f"{name}: {cause.partition(':')[0]}"] += 1
+            for name, matrix in found.matrices.items():
+                kind = f"{name} ({found.format.upper()})"
+                if matrix.deviation is None:
+                    accused[f"{kind}: M not compared: {matrix.cause[:50]}"] += 1
+                elif matrix.cause.startswith("follows"):
+                    accused[f"{kind}: M {matrix.cause}"] += 1
+                else:
+                    worst[kind] = max(worst.get(kind, 0.0), matrix.deviation)
+    print(f"{count} healthy files, {compared} joints in importers; differences: {dict(accused) or 'none'}")
+    for name, deviation in sorted(worst.items()):
+        print(f"  M in {name}: at most {deviation:.2e}")
+
+
 def slips(count: int, seed: int) -> None:
     """Plant one slip in each link; print how many are found with the right numbers."""
     rng = np.random.default_rng(seed)
@@ -401,6 +473,8 @@ def main() -> None:
             damaged_stages(given.files, given.seed)
         case "converters":
             converters(given.trials, given.seed)
+        case "joints":
+            joints(given.trials, given.seed)
         case "slips":
             slips(given.trials, given.seed)
         case "healthy":

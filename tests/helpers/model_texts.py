@@ -77,12 +77,17 @@ def sdf_of(urdf: str) -> str:
         turned, moved = _frame(joint.find("origin"))
         poses[child] = (R * turned, R.apply(moved) + p)
         axis, dynamics = joint.find("axis").get("xyz"), joint.find("dynamics").items()
-        limit = joint.find("limit")
+        limit, mimic = joint.find("limit"), joint.find("mimic")
+        follows = ""
+        if mimic is not None:
+            inside = "".join(f"<{k}>{mimic.get(k)}</{k}>" for k in ("multiplier", "offset"))
+            follows = f'<mimic joint="{mimic.get("joint")}">{inside}</mimic>'
         limits = "" if limit is None else "".join(f"<{k}>{value}</{k}>" for k, value in limit.items())
         parts.append(
             f'<joint name="{joint.get("name")}" type="{joint.get("type")}"><parent>{parent}</parent>'
             f"<child>{child}</child><axis><xyz>{axis}</xyz><limit>{limits}</limit>"
-            f"<dynamics>{''.join(f'<{k}>{value}</{k}>' for k, value in dynamics)}</dynamics></axis></joint>"
+            f"<dynamics>{''.join(f'<{k}>{value}</{k}>' for k, value in dynamics)}</dynamics>{follows}"
+            "</axis></joint>"
         )
     for link in robot.findall("link"):
         inertial = link.find("inertial")
