@@ -104,7 +104,6 @@ def _identifier(name: str) -> str:
 
 def _as_held(model: ModelFile) -> list[ImportedLink]:
     """Return the links of a file as an importer would hold them."""
-    placed = _placed(model)
     place = {link.name: index for index, link in enumerate(model.links)}
     found = []
     for link in model.links:
@@ -116,8 +115,8 @@ def _as_held(model: ModelFile) -> list[ImportedLink]:
                 body.mass_kg,
                 body.centre_m.tolist(),
                 body.inertia_kg_m2.tolist(),
-                doubles(placed[link.name].position).tolist(),
-                doubles(placed[link.name].rotation).tolist(),
+                doubles(model.placed[link.name].position).tolist(),
+                doubles(model.placed[link.name].rotation).tolist(),
                 -1 if link.parent is None else place[link.parent],
                 link.joints,
             )
@@ -162,7 +161,7 @@ def _moved(model: ModelFile, other: ModelFile, links: Mapping[str, ModelLink]) -
 
     Both files are taken as posed alike, relative to the first link that both have.
     """
-    here, there = _placed(model), _placed(other)
+    here, there = model.placed, other.placed
     first = next(iter(links))
     ours, theirs = here[links[first].name].inverse(), there[first].inverse()
     found = {}
@@ -170,20 +169,6 @@ def _moved(model: ModelFile, other: ModelFile, links: Mapping[str, ModelLink]) -
         moved = (theirs @ there[name]).inverse() @ (ours @ here[link.name])
         if _angle(moved) > _FRAME or _distance(moved) > _FRAME:
             found[name] = moved
-    return found
-
-
-def _placed(model: ModelFile) -> dict[str, Frame]:
-    """Return the pose of each link in the world, with all joints at zero."""
-    found: dict[str, Frame] = {}
-    for link in model.links:
-        chain, at = [link], link
-        while at.parent is not None and at.parent not in found and len(chain) <= len(model.links):
-            at = model.by_name[at.parent]
-            chain.append(at)
-        for one in reversed(chain):
-            above = found.get(one.parent or "")
-            found[one.name] = one.pose if above is None else above @ one.pose
     return found
 
 

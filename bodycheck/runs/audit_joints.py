@@ -62,18 +62,14 @@ class HeldJoints:
 
     def _in_axes_of(self, link: int, of: int, joint: Joint) -> Joint:
         to, own = self.pose(link), self.pose(of)
-        if to is None or own is None or link == of:
-            return joint
         R = to.rotation.T @ own.rotation
         at = to.rotation.T @ (own.rotation @ np.array(joint.at_m) + own.position_m - to.position_m)
         axis = None if joint.axis is None else tuple((R @ np.array(joint.axis)).tolist())
         return replace(joint, axis=axis, at_m=tuple(at.tolist()))
 
-    def pose(self, link: int) -> Placement | None:
+    def pose(self, link: int) -> Placement:
         """Return the pose of a link in the world, all joints as in the file."""
         one = self.links[link]
-        if one.position_m is None or one.rotation is None:
-            return None
         return Placement(np.array(one.rotation), np.array(one.position_m))
 
     def placement(self, model: ModelFile, link: ModelLink) -> tuple[Placement | None, Placement | None]:
@@ -87,17 +83,14 @@ class HeldJoints:
             above = model.by_name[at.parent]
             if above.name in self.named:
                 there = self.pose(self.named[above.name])
-                if here is None or there is None:
-                    return None, None
                 R = there.rotation.T
                 held = Placement(R @ here.rotation, R @ (here.position_m - there.position_m))
                 return _placement(pose), held
             if any(joint.motion != "fixed" for joint in above.joints):
                 return None, None
-            pose, at = (
-                above.pose @ pose if above.parent is not None or model.format == "mjcf" else pose,
-                above,
-            )
+            if above.parent is not None or model.format == "mjcf":
+                pose = above.pose @ pose
+            at = above
         if at is link and (model.format != "mjcf" or any(one.motion == "free" for one in link.joints)):
             return None, None  # where a base is placed is up to the importer
         return _placement(pose), here
@@ -115,7 +108,6 @@ def audited_joints(
     imports: the name of each importer -> its engine and what it holds.
     """
     size_m = _size(model)
-    turned = _rotations(model)
     found = []
     for link in model.links:
         stated = link.joints
@@ -133,7 +125,9 @@ def audited_joints(
                     )
                     continue
                 expected, at = held.placement(model, link) if k == 0 else (None, None)
-                facts = JointFacts(joint, expected, _inertial(link), turned.get(link.name, np.eye(3)), size_m)
+                facts = JointFacts(
+                    joint, expected, _inertial(link), doubles(model.placed[link.name].rotation), size_m
+                )
                 comparisons[name] = _compared(facts, matched[name][k], at, engine)
             found.append(JointAudit(link.name, joint, comparisons))
     if model.format == "urdf":  # whose joints are in an order of their own
@@ -175,22 +169,6 @@ def _size(model: ModelFile) -> float:
     """Return the scale of positions in m: the largest in the file."""
     positions = [np.linalg.norm(doubles(link.pose.position)) for link in model.links]
     return float(max([size for size in positions if math.isfinite(size)], default=0.0)) or 1.0
-
-
-def _rotations(model: ModelFile) -> dict[str, Array]:
-    """Return link -> rotation (3, 3) of its axes in the model, in the pose of the file."""
-    found: dict[str, Array] = {}
-    waiting = [link for link in model.links if link.parent is None]
-    children: dict[str, list[ModelLink]] = {}
-    for link in model.links:
-        if link.parent is not None:
-            children.setdefault(link.parent, []).append(link)
-    while waiting:
-        link = waiting.pop()
-        above = found[link.parent] if link.parent is not None else np.eye(3)
-        found[link.name] = above @ doubles(link.pose.rotation)
-        waiting += children.get(link.name, [])
-    return found
 
 
 def _orders(

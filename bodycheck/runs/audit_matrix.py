@@ -15,14 +15,12 @@ from bodycheck.adapters.importers import CONFIGURATIONS, MassMatrices
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import exp_quaternion
 from bodycheck.reference_impl.trees.tree_dynamics import tree_dynamics
-from bodycheck.reports.audit.audit import SINGLE, MatrixComparison
+from bodycheck.reports.audit.audit import FOLLOWS, SINGLE, MatrixComparison
 from bodycheck.runs.audit_joints import HeldJoints, matched_joints
 from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, exact, mp
 from bodycheck.scenarios.model_files.joint import Joint
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, StatedInertia
 from bodycheck.scenarios.model_files.model_tree import ModelTree, model_trees
-
-FOLLOWS = "follows from the bodies and joints that it holds"
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +65,8 @@ def compared_matrices(
     try:
         pairs = [_pair(tree, places, held, found) for tree in model_trees(model)]
     except InputError as error:
-        return MatrixComparison(None, cause=str(error).removeprefix(f"{model.path}:").strip())
+        why = str(error).removeprefix(f"{model.path}:").strip()
+        return MatrixComparison(None, cause=f"line {why}" if why[0].isdigit() else why)
     if not pairs:
         return MatrixComparison(None, cause="no joint moves")
     worst, pair = max(((one.worst()[0], one) for one in pairs), key=lambda one: one[0])
@@ -184,13 +183,9 @@ def _name(model: ModelFile, joint: tuple[str, int]) -> str:
 def _explained_by_held(path: Path, held: HeldJoints, found: Sequence[MassMatrices]) -> bool:
     """Return whether an importer's matrices are those of its numbers; raises InputError if it has no tree."""
     links = []
+    frames = [Frame(exact(one.rotation), exact(one.position_m)) for one in held.links]
     for index, link in enumerate(held.links):
-        pose, above = held.pose(index), None if link.parent < 0 else held.pose(link.parent)
-        if pose is None:
-            return False
-        here = Frame(exact(pose.rotation), exact(pose.position_m))
-        if above is not None:
-            here = Frame(exact(above.rotation), exact(above.position_m)).inverse() @ here
+        here = frames[index] if link.parent < 0 else frames[link.parent].inverse() @ frames[index]
         body = ExactInertia(mp.mpf(link.mass), exact(link.centre_m), exact(link.inertia_kg_m2))
         parent = None if link.parent < 0 else str(link.parent)
         joints = link.joints or (Joint("", "fixed", 0),)

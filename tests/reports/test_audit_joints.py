@@ -353,8 +353,8 @@ def test_an_audit_of_joints_is_shown_and_stored(audits: dict[str, Audit], tmp_pa
     text = " ".join(part.text for part in audit_document(audit).parts if isinstance(part, Sentence))
     assert "but changes 1 of 2 joints (mimic dropped)" in text
     data = audit_data(audit)
-    held = {one["name"]: one["held"]["pybullet:recommended"]["causes"] for one in data["joints"]}
-    assert held["second"] == ["mimic dropped: -2 first + 0.1 in the file"]
+    held = {one["stated"]["name"]: one["held"]["pybullet:recommended"]["causes"] for one in data["joints"]}
+    assert held["second"] == ("mimic dropped: -2 first + 0.1 in the file",)
     assert data["mass_matrices"]["dart:default"]["deviation"] < 1e-13
     assert audit_page(audit).count("mimic dropped") >= 2
     assert any(alert.rule == "joint-difference" for alert in alerts_of(audit, differences=True))

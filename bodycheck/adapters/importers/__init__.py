@@ -34,7 +34,7 @@ _MODULES = {
 class ImportedLink:
     """What an engine holds of a link: mass, centre (3,) in link axes, tensor (3, 3) about it in link axes.
 
-    position_m (3,), rotation (3, 3): of the link in the world with all joints as in the file, if known.
+    position_m (3,), rotation (3, 3): of the link in the world with all joints as in the file.
     parent: the index of a link, -1 for the world. joints: to the parent, the first next to it.
     """
 
@@ -42,10 +42,10 @@ class ImportedLink:
     mass: float
     centre_m: Sequence[float]
     inertia_kg_m2: Sequence[Sequence[float]]
-    position_m: Sequence[float] | None = None
-    rotation: Sequence[Sequence[float]] | None = None
-    parent: int = -1
-    joints: tuple[Joint, ...] = ()
+    position_m: Sequence[float]
+    rotation: Sequence[Sequence[float]]
+    parent: int
+    joints: tuple[Joint, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,10 +175,9 @@ def _as_text(value: Any) -> Any:
 
 def imported_link(plain: Mapping[str, Any]) -> ImportedLink:
     """Return the link of a worker's answer; raises ValueError, TypeError or KeyError if it is not one."""
-    centre, inertia = np.array(plain["centre_m"], float), np.array(plain["inertia_kg_m2"], float)
-    position, rotation = plain.get("position_m"), plain.get("rotation")
-    at, turned = np.array(position or np.zeros(3), float), np.array(rotation or np.eye(3), float)
-    if centre.shape != (3,) or inertia.shape != (3, 3) or at.shape != (3,) or turned.shape != (3, 3):
+    centre, position = np.array(plain["centre_m"], float), np.array(plain["position_m"], float)
+    inertia, rotation = np.array(plain["inertia_kg_m2"], float), np.array(plain["rotation"], float)
+    if {centre.shape, position.shape} != {(3,)} or {inertia.shape, rotation.shape} != {(3, 3)}:
         raise ValueError(
             f"link {plain['name']!r:.60} has a centre {centre.shape} and a tensor {inertia.shape}"
         )
@@ -187,10 +186,10 @@ def imported_link(plain: Mapping[str, Any]) -> ImportedLink:
         float(plain["mass"]),
         centre.tolist(),
         inertia.tolist(),
-        None if position is None else at.tolist(),
-        None if rotation is None else turned.tolist(),
-        int(plain.get("parent", -1)),
-        tuple(joint_of(one) for one in plain.get("joints", ())),
+        position.tolist(),
+        rotation.tolist(),
+        int(plain["parent"]),
+        tuple(map(joint_of, plain["joints"])),
     )
 
 

@@ -33,6 +33,9 @@ SAME = 1e-9
 SINGLE = 2e-6
 """Relative difference up to which an import agrees as far as single precision can."""
 
+FOLLOWS = "follows from the bodies and joints that it holds"
+"""The cause of a mass matrix that is right for what an importer holds."""
+
 _NOTICEABLE = 3.0  # times the error of the engine itself
 _FLOOR_RAD = 1e-9
 _LARGEST = 1e100  # kg, kg m^2: products of larger numbers leave the range of doubles
@@ -240,6 +243,11 @@ class MatrixComparison:
     def differs(self) -> bool:
         """Whether it exceeds single precision."""
         return self.deviation is not None and not self.deviation <= SINGLE
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether it is not that of the bodies and joints that the importer holds."""
+        return self.differs and self.cause != FOLLOWS
 
 
 @dataclass(frozen=True, eq=False)

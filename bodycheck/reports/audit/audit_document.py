@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,6 @@ from bodycheck.reports.audit.audit import (
     Body,
     Comparison,
     Difference,
-    JointAudit,
     LinkAudit,
     Spin,
 )
@@ -313,26 +313,9 @@ def audit_data(audit: Audit) -> dict[str, Any]:
         "outside": list(audit.outside),
         "notes": list(audit.notes),
         "links_not_in_file": {name: list(extra) for name, extra in audit.extra.items()},
-        "joints": [_joint_data(joint) for joint in audit.joints],
+        "joints": [asdict(joint) for joint in audit.joints],
         "mass_matrices": {name: vars(one) for name, one in audit.matrices.items()},
         "joint_orders": {name: list(order) for name, order in audit.orders.items()},
-    }
-
-
-def _joint_data(joint: JointAudit) -> dict[str, Any]:
-    return {
-        "name": joint.stated.name,
-        "link": joint.link,
-        "stated": vars(joint.stated),
-        "held": {
-            name: {
-                "state": one.state,
-                "joint": None if one.held is None else vars(one.held),
-                "causes": list(one.causes),
-                "not_held": list(one.not_held),
-            }
-            for name, one in joint.held.items()
-        },
     }
 
 
@@ -400,7 +383,8 @@ def failures(audit: Audit, fail_on: Sequence[str]) -> list[str]:
     if bad := bad or impossible(audit):
         found.append(count(len(bad), "finding"))
     if "difference" in fail_on:
-        differing = [*audit.differing(), *audit.differing_joints()]
+        wrong = [name for name, one in audit.matrices.items() if one.is_wrong]
+        differing = [*audit.differing(), *audit.differing_joints(), *wrong]
         found += [count(len(differing), "difference")] if differing else []
         found += [f"{names(audit.failed)} did not import the file"] if audit.failed else []
     return found

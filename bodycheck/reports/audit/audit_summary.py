@@ -77,6 +77,9 @@ def _clause(audit: Audit, column: Column) -> tuple[str, bool]:
     bodies, sound = _of_bodies(audit, column)
     changed = [group for group in joint_groups(audit) if group.importer == column.name]
     joints = {joint for group in changed for joint in group.joints}
+    matrix = audit.matrices.get(column.name)
+    if matrix is not None and matrix.is_wrong and not joints:
+        return f"{bodies}{', but' if sound else ', and'} its mass matrix differs ({matrix.cause})", False
     if column.outcome != "ok" or not joints:
         return bodies, sound
     first = max(changed, key=lambda group: len(group.joints))

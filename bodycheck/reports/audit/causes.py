@@ -40,6 +40,7 @@ KNOWN_ISSUES = {
     ("mujoco", "rotation of the inertial frame ignored"): "google-deepmind/mujoco#3559",
     ("mujoco", "rotation of the merged links ignored"): "google-deepmind/mujoco#2982",
     ("mujoco", "mimic dropped"): "google-deepmind/mujoco#3527",
+    ("pybullet", "damping dropped"): "bulletphysics/bullet3#1916",
     ("usd", "rotated by the inverse of the principal axes"): "newton-physics/urdf-usd-converter#118",
     ("usd", "principal axes lost"): "isaac-sim/urdf-importer-extension#2",
     ("pybullet", f"{DISCARDED}: recomputed from the collision shape"): "bulletphysics/bullet3#1671",

@@ -139,6 +139,17 @@ class ModelFile:
         return found
 
     @cached_property
+    def placed(self) -> dict[str, Frame]:
+        """Name -> pose of the link in the world or the model, with all joints as in the file."""
+        found: dict[str, Frame] = {}
+        waiting = [(link, link.pose) for link in self.links if link.parent is None]
+        while waiting:
+            link, pose = waiting.pop()
+            found[link.name] = pose
+            waiting += [(child, pose @ child.pose) for child in self._children.get(link.name, ())]
+        return found
+
+    @cached_property
     def carrying(self) -> frozenset[str]:
         """The links to which fixed joints connect, below them, a link with inertia."""
         found: set[str] = set()
