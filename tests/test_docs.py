@@ -28,7 +28,7 @@ from bodycheck.reports.gates.gate import read_gates, read_thresholds
 from bodycheck.reports.gates.thresholds import THRESHOLD
 from bodycheck.reports.recordings.column_map import read_map
 from bodycheck.reports.run_files.trajectory_files import trajectory_table
-from bodycheck.scenarios.reader import parse_members
+from bodycheck.scenarios.reader import parse_members, parse_trees
 from tests.helpers.doc_pages import ROOT, Block, Command, blocks, commands, has_tests, pages, text_of
 from tests.helpers.planted_faults import Faulty
 
@@ -313,6 +313,9 @@ def test_toml_of_the_docs_is_accepted(block: Block, folder: Path, monkeypatch: p
     if "euler_1_rad" in block.text:
         (folder / "shown.toml").write_text(block.text)
         assert read_map([folder / "shown.toml"]).euler == "ZYX"
+        return
+    if "[[body]]" in block.text:
+        assert len(parse_trees(block.text, block.page, folder)) == 1
         return
     if "[engines." in block.text:
         (folder / "engines.toml").write_text(block.text)

@@ -19,7 +19,8 @@ from bodycheck.scenarios.body import BODY_FORMS
 from bodycheck.scenarios.fields import Table, finite_numbers
 from bodycheck.scenarios.forcings import FORCING_KINDS
 from bodycheck.scenarios.model import Scenario, ScenarioTable
-from bodycheck.scenarios.tree_model import JOINT_KINDS, TREE_FORCINGS, TreeScenario, as_single_body
+from bodycheck.scenarios.tree_model import TreeScenario, as_single_body
+from bodycheck.scenarios.tree_tables import JOINT_KINDS, TREE_FORCINGS
 
 _FORCINGS = {*FORCING_KINDS, *TREE_FORCINGS}
 _STEP = re.compile(r"(?:^|\.)([A-Za-z_]\w*)|\[(\d+)\]")

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from mpmath import mp, mpf
 
+from bodycheck.reference_impl.scene import Torque
 from bodycheck.reference_impl.trees.tree_scene import (
     BodyLoad,
     JointSineTorque,
@@ -61,7 +62,9 @@ class _Bodies:
 
     def __init__(self, scene: TreeScene, q: Vector) -> None:
         self.scene, self.q = scene, q
-        self.axis, self.rotation, self.position = [], [], []
+        self.axis: list[Vector] = []
+        self.rotation: list[Vector] = []
+        self.position: list[Vector] = []
         for body, where in zip(scene.bodies, scene.coordinate_slices, strict=True):
             joint, own = body.joint, q[where]
             zero, axis = _rotation(_exact(joint.zero)), _unit(_exact(joint.axis))
@@ -177,7 +180,7 @@ def _body_loads(scene: TreeScene, bodies: _Bodies, t: float) -> tuple[Vector, Ve
             continue
         rotation, value = bodies.rotation[load.body], _exact(load.load.value)
         value = rotation @ value if load.load.axes == "body" else value
-        if load.load.kind == "torque":
+        if isinstance(load.load, Torque):
             torques[load.body] = torques[load.body] + value
         else:
             forces[load.body] = forces[load.body] + value

@@ -10,8 +10,7 @@ from mpmath import mp, mpf
 
 from bodycheck.reference_impl.trees.random_trees import random_tree
 from bodycheck.reference_impl.trees.tree_dynamics import TreeDynamics, paired_tree_dynamics, tree_dynamics
-from bodycheck.reference_impl.trees.tree_scene import TreeScene
-from tests.helpers.maximal_coordinates import witness
+from tests.helpers.maximal_coordinates import Witness, witness
 from tests.helpers.tree_oracles import TREES, as_pair, instants, tree
 
 
@@ -46,27 +45,51 @@ def test_motion_energy_and_momenta_of_published_states_in_double_doubles(name: s
         assert worst_deviation(high, low, instant.values) < 1e-28
 
 
-def deviations_from_the_witness(scene: TreeScene, t_s: float) -> dict[str, float]:
-    """Return the largest deviation of each quantity over its largest component, at the start of a tree.
+def deviations(parts: tuple[TreeDynamics, ...], expected: Witness) -> dict[str, float]:
+    """Return the largest deviation of each quantity from the witness, over its largest component.
 
-    That of the accelerations is divided by 10 + cond M.
+    parts: what was found, as a sum. Force and moment of the joints are one quantity, the wrench; the
+    deviation of the accelerations is divided by 10 + cond M.
     """
-    found, expected = tree_dynamics(scene, t_s=t_s), witness(scene, scene.q0, scene.u0, t_s)
     deviations = {}
-    for field in fields(expected):
-        numbers, own = (np.ravel(getattr(one, field.name)) for one in (expected, found))
-        scale = max(map(abs, numbers)) or 1
-        deviations[field.name] = float(max(abs(x - y) for x, y in zip(own, numbers, strict=True)) / scale)
-    deviations["accelerations"] /= 10.0 + float(np.linalg.cond(found.mass_matrix))
+    names = {field.name: (field.name,) for field in fields(expected) if not field.name.startswith("joint")}
+    with mp.workdps(40):
+        for name, members in {**names, "wrench": ("joint_force", "joint_moment")}.items():
+            numbers = np.concatenate([np.ravel(getattr(expected, member)) for member in members])
+            own = [np.concatenate([np.ravel(getattr(part, member)) for member in members]) for part in parts]
+            sums = [sum(map(mpf, map(float, terms)), mpf(0)) for terms in zip(*own, strict=True)]
+            scale = max(map(abs, numbers)) or 1  # nothing acts on some trees
+            deviations[name] = float(max(abs(x - y) for x, y in zip(sums, numbers, strict=True)) / scale)
+    deviations["accelerations"] /= 10.0 + float(np.linalg.cond(parts[0].mass_matrix))
     return deviations
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_dynamics_of_random_trees_by_constraint_forces(seed: int) -> None:
-    """M, bias, loads and accelerations agree with bodies held together by forces, in 50 digits."""
+def assert_agreement_with_the_witness(seed: int, bodies: int) -> None:
+    """Compare a random tree of up to some bodies, in doubles and in double-doubles."""
     rng = np.random.default_rng(seed)
-    found = deviations_from_the_witness(random_tree(rng, int(rng.integers(1, 4)), loads=True), t_s=0.3)
+    scene = random_tree(rng, int(rng.integers(1, bodies + 1)), loads=True)
+    expected = witness(scene, scene.q0, scene.u0, 0.3)
+    found = deviations((tree_dynamics(scene, t_s=0.3),), expected)
     assert found.pop("accelerations") < 1e-15
-    assert found.pop("joint_force") < 1e-13
-    assert found.pop("joint_moment") < 1e-13
     assert max(found.values()) < 1e-14
+    assert max(deviations(paired_tree_dynamics(scene, t_s=0.3), expected).values()) < 1e-28
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_dynamics_of_small_random_trees_by_constraint_forces(seed: int) -> None:
+    """M, bias, loads, accelerations and wrenches agree with bodies held together by forces, in 50 digits."""
+    assert_agreement_with_the_witness(seed, 3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [*range(10, 16), 20, 25])
+def test_dynamics_of_random_trees_by_constraint_forces(seed: int) -> None:
+    """The same up to 20 bodies, with condition numbers of M above 1e4."""
+    assert_agreement_with_the_witness(seed, 20)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("seed", range(200))
+def test_dynamics_of_200_random_trees_by_constraint_forces(seed: int) -> None:
+    """The same for 200 trees."""
+    assert_agreement_with_the_witness(seed, 20)

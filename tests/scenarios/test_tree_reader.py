@@ -14,6 +14,7 @@ from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.loads.kinds.force import PointForce
 from bodycheck.reference_impl.trees.tree_dynamics import pivot_ratios
 from bodycheck.reference_impl.trees.tree_scene import BodyLoad, JointSineTorque, JointTorque
+from bodycheck.reports.summary.catalogue import catalogue
 from bodycheck.scenarios.library import load_scenario, load_trees, scenario_names, tree_names
 from bodycheck.scenarios.reader import parse_members, parse_trees
 from bodycheck.scenarios.tree_model import TreeScenario
@@ -135,6 +136,13 @@ joint = {{kind = "ball", parent = "pole"}}
             'kind = "spring"\nanchor_m = [0, 0, 0]\nstiffness_n_m = 1.0',
         )
     ),
+    "sizes": CART.replace("0.1", "1e60")
+    + POLE.replace("mass_kg = 1.0", "mass_kg = 1e250").replace("-0.4", "1e40"),
+    "masses": POLE.replace("mass_kg = 1.0", "mass_kg = 1e250")
+    .replace("-0.4", "1e40")
+    .replace('"cart"', '"world"'),
+    "names and angles": CART.replace('"cart"', '"the.cart"')
+    + POLE.replace("start_rad = 0.3", "start_rad = 1e13"),
     "singular": """
 [[body]]
 name = "ring"
@@ -248,6 +256,7 @@ def test_each_built_in_tree_is_read_and_has_a_regular_mass_matrix(name: str) -> 
 def test_only_the_spherical_pendulum_is_a_single_body() -> None:
     """The other built-in trees are refused where one body is needed; none has the name of a scenario."""
     assert not {*tree_names()} & {*scenario_names()}
+    assert {entry.name for entry in catalogue("scenarios")} == {*scenario_names(), *tree_names()}
     for name in tree_names():
         if name == "spherical-pendulum":
             assert load_scenario(name).scene.pivot is not None

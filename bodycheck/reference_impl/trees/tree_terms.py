@@ -31,13 +31,7 @@ from bodycheck.reference_impl.kernels.generic_precision import (
     times,
 )
 from bodycheck.reference_impl.kernels.jit import kernel
-from bodycheck.reference_impl.taylor.taylor_terms import (
-    added,
-    cauchy,
-    put_vector,
-    subtracted,
-    vector_terms,
-)
+from bodycheck.reference_impl.taylor.taylor_terms import added, cauchy, put_vector, subtracted, vector_terms
 from bodycheck.reference_impl.trees.prepared_tree import (
     AT_BODY,
     AT_PARENT,

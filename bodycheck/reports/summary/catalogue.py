@@ -11,7 +11,7 @@ from bodycheck.adapters.versions.environments import is_made, needed_environment
 from bodycheck.adapters.workers.engine_pool import announced
 from bodycheck.reports.document import Column, Document, Table
 from bodycheck.reports.measurement.measures import MEASURES, SIGNED, Measure
-from bodycheck.scenarios.library import scenario_summaries, suites
+from bodycheck.scenarios.library import scenario_summaries, suites, tree_summaries
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Entry:
 def catalogue(kind: str) -> list[Entry]:
     """Return the scenarios, suites, engines, methods or measures."""
     catalogues: dict[str, Callable[[], list[tuple[str, str]]]] = {
-        "scenarios": lambda: list(scenario_summaries().items()),
+        "scenarios": lambda: [*scenario_summaries().items(), *_tree_rows()],
         "suites": lambda: [(name, ", ".join(members)) for name, members in suites().items()],
         "engines": _engine_rows,
         "methods": _method_rows,
@@ -38,6 +38,12 @@ def catalogue_document(kind: str, entries: Sequence[Entry]) -> Document:
     """Return one row per entry: its name and description."""
     rows = tuple((entry.name, entry.description) for entry in entries)
     return Document(f"bodycheck: {kind}", (Table((Column("", "fixed"), Column("")), rows),))
+
+
+def _tree_rows() -> Iterator[tuple[str, str]]:
+    """Yield the trees, which commands other than `dynamics` refuse."""
+    for name, summary in tree_summaries().items():
+        yield name, f"tree: {summary}"
 
 
 def _measure_rows() -> list[tuple[str, str]]:
