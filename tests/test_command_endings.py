@@ -61,6 +61,20 @@ def test_unexpected_exception_is_one_line_and_status_70(
     assert "in broken" in kept.read_text()
 
 
+def test_lack_of_memory_is_one_line_and_status_2(
+    faults: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is no fault of bodycheck: the line says so, and no traceback is stored."""
+
+    def broken(_: str) -> NoReturn:
+        raise MemoryError
+
+    monkeypatch.setattr("bodycheck.reports.summary.catalogue.catalogue", broken)
+    done = run_bodycheck(tmp_path, "list", "suites")
+    assert (done.returncode, done.stderr) == (2, "out of memory\n")
+    assert not faults.exists()
+
+
 def test_wrong_usage_is_printed_escaped(tmp_path: Path) -> None:
     """Arguments from the shell are printed escaped, and the status is 2."""
     done = run_bodycheck(tmp_path, "run", "--\x1b[31m", "\x07.toml")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import os
 import re
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 
 _MAX_PART = 140  # characters of the command and of the error, so that the line has room for what to do
 _TRACEBACK = "BODYCHECK_TRACEBACK"  # if set, an unexpected error also prints its traceback
+_COLLECTED_AFTER = 50_000  # objects: large tables are many objects without cycles
 _ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 
 
@@ -46,6 +48,7 @@ def run_app(app: typer.Typer, name: str) -> None:
     traceback.
     """
     received: list[int] = []
+    gc.set_threshold(_COLLECTED_AFTER)
     _open_output()
     with _interrupted_by_signals(received):
         status = _status_after(lambda: _status_of(app, name), name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import pickle
 import resource
@@ -19,19 +20,21 @@ _MEGABYTE = 1 << 20
 
 @dataclass(frozen=True)
 class ChildResult:
-    """The outcome of a child; value: what the function returned; error: its traceback, or how it ended."""
+    """The outcome of a child; value: what the function returned; error: its traceback, or how it ended.
+
+    megabytes: the largest resident size, including what the child shares with this process. growth_megabytes:
+    the same without what it began with; NaN if it was killed.
+    """
 
     value: Any
     error: str | None
     seconds: float
     megabytes: float
+    growth_megabytes: float = math.nan
 
 
 def run_in_child(act: Callable[[], Any], limit_s: float, limit_megabytes: int = 4096) -> ChildResult:
-    """Run a function in a child, which is killed after a time limit and has limited memory.
-
-    megabytes: the largest resident size of the child, including what it shares with this process.
-    """
+    """Run a function in a child, which is killed after a time limit and has limited memory."""
     begin = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder, "ended")
@@ -43,22 +46,23 @@ def run_in_child(act: Callable[[], Any], limit_s: float, limit_megabytes: int = 
         if late:
             return ChildResult(None, f"hang: not ended within {limit_s:g} s", seconds, megabytes)
         try:
-            value, error = pickle.loads(place.read_bytes())
+            value, error, began = pickle.loads(place.read_bytes())
         except (OSError, EOFError, pickle.UnpicklingError):
-            value, error = None, f"ended with the wait status {status}"
-        return ChildResult(value, error, seconds, megabytes)
+            return ChildResult(None, f"ended with the wait status {status}", seconds, megabytes)
+        return ChildResult(value, error, seconds, megabytes, megabytes - began)
 
 
 def _carry_out(act: Callable[[], Any], place: Path, limit_megabytes: int) -> None:
     """Run the function in the child, which never returns."""
     try:
         os.setpgid(0, 0)
+        began = int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / _MEGABYTE
         resource.setrlimit(resource.RLIMIT_DATA, (limit_megabytes * _MEGABYTE,) * 2)
         try:
             ended: tuple[Any, str | None] = (act(), None)
         except BaseException:  # noqa: BLE001 - any exception is a result
             ended = (None, traceback.format_exc())
-        place.write_bytes(pickle.dumps(ended))
+        place.write_bytes(pickle.dumps((*ended, began)))
     finally:
         os._exit(0)
 

@@ -246,6 +246,8 @@ def accuracy_changes(
         rows = before, after
         # without a scale of the scene: its own size, but at least 1 in SI units, whose round-off is no change
         scale = 1.0 if measure == pure else max(1.0, old, new)
+        if abs(new - old) <= _TWO_VALUES * _EPS * _ROUND_OFFS * scale:  # within the least noise of any value
+            continue
         floor = scale * min(noise(pure, *side) for side in zip(rows, floors, strict=True))
         drift = scale * min(_drift_of_round_off(pure, row) for row in rows)
         low, high = sorted((max(old, floor), max(new, floor)))
@@ -272,10 +274,12 @@ def sign_changes(
         column = f"{name}{SIGNED}"
         if not measure.signed or column not in before or column not in after:
             continue
+        old, new = before[column], after[column]
+        if old * new >= 0.0:
+            continue
         rows = before, after
         floor = _TWO_VALUES * max(noise(name, *side) for side in zip(rows, floors, strict=True))
-        old, new = before[column], after[column]
-        if old * new < 0.0 and min(abs(old), abs(new)) > floor:
+        if min(abs(old), abs(new)) > floor:
             before_text, after_text = (f"{gain_word(one)} {number(abs(one), 3)}" for one in (old, new))
             where = (*study_key(after), f"sign of {name}")
             yield Change("sign", *where, before_text, after_text, "moved", after["control"], fineness)
