@@ -1,10 +1,11 @@
 """Check that an invalid message from a worker fails a case or its engine, but never the run.
 
-    python tools/lying_workers.py --trials 200 --seed 1
+    python tools/lying_workers.py --trials 200 --seed 1 --patience 1
 
 Each trial runs a scenario by a worker whose messages have one of many faults, and by the reference. The run
 must end with status 0 and the reference's rows as without the other engine, or with status 2 and a line that
 names the engine; with complete output or none, within its time limit, in at most 500 MB. Prints the figures.
+Patience is a factor on all time limits: a busy machine needs more, or cases of the reference time out, too.
 Exit status 1 if a trial failed, or if no worker received a case.
 """
 
@@ -44,7 +45,7 @@ class FaultFound(Exception):  # noqa: N818 - the result that the trials search f
     """A run that did not end as required."""
 
 
-def trial(folder: Path, seed: str, engines: str, timeout_s: float = TIMEOUT_S) -> str:
+def trial(folder: Path, seed: str, engines: str, timeout_s: float, start_s: float = START_S) -> str:
     """Return how a run by these engines ended; raise FaultFound if that is not allowed."""
     (folder / "mine.toml").write_text(SCENARIO)
     words = [
@@ -67,7 +68,7 @@ def trial(folder: Path, seed: str, engines: str, timeout_s: float = TIMEOUT_S) -
             "_plugged_in",
             lambda: {"liar": EntryPoint("liar", "liar:Liar", "bodycheck.adapters")},
         ),
-        patch.object(worker_process, "_START_S", START_S),
+        patch.object(worker_process, "_START_S", start_s),
         patch.object(worker_process.subprocess, "Popen", _popen(seed)),
     ):
         done = run_bodycheck(folder, *words, *speed, "--timeout-s", str(timeout_s))
@@ -107,7 +108,9 @@ def main() -> int:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     options.add_argument("--trials", type=int, default=200)
     options.add_argument("--seed", type=int, default=1)
+    options.add_argument("--patience", type=float, default=1.0)
     requested = options.parse_args()
+    limits_s = requested.patience * TIMEOUT_S, requested.patience * START_S
     begin, endings, failed = time.monotonic(), Counter[str](), []
     megabytes, slowest = 0.0, 0.0
     with tempfile.TemporaryDirectory(prefix="lying-workers-") as place:
@@ -122,8 +125,9 @@ def main() -> int:
             folder, seed = Path(place, str(number)), f"{requested.seed}/{number}"
             folder.mkdir()
             ended = run_in_child(
-                lambda folder=folder, seed=seed: trial(folder, seed, "liar,reference:m1"), LIMIT_S
-            )  # type: ignore[misc]
+                lambda folder=folder, seed=seed: trial(folder, seed, "liar,reference:m1", *limits_s),  # type: ignore[misc]
+                requested.patience * LIMIT_S,
+            )
             megabytes, slowest = max(megabytes, ended.megabytes), max(slowest, ended.seconds)
             fault = ended.error
             if fault is None and (folder / "out").exists():

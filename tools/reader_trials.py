@@ -47,7 +47,6 @@ from bodycheck.reports.history.baseline import baseline_of, readable_runs
 from bodycheck.reports.history.queries import TABLES, query
 from bodycheck.reports.recordings.column_map import ColumnMap, read_map
 from bodycheck.reports.recordings.conversion import recorded_motion
-from bodycheck.reports.render.html import render_report
 from bodycheck.reports.run_files.run_reader import read_run, read_tables
 from bodycheck.reports.run_files.tables import as_parquet
 from bodycheck.reports.run_files.trajectory_files import read_arrays
@@ -70,6 +69,7 @@ from tests.helpers.file_mutations import (
     token,
     toml_line,
 )
+from tests.helpers.html_page import report_page
 from tests.helpers.nightly_runs import store_nightly_runs, unchanged
 from tests.helpers.scenario_texts import SCENARIO
 from tests.scenarios.test_mesh_files import ascii_ply, ascii_stl, binary_ply, binary_stl, obj
@@ -228,7 +228,7 @@ def _run_files(sound: Path) -> list[Reader]:
 
     def page(path: Path) -> None:
         folder = next(parent for parent in path.parents if (parent / "methods.csv").exists())
-        render_report(read_run(folder, allow_code=False, cache=Cache.default()))
+        report_page(read_run(folder, allow_code=False, cache=Cache.default()))
 
     npz = next((sound / "run/trajectories").rglob("reference_m1*.npz"))
     return [

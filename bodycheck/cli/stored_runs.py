@@ -323,7 +323,10 @@ def report(
     markdown: MarkdownFile = None,
     allow_code: _AllowCode = False,
 ) -> None:
-    """Render the report.html of a stored run again, or to another file; with --markdown only its summary."""
+    """Render the report.html of a stored run again, or to another file; with --markdown only its summary.
+
+    A run too large for one page has further pages beside it, in the folder report-files.
+    """
     from bodycheck._util.files import write_file
     from bodycheck.reports.run_files.run_reader import read_run, read_tables
 
@@ -347,13 +350,14 @@ def report(
         if html is None:
             return
     from bodycheck.reports.cache.disk_cache import Cache
-    from bodycheck.reports.render.html import render_report
+    from bodycheck.reports.render.html import report_pages
     from bodycheck.reports.render.progress import status_line
+    from bodycheck.reports.run_files.report_files import replace_pages
 
     page = html or run / "report.html"
     with status_line("measuring the stored motions again"):
-        rendered = render_report(read_run(run, allow_code=allow_code, cache=Cache.default()))
-    write_file(page, rendered.encode())
+        stored = read_run(run, allow_code=allow_code, cache=Cache.default())
+        replace_pages(report_pages(stored, page.name), page)
     print(page)
 
 

@@ -305,12 +305,11 @@ def _continue_hint(again: Sequence[str], request: Request) -> str:
 
 
 def write_run(run: Run, out: str | Path, *, temp_dir: Path | None = None) -> Path:
-    """Write the tables, trajectories/, manifest.json and report.html; return the report's path.
+    """Write the tables, trajectories/, manifest.json and the report; return the path of report.html.
 
     Everything is written under a temporary name in the folder `temp_dir` [default: the parent of `out`],
     and renamed at the end. Raises InputError where `out` is in use or cannot be written.
     """
-    from bodycheck.reports.render.html import render_report  # imported here: Jinja is needed only now
+    from bodycheck.reports.render.html import report_pages  # imported here: Jinja is needed only now
 
-    check_output(Path(out))
-    return write_files(run, render_report(run), Path(out), temp_dir=temp_dir)
+    return write_files(run, report_pages(run), Path(out), temp_dir=temp_dir)

@@ -12,8 +12,8 @@ from bodycheck._util.files import write_file
 from bodycheck.reports.document import markdown
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.history.acceptances import read_acceptances
-from bodycheck.reports.history.archive import History
-from bodycheck.reports.history.baseline import TRAJECTORIES, read_summary, readable_runs, seal_run
+from bodycheck.reports.history.archive import TRAJECTORIES, History
+from bodycheck.reports.history.baseline import read_summary, readable_runs, seal_run
 from bodycheck.reports.history.history_output import nightly_document, nightly_page
 from bodycheck.reports.history.nightly_files import (
     remove_old_motions,

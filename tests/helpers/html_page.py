@@ -5,6 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from html.parser import HTMLParser
 
+from bodycheck.reports.render.html import report_pages
+from bodycheck.reports.run_files.run_tables import Run
+
+
+def report_page(run: Run) -> str:
+    """Return the report of a run that has one page."""
+    ((_, page),) = report_pages(run)
+    return page
+
 
 @dataclass
 class Table:

@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, expect, sync_playwright
 
-from bodycheck.reports.render.html import render_report
 from bodycheck.reports.run_files.run_tables import Run
-from tests.helpers.html_page import Page
+from tests.helpers.html_page import Page, report_page
 from tests.helpers.markup_run import markup_run
 from tests.helpers.shared_folder import shared_folder
 
@@ -34,7 +33,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 @pytest.fixture(scope="session")
 def html(run: Run) -> str:
     """Return the report of that run."""
-    return render_report(run)
+    return report_page(run)
 
 
 @pytest.fixture(scope="session")

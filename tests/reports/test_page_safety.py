@@ -12,11 +12,10 @@ import pandas as pd
 import pytest
 
 from bodycheck.reports.measurement.case import MeasuredMotion
-from bodycheck.reports.render.html import render_report
 from bodycheck.reports.run_files.run_tables import Run
 from tests.helpers.copied_scenarios import with_scenarios
 from tests.helpers.gate_tables import with_tables
-from tests.helpers.html_page import Page
+from tests.helpers.html_page import Page, report_page
 from tests.helpers.markup_run import HOSTILE
 
 pytestmark = pytest.mark.slow
@@ -94,7 +93,7 @@ def test_a_large_run_stays_light(run: Run) -> None:
     drawn = [MeasuredMotion(case.trajectory, dict.fromkeys(case.series, noise)) for case in cases]
     cases = [replace(case, motion=motion) for case, motion in zip(cases, drawn, strict=True)]
     begin = time.process_time()
-    html = render_report(
+    html = report_page(
         replace(
             with_tables(run, methods=pd.concat(methods), stability=[]),
             manifest=with_scenarios(run, problems),

@@ -13,7 +13,6 @@ import pytest
 from bodycheck._util.formatting import number
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.verdicts import STATES
-from bodycheck.reports.render.html import render_report
 from bodycheck.reports.render.page.cheapest_settings import TOLERANCES, CheapestSettings
 from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, TARGETS
 from bodycheck.reports.render.page.scenario_section import anchor_of, limit_of
@@ -21,7 +20,7 @@ from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.summary.cells import summary_cells
 from bodycheck.reports.summary.sentences import Summary
 from tests.helpers.copied_scenarios import with_scenarios
-from tests.helpers.html_page import Page
+from tests.helpers.html_page import Page, report_page
 
 pytestmark = pytest.mark.slow
 
@@ -228,7 +227,7 @@ def at_several_speeds(run: Run) -> Run:
 def test_the_front_is_that_of_the_results(run: Run) -> None:
     """For each decade the named method has the least median cost; the scenarios that meet it are counted."""
     run = at_several_speeds(run)
-    tables = Page(render_report(run)).with_class("fronts")
+    tables = Page(report_page(run)).with_class("fronts")
     assert [table.error for table in tables] == [*ERRORS]
     for table in tables:
         assert len(table.rows) > 5
@@ -325,7 +324,7 @@ def test_a_run_without_speed_says_so(run: Run) -> None:
         CaseResult({k: v for k, v in case.columns.items() if not k.startswith("cpu_")}, case.motion)
         for case in run.cases
     )
-    page = Page(render_report(replace(run, cases=cases)))
+    page = Page(report_page(replace(run, cases=cases)))
     assert page.text.count("CPU time was not measured.") == len(run.problems) + 1
     assert not {"speed", "overall"} & {attributes.get("data-plot") for _, attributes in page.tags}
     assert not page.with_class("fronts")

@@ -14,8 +14,8 @@ from bodycheck.adapters.execution import record
 from bodycheck.adapters.registry import registered
 from bodycheck.reports.document import escaped_markdown, markdown, print_document
 from bodycheck.reports.probes.probe import probe_rows
-from bodycheck.reports.render.html import render_report
 from bodycheck.reports.summary.sentences import Summary, run_document
+from tests.helpers.html_page import report_page
 from tests.helpers.planted_faults import BASES, FAULTS, NO_FAULT, Fault, Faulty
 from tests.helpers.reported_results import reported_results
 
@@ -89,7 +89,7 @@ def pages_of(run: Run, capsys: pytest.CaptureFixture[str]) -> dict[str, str]:
     return {
         "terminal": capsys.readouterr().out,
         "markdown": markdown(run_document(run)),
-        "html": render_report(run),
+        "html": report_page(run),
     }
 
 

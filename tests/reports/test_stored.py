@@ -15,11 +15,11 @@ import pytest
 import bodycheck
 from bodycheck._util.errors import InputError
 from bodycheck.reports.cache.disk_cache import Cache
-from bodycheck.reports.render.html import render_report
 from bodycheck.reports.run_files.run_reader import read_run, read_tables
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs.directory import write_run
 from tests.helpers.expected_messages import ExpectedMessage
+from tests.helpers.html_page import report_page
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,7 @@ def again(stored_run: Path) -> Run:
 @pytest.mark.slow
 def test_report_of_a_stored_run_is_the_same_byte_for_byte(stored_run: Path, again: Run) -> None:
     """Tables, truths and measures over time are read to the last digit, without the mesh file."""
-    assert render_report(again) == (stored_run / "report.html").read_text(encoding="utf-8")
+    assert report_page(again) == (stored_run / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow

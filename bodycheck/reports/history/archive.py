@@ -20,6 +20,8 @@ from bodycheck._util.untrusted import check_regular
 _RUN_ID = re.compile(r"\d{8}T\d{6}Z-[0-9a-f]{6}")
 _STAMP, _STAMP_LENGTH = "%Y%m%dT%H%M%SZ", 16  # the beginning of a run id
 _LOCK = ".lock"
+TRAJECTORIES = "trajectories"
+"""The folder of the trajectories in a run."""
 _UNFINISHED = ".unfinished-"
 
 
@@ -135,8 +137,9 @@ def _settle(folder: Path) -> None:
     Motions are left out: there are many, and each is checked against its row when it is read.
     """
     inside = [entry for entry in folder.iterdir() if not entry.name.startswith(".")]
-    levels = [path for entry in inside if entry.name == "accepted" for path in (*entry.iterdir(), entry)]
-    for path in (*(entry for entry in inside if entry.is_file()), *levels, folder):
+    folders = (entry for entry in inside if entry.is_dir() and entry.name != TRAJECTORIES)
+    deeper = [path for entry in folders for path in (*entry.iterdir(), entry)]
+    for path in (*(entry for entry in inside if entry.is_file()), *deeper, folder):
         descriptor = os.open(path, os.O_RDONLY)
         try:
             os.fsync(descriptor)

@@ -15,7 +15,7 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.pinned_libraries import duckdb, duckdb_connection, read_parquet
 from bodycheck._util.untrusted import escaped, from_outside, open_input, printable, read_bytes, read_json
 from bodycheck.reports.comparison.environment_diff import redefined
-from bodycheck.reports.history.archive import History
+from bodycheck.reports.history.archive import TRAJECTORIES, History
 from bodycheck.reports.history.levels import Levels, read_levels
 from bodycheck.reports.history.open_regressions import State, read_state
 from bodycheck.reports.history.step_detection import FIRST_RUNS
@@ -34,9 +34,6 @@ def machine_class(manifest: Mapping[str, Any]) -> str:
 SUMMARY_FILE = "night.json"
 NOT_JUDGED = "not judged"
 """The status of a run whose judgement failed."""
-
-TRAJECTORIES = "trajectories"
-"""The folder of the trajectories in a run."""
 
 _SUMS, _SEAL = "sha256", "seal"
 _PARQUET = b"PAR1"  # a complete file begins and ends with it

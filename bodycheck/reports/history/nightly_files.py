@@ -20,19 +20,19 @@ from bodycheck.reports.comparison.change import FAILING
 from bodycheck.reports.comparison.compare import unversioned
 from bodycheck.reports.comparison.describe import HEADINGS
 from bodycheck.reports.history.acceptances import Acceptance, acceptance_text
-from bodycheck.reports.history.archive import started_at
+from bodycheck.reports.history.archive import TRAJECTORIES, started_at
 from bodycheck.reports.history.baseline import (
     NOT_JUDGED,
     SUMMARY_FILE,
     SUMMARY_KEYS,
-    TRAJECTORIES,
     machine_class,
 )
 from bodycheck.reports.history.headline import headline
 from bodycheck.reports.history.levels import write_levels
 from bodycheck.reports.history.open_regressions import State, open_lines, write_state
 from bodycheck.reports.history.regression import Judgement
-from bodycheck.reports.render.html import render_report
+from bodycheck.reports.render.html import report_pages
+from bodycheck.reports.run_files.report_files import write_pages
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.tables import as_csv, as_parquet
@@ -55,8 +55,8 @@ def write_nightly_tables(run: Run, folder: Path) -> None:
 
 
 def write_nightly_report(run: Run, folder: Path) -> None:
-    """Write report.html."""
-    (folder / "report.html").write_text(render_report(run), encoding="utf-8")
+    """Write report.html, and its further pages if the run is large."""
+    write_pages(report_pages(run), folder)
 
 
 def write_unjudged(run: Run, folder: Path) -> None:

@@ -1,21 +1,37 @@
-"""Render the report of a run as one self-contained HTML page."""
+"""Render the report of a run as HTML: one self-contained page, or several linked ones for a large run."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict
-from functools import partial
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property, partial
+from itertools import accumulate
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
 
 from markupsafe import Markup
 
+from bodycheck._util.formatting import step
+from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.render.page.cheapest_settings import START, TOLERANCES, CheapestSettings
 from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, cost_sentences, costs, fronts
+from bodycheck.reports.render.page.played_motions import TRACKS
 from bodycheck.reports.render.page.plots import overall_data
-from bodycheck.reports.render.page.scenario_section import anchor_of, method_anchor, sections_of
+from bodycheck.reports.render.page.scenario_section import (
+    MapRow,
+    Section,
+    anchor_of,
+    method_anchor,
+    sections_of,
+)
 from bodycheck.reports.render.styles import REFERENCE, Style, engine_colour, heading, styles
+from bodycheck.reports.run_files.report_files import further_pages
 from bodycheck.reports.run_files.run_tables import MethodKey, Run, key_of
-from bodycheck.reports.summary.cells import faults_of
+from bodycheck.reports.run_files.tables import Row
+from bodycheck.reports.summary.cells import Cell, faults_of
 from bodycheck.reports.summary.method_identity import known_map_text, laws_text, rows_by_method
 from bodycheck.reports.summary.sentences import Summary
 from bodycheck.reports.summary.worst_results import faulty
@@ -44,57 +60,260 @@ _WITHOUT_CASES = """<!doctype html>
 <html lang="en"><meta charset="utf-8"><title>bodycheck</title><p>This run has no cases.</p></html>
 """
 
+_ONE_PAGE = 12_000_000
+"""The largest total of sections and rows of maps, in bytes, on one page: with the rest it has 15 MB."""
 
-def render_report(run: Run) -> str:
-    """Return the report of a run as one HTML page that needs no other file and no network."""
+_NEXT_PAGES = 4_000_000
+"""The same for each page of a run that is too large for one."""
+
+_ROW, _CELL = 3_000, 900
+"""Bytes of a scenario, and of a method on it, in the maps and answers of a page, rounded up."""
+
+_MOST_CELLS = 15_000
+"""The largest number of cells in the map on the first page of a run that has several."""
+
+_MOST_ROWS = 500
+"""The largest number of rows in a table of cases."""
+
+_MOST_TRACKS = 500
+"""The largest number of motions in the report of a run: reading and measuring them takes the longest."""
+
+_BATCH = 50  # scenarios whose sections are prepared together
+
+
+@dataclass(frozen=True)
+class ReportPart:
+    """One of the pages with the scenarios of a run that is too large for one page.
+
+    first, last: its scenarios. scenarios: their number. folder: of the pages, beside the first page.
+    """
+
+    number: int
+    first: str
+    last: str
+    scenarios: int
+    folder: str
+
+    @property
+    def path(self) -> str:
+        """The path of the page, from the folder of the first one."""
+        return f"{self.folder}/{self.file()}"
+
+    @property
+    def href(self) -> str:
+        """The address of the page, from the first one."""
+        return quote(self.path)
+
+    def file(self, further: int = 0) -> str:
+        """Return the name of the page, or of another one `further` after it."""
+        return f"{self.number + further}.html"
+
+
+def report_pages(run: Run, name: str = "report.html") -> Iterator[tuple[str, str]]:
+    """Yield the pages of the report of a run, each with its path relative to the first one, which is last.
+
+    Each page needs no network, and no other file. name: of the first page.
+    """
     if not run.cases:
-        return _WITHOUT_CASES
-    summary = Summary.of(run)
-    drawn = styles(key_of(case.columns) for case in run.cases)
-    by_error = {error: costs(run.problems, run.cases, error) for error in ERRORS}
-    front = {error: fronts(found) for error, found in by_error.items()}
-    columns = _engines_first(drawn)
-    sections = sections_of(run, summary.cells, drawn)
-    return (
-        environment()
-        .get_template("report.html")
-        .render(
-            run=run,
-            title=f"bodycheck {run.run_id}",
-            findings=faulty(summary.worst),
-            sentences=[*summary.sentences, *cost_sentences(front)],
-            states=STATES,
-            anchor=anchor_of,
-            method_anchor=method_anchor,
-            heading=heading,
-            engine_colour=engine_colour,
-            reference=REFERENCE,
-            styles=columns,
-            first_order=_first_order(run, columns),
-            styles_data=[asdict(style) for style in drawn.values()],
+        yield name, _WITHOUT_CASES
+        return
+    report = _Report(run)
+    folder = further_pages(Path(name)).name
+    rows: list[MapRow] = []
+    parts: list[ReportPart] = []
+    held: list[_Rendered] = []
+    limit = _ONE_PAGE
+
+    def next_page(*, last: bool) -> tuple[str, str]:
+        sizes = list(accumulate(one.size for one in held))
+        amount = max(bisect_right(sizes, _NEXT_PAGES), 1)
+        own = held[:amount]
+        del held[:amount]
+        parts.append(ReportPart(len(parts) + 1, own[0].row.name, own[-1].row.name, amount, folder))
+        more = not last or bool(held)
+        return parts[-1].path, report.part(parts[-1], own, home=f"../{quote(name)}", more=more)
+
+    for section in report.sections():
+        new = _Rendered(section.row, report.section(section))
+        rows.append(new.row)
+        while held and sum(one.size for one in held) + new.size > limit:
+            limit = _NEXT_PAGES
+            yield next_page(last=False)
+        held.append(new)
+    while parts and held:
+        yield next_page(last=True)
+    yield name, report.first(rows, [one.html for one in held], parts)
+
+
+@dataclass(frozen=True, eq=False)
+class _Rendered:
+    """A section as HTML, and its row in the maps."""
+
+    row: MapRow
+    html: Markup
+
+    @cached_property
+    def size(self) -> int:
+        """The bytes that it adds to a page, at most."""
+        return len(self.html.encode()) + _ROW + _CELL * len(self.row.parts)
+
+
+class _Report:
+    """What the pages of a report share."""
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+        self._summary = Summary.of(run)
+        self._drawn = styles(key_of(case.columns) for case in run.cases)
+        self._styles = _engines_first(self._drawn)
+        self._by_scenario: dict[str, list[CaseResult]] = {}
+        for case in run.cases:
+            self._by_scenario.setdefault(case.columns["scenario"], []).append(case)
+        self._studies = {table: _by_scenario(run.tables.get(table, ())) for table in ("methods", "stability")}
+        self._tracks = _tracks(self._summary.cells)
+        self._shared = {
+            "run": run,
+            "states": STATES,
+            "method_anchor": method_anchor,
+            "heading": heading,
+            "engine_colour": engine_colour,
+            "reference": REFERENCE,
+            "styles": self._styles,
+            "first_order": _first_order(run, self._styles),
+            "styles_data": [asdict(style) for style in self._drawn.values()],
+            "tolerances": TOLERANCES,
+            "start": START,
+            "known_map": partial(known_map_text, rows_by_method(run.rows("fingerprints"))),
+            "laws": partial(laws_text, rows_by_method(run.rows("laws"))),
+            "errors": ERRORS,
+            "most_rows": _MOST_ROWS,
+            "with_motions": len(self._tracks),
+            "css": asset("templates/report.css"),
+            "js": Markup("\n").join(asset(f"templates/{name}.js") for name in _SCRIPTS),
+            "plotly": asset("vendor/plotly-basic.min.js"),
+        }
+
+    def sections(self) -> Iterator[Section]:
+        """Yield the sections of all scenarios, some of them at a time in memory."""
+        names = [problem.scenario.name for problem in self._run.problems]
+        for start in range(0, len(names), _BATCH):
+            batch = self._run_of(names[start : start + _BATCH])
+            yield from sections_of(batch, self._summary.cells, self._drawn, self._tracks)
+
+    def section(self, section: Section) -> Markup:
+        """Return the HTML of a section."""
+        template = environment().get_template("scenario.html")
+        return Markup(template.render(self._shared, section=section))
+
+    def part(self, part: ReportPart, own: Sequence[_Rendered], *, home: str, more: bool) -> str:
+        """Return a page of some scenarios; home: the address of the first page; more: whether one follows."""
+        run = self._run_of([one.row.name for one in own])
+        return self._page(
+            run,
+            [one.row for one in own],
+            sections=[one.html for one in own],
+            link=_local_link,
+            title=f"bodycheck {run.run_id}, {part.first} to {part.last}",
             answers=CheapestSettings(run),
-            tolerances=TOLERANCES,
-            start=START,
+            part=part,
+            home=home,
+            more=more,
+        )
+
+    def first(self, rows: Sequence[MapRow], sections: Sequence[Markup], parts: Sequence[ReportPart]) -> str:
+        """Return the first page: that of the whole run, with its sections unless these are on `parts`."""
+        run = self._run
+        by_error = {error: costs(run.problems, run.cases, error) for error in ERRORS}
+        front = {error: fronts(found) for error, found in by_error.items()}
+        cells = sum(len(self._styles) for _ in rows)
+        return self._page(
+            run,
+            [] if parts and cells > _MOST_CELLS else rows,
             sections=sections,
-            known_map=partial(known_map_text, rows_by_method(run.rows("fingerprints"))),
-            laws=partial(laws_text, rows_by_method(run.rows("laws"))),
-            map_data=[
-                section.parts[key].map_data if key in section.parts else None
-                for section in sections
-                for key in columns
-            ],
-            worst=summary.worst,
-            shown_states={cell.state for methods in summary.cells.values() for cell in methods.values()},
-            faults=faults_of(run.cases),
-            errors=ERRORS,
+            link=_link_to(parts, rows) if parts else _local_link,
+            title=f"bodycheck {run.run_id}",
+            answers=CheapestSettings(run, each=not parts),
+            part=None,
+            parts=parts,
+            findings=faulty(self._summary.worst),
+            sentences=[*self._summary.sentences, *cost_sentences(front)],
+            worst=self._summary.worst,
             fronts=front,
             has_speed=any("cpu_s" in case.columns for case in run.cases),
-            overall=overall_data(by_error, drawn),
-            css=asset("templates/report.css"),
-            js=Markup("\n").join(asset(f"templates/{name}.js") for name in _SCRIPTS),
-            plotly=asset("vendor/plotly-basic.min.js"),
+            overall=overall_data(by_error, self._drawn),
         )
+
+    def _page(self, run: Run, rows: Sequence[MapRow], **own: Any) -> str:
+        """Return a page with the maps of some scenarios; run: with these scenarios."""
+        cells = [row.parts.get(key) for row in rows for key in self._styles]
+        return (
+            environment()
+            .get_template("report.html")
+            .render(
+                self._shared,
+                rows=rows,
+                map_data={
+                    "rows": [step(row.at_s) for row in rows],
+                    "cells": [None if cell is None else cell.map_data for cell in cells],
+                },
+                shown_states={
+                    cell.state
+                    for problem in run.problems
+                    for cell in self._summary.cells[problem.scenario.name].values()
+                },
+                faults=faults_of(run.cases),
+                **own,
+            )
+        )
+
+    def _run_of(self, names: Sequence[str]) -> Run:
+        """Return the run with only some of its scenarios."""
+        if len(names) == len(self._run.problems):
+            return self._run
+        known = set(names)
+        run = replace(
+            self._run,
+            problems=tuple(problem for problem in self._run.problems if problem.scenario.name in known),
+            cases=tuple(case for name in names for case in self._by_scenario.get(name, ())),
+        )
+        return run.with_rows(
+            **{
+                table: [row for name in names for row in rows.get(name, ())]
+                for table, rows in self._studies.items()
+            }
+        )
+
+
+def _by_scenario(rows: Iterable[Row]) -> dict[str, list[Row]]:
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        found.setdefault(row["scenario"], []).append(row)
+    return found
+
+
+def _local_link(scenario: str, key: MethodKey | None = None) -> str:
+    return f"#{anchor_of(scenario, key)}"
+
+
+def _link_to(parts: Sequence[ReportPart], rows: Sequence[MapRow]) -> Callable[..., str]:
+    """Return the function that gives the address of a scenario, or of a method on it, on its page."""
+    names = iter(row.name for row in rows)
+    pages = {next(names): part.href for part in parts for _ in range(part.scenarios)}
+
+    def link(scenario: str, key: MethodKey | None = None) -> str:
+        return f"{pages[scenario]}{_local_link(scenario, key)}"
+
+    return link
+
+
+def _tracks(cells: Mapping[str, Mapping[MethodKey, Cell]]) -> dict[str, int]:
+    """Return the largest number of motions of each scenario; scenarios with findings come first."""
+    engines = {engine for methods in cells.values() for engine, _ in methods}
+    each = max(min(TRACKS, _MOST_TRACKS // max(len(cells), 1)), len(engines))
+    ordered = sorted(
+        cells, key=lambda name: not any(cell.wrong or cell.faults for cell in cells[name].values())
     )
+    return dict.fromkeys(ordered[: max(_MOST_TRACKS // max(each, 1), 1)], each)
 
 
 def _first_order(run: Run, drawn: Mapping[MethodKey, Style]) -> list[int]:

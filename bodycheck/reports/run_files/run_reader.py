@@ -74,8 +74,15 @@ def read_tables(folder: Path) -> Tables:
     if unknown := {(row["engine"], row["method"]) for row in rows} - known:
         raise InputError(f"{folder}: manifest.json has no method {':'.join(min(unknown))}")
     return Tables(
-        run_id=run_id, manifest=manifest, cases=tuple(map(case_of, results)), tables={**tables, "results": ()}
+        run_id=run_id, manifest=manifest, cases=tuple(_cases(results)), tables={**tables, "results": ()}
     )
+
+
+def _cases(results: list[Row]) -> Iterator[CaseResult]:
+    """Yield the cases of results.csv; its rows are removed, so that a large run is not in memory twice."""
+    results.reverse()
+    while results:
+        yield case_of(results.pop())
 
 
 def _read_table(path: Path, kind: TableKind) -> list[Row]:

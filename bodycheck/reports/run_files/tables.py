@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import sys
 import tempfile
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -306,18 +307,18 @@ def read_rows(path: Path, kind: TableKind) -> list[Row]:
     """
     try:
         with TextIOWrapper(open_input(path), encoding="utf-8", newline="") as file:
-            lines = list(csv.reader(file, strict=True))
+            lines = csv.reader(file, strict=True)
+            head = next(lines, [])
+            if missing := [name for name in kind.needed if name not in head]:
+                raise InputError(f"{path}: not a table of a run: missing column {', '.join(missing)}")
+            if unknown := [name for name in head if name not in kind.columns]:
+                raise InputError(f"{path}: this version of bodycheck has no column {', '.join(unknown)}")
+            readers = [(name, _reader_of(name, kind)) for name in head]
+            return [_row(path, number, readers, line, kind.needed) for number, line in enumerate(lines, 1)]
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (csv.Error, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not a CSV file: {error}") from None
-    head = lines[0] if lines else []
-    if missing := [name for name in kind.needed if name not in head]:
-        raise InputError(f"{path}: not a table of a run: missing column {', '.join(missing)}")
-    if unknown := [name for name in head if name not in kind.columns]:
-        raise InputError(f"{path}: this version of bodycheck has no column {', '.join(unknown)}")
-    readers = [(name, _reader_of(name, kind)) for name in head]
-    return [_row(path, number, readers, line, kind.needed) for number, line in enumerate(lines[1:], 1)]
 
 
 def _reader_of(column: str, kind: TableKind) -> Callable[[str], Any]:
@@ -325,8 +326,12 @@ def _reader_of(column: str, kind: TableKind) -> Callable[[str], Any]:
     if column in _YES_OR_NO:
         return _yes_or_no
     if kind.has_words(column):
-        return escaped
+        return _text
     return _whole_number if column in _WHOLE_NUMBERS else float
+
+
+def _text(cell: str) -> str:
+    return sys.intern(cell if cell.isprintable() else str(escaped(cell)))  # most texts recur in many rows
 
 
 def _whole_number(cell: str) -> int:

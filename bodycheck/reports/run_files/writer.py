@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
@@ -15,6 +15,7 @@ from bodycheck._util.files import check_folder, unfinished_name
 from bodycheck.adapters.workers.protocol import Message, read_back_message
 from bodycheck.reference_impl.truth.truth import QUANTITIES
 from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.run_files.report_files import write_pages
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.sentinels import write_sentinels
 from bodycheck.reports.run_files.tables import TABLES, as_csv
@@ -54,8 +55,10 @@ def atomic_folder(out: Path, *, temp_dir: Path | None = None) -> Iterator[Path]:
         raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None
 
 
-def write_files(run: Run, report: str, out: Path, *, temp_dir: Path | None = None) -> Path:
-    """Write the tables, trajectories/, manifest.json and the report as report.html; return its path.
+def write_files(
+    run: Run, report: Iterable[tuple[str, str]], out: Path, *, temp_dir: Path | None = None
+) -> Path:
+    """Write the tables, trajectories/, manifest.json and the pages of the report; return that of report.html.
 
     Everything is written under a temporary name in the folder `temp_dir` [default: the parent of `out`] and
     renamed at the end. Raises InputError where `out` is in use or cannot be written.
@@ -64,7 +67,7 @@ def write_files(run: Run, report: str, out: Path, *, temp_dir: Path | None = Non
         write_tables(run, folder)
         write_trajectories(run, folder / "trajectories")
         write_sentinels(run.sentinels, folder)
-        (folder / "report.html").write_text(report, encoding="utf-8")
+        write_pages(report, folder)
     return out / "report.html"
 
 

@@ -111,16 +111,18 @@ def settings_within(
 ) -> tuple[Answer, ...]:
     """Return the cheapest setting of each engine that meets an error, for all scenarios and for each.
 
-    predicted: whether steps that were not measured count.
+    predicted: whether steps that were not measured count; without them, answers name no nearest setting and
+    no other reasons than that.
     """
 
     def best(curve: ErrorCurve) -> Option | None:
         return cheapest_within(curve, error, predicted=predicted)
 
     def why(curve: ErrorCurve) -> str:
-        return _why_none(curve, error)
+        return _why_none(curve, error) if predicted else "no measured setting meets it"
 
-    each = {name: _found(curves, name, best, why) for name in scenarios}
+    by_scenario = _by_scenario(curves)
+    each = {name: _found(by_scenario.get(name, {}), best, why, nearest=predicted) for name in scenarios}
     answers = [_cheapest_of_engines(name, *each[name]) for name in scenarios]
     if len(scenarios) > 1:
         answers.insert(0, _cheapest_of_engines(None, *_over_all(each, curves, error)))
@@ -140,7 +142,8 @@ def errors_at(curves: Curves, dt_s: float, scenarios: Sequence[str]) -> tuple[An
             return f"{outcome} at this step"
         return _why_none(curve, None)
 
-    each = {name: _found(curves, name, at, why) for name in scenarios}
+    by_scenario = _by_scenario(curves)
+    each = {name: _found(by_scenario.get(name, {}), at, why) for name in scenarios}
     answers = [_by_error(name, *each[name]) for name in scenarios]
     if len(scenarios) > 1:
         answers.insert(0, _by_error(None, *_over_all(each, curves)))
@@ -153,35 +156,46 @@ def cheapest_within(curve: ErrorCurve, error: float, *, predicted: bool) -> Opti
     if found is not None:
         return _option(curve, found)
     # if no cost is known, the coarsest step
-    meeting = [_measured(curve, case) for case in cases_within(curve.cases, error, curve.quantity)]
-    return min(reversed(meeting), key=_cost, default=None)
+    meeting = list(cases_within(curve.cases, error, curve.quantity))[::-1]
+    if meeting and all(case.columns.get("cpu_s") is not None for case in meeting):  # costs need no estimate
+        return _measured(curve, min(meeting, key=_measured_cost))
+    return min((_measured(curve, case) for case in meeting), key=_cost, default=None)
 
 
 _Options: TypeAlias = dict[MethodKey, Option]
 _Reasons: TypeAlias = dict[MethodKey, str]
 
 
+def _by_scenario(curves: Curves) -> dict[str, dict[MethodKey, ErrorCurve]]:
+    found: dict[str, dict[MethodKey, ErrorCurve]] = {}
+    for (name, key), curve in curves.items():
+        found.setdefault(name, {})[key] = curve
+    return found
+
+
 def _found(
-    curves: Curves,
-    scenario: str,
+    curves: Mapping[MethodKey, ErrorCurve],
     option: Callable[[ErrorCurve], Option | None],
     why: Callable[[ErrorCurve], str],
+    *,
+    nearest: bool = True,
 ) -> tuple[_Options, _Reasons, _Options]:
-    """Return the options of one scenario, the reasons where there is none, and the most accurate settings."""
+    """Return the options of one scenario, the reasons where there is none, and the most accurate settings.
+
+    nearest: whether to find the latter.
+    """
     options: _Options = {}
     reasons: _Reasons = {}
-    nearest: _Options = {}
-    for (name, key), curve in curves.items():
-        if name != scenario:
-            continue
+    most_accurate: _Options = {}
+    for key, curve in curves.items():
         found = option(curve)
         if found is not None:
             options[key] = found
         else:
             reasons[key] = why(curve)
-        if curve.measured:
-            nearest[key] = _measured(curve, curve.most_accurate)
-    return options, reasons, nearest
+        if nearest and curve.measured:
+            most_accurate[key] = _measured(curve, curve.most_accurate)
+    return options, reasons, most_accurate
 
 
 def _at(curve: ErrorCurve, dt_s: float) -> Estimate | None:
@@ -247,6 +261,11 @@ def _with_step(command: str, dt_s: float | None) -> str:
     if dt_s is not None and "--dt" in arguments:
         arguments[arguments.index("--dt") + 1] = repr(dt_s)
     return shell_join(arguments)
+
+
+def _measured_cost(case: CaseResult) -> tuple[float, float]:
+    evaluations = case.columns.get("rhs_evaluations")
+    return case.columns["cpu_s"], math.inf if evaluations is None else evaluations
 
 
 def _cost(option: Option) -> tuple[float, float]:

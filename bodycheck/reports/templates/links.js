@@ -33,6 +33,14 @@ async function copyLink(button) {
   setTimeout(() => { button.textContent = text; }, COPIED_MS);
 }
 
+// Another page of this report opens with the choices made on this one.
+document.addEventListener("click", event => {
+  const link = event.target.closest("a[href*='.html']");
+  const [, query] = location.hash.split("?");
+  if (!link || !query || link.protocol !== location.protocol || link.host !== location.host) return;
+  link.hash = `${link.hash.split("?")[0] || "#"}?${query}`;
+});
+
 document.addEventListener("click", async event => {
   const link = event.target.closest("a[href^='#']");
   if (link && !event.ctrlKey && !event.metaKey && !event.shiftKey) { // a step in the history, with the state of the page in the new address

@@ -32,15 +32,19 @@ START = 2
 
 @dataclass(frozen=True, eq=False)
 class CheapestSettings:
-    """The answers of `bodycheck advise` to each position of the slider."""
+    """The answers of `bodycheck advise` to each position of the slider.
+
+    each: whether also for each scenario alone.
+    """
 
     run: Run
+    each: bool = True
 
     @cached_property
     def scopes(self) -> list[str | None]:
         """What can be chosen: all scenarios together (None), if there are several, and each one."""
         names = [problem.scenario.name for problem in self.run.problems]
-        return [*([None] if len(names) > 1 else []), *names]
+        return [*([None] if len(names) > 1 else []), *(names if self.each else ())]
 
     @cached_property
     def engines(self) -> list[str]:
@@ -52,7 +56,8 @@ class CheapestSettings:
         """One row per engine, by scope and tolerance, as the page shows it."""
         curves = curves_of(self.run, ORIENTATION)
         answers_by_error = [
-            settings_within(curves, error, self._scenarios, predicted=False) for error in TOLERANCES
+            settings_within(curves, error, self._scenarios, predicted=False)[: len(self.scopes)]
+            for error in TOLERANCES
         ]
         nearest = [self._nearest(scope) for scope in self.scopes]
         return [
@@ -76,7 +81,7 @@ class CheapestSettings:
 
     @cached_property
     def _scenarios(self) -> list[str]:
-        return [name for name in self.scopes if name is not None]
+        return [problem.scenario.name for problem in self.run.problems]
 
     @cached_property
     def _sequences(self) -> Mapping[tuple[str, MethodKey], RefinementSequence]:

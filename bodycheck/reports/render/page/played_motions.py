@@ -30,27 +30,34 @@ TRACKS = 16
 
 
 def motion_view(
-    problem: Problem, cases: Sequence[CaseResult], numbers: Mapping[MethodKey, int]
+    problem: Problem, cases: Sequence[CaseResult], numbers: Mapping[MethodKey, int], most: int = TRACKS
 ) -> dict[str, Any] | None:
     """Return the data of the view of one scenario: its body, the truth, and tracks of cases.
 
-    numbers: the style number of each method. Returns None if no method with a step ended well.
+    numbers: the style number of each method. most: the largest number of tracks, but one of each engine is
+    always there. Returns None if no method with a step ended well.
     """
     at_s = coarsest_shared_step(cases)
     played = played_cases(cases, at_s)
     if at_s is None or not played:
         return None
-    return played_motions(problem, played, numbers, at_s)
+    most = min(max(most, len(shown_cases(cases, at_s))), TRACKS)
+    return played_motions(problem, played, numbers, at_s, most)
 
 
 def played_motions(
-    problem: Problem, played: Sequence[CaseResult], numbers: Mapping[MethodKey, int], at_s: float | None
+    problem: Problem,
+    played: Sequence[CaseResult],
+    numbers: Mapping[MethodKey, int],
+    at_s: float | None,
+    most: int = TRACKS,
 ) -> dict[str, Any]:
     """Return the data of a view of the truth and of cases with samples at the same times.
 
-    at_s: the step at which those shown first were chosen, None where they have none.
+    at_s: the step at which those shown first were chosen, None where they have none. most: the largest number
+    of cases.
     """
-    shown = played[:TRACKS]
+    shown = played[:most]
     inertia = rotational_inertia(problem.scenario.scene)
     moments, axes = diagonalised(inertia)
     frames = frame_numbers(problem.compared)
@@ -71,7 +78,7 @@ def played_motions(
             if case.trajectory is not None
         ],
         "panels": 1 + len({case.columns["engine"] for case in shown}),  # the truth, and one per engine
-        "left_out": max(len(played) - TRACKS, 0),
+        "left_out": max(len(played) - most, 0),
     }
 
 

@@ -43,11 +43,13 @@ def plot_data(
     method_rows: Sequence[Mapping[str, Any]],
     drawn: Mapping[MethodKey, Style],
     at_s: float | None,
+    *,
+    with_drifts: bool = True,
 ) -> dict[str, Any]:
     """Return the data of the plots of one scenario, with values rounded to 4 digits or more.
 
     cases, method_rows: all of the scenario. drawn: the styles; their numbers are the values of "m". at_s: the
-    step at which drifts are shown over time.
+    step at which drifts are shown over time. with_drifts: whether they are; they need the motions.
     """
     index = {key: style.number for key, style in drawn.items()}
     by_method = cases_by_method(cases).get(problem.scenario.name, {})
@@ -66,7 +68,7 @@ def plot_data(
         ],
         "dt": at_s,
         "t": [rounded(t) for t in thinned_times(problem.times)],
-        "drifts": _drifts(problem, shown, _growths(method_rows, index)),
+        "drifts": _drifts(problem, shown, _growths(method_rows, index)) if with_drifts else None,
         "missing": [_mark(m, case) for m, case in shown.items() if not case.ok],
         "points": [_point(index[key_of(case.columns)], case) for case in cases if case.ok],
         "faults": [_mark(index[key_of(case.columns)], case) for case in cases if not case.ok],

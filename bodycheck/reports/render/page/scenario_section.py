@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 from urllib.parse import quote
@@ -11,7 +11,8 @@ from urllib.parse import quote
 import numpy as np
 
 from bodycheck._util import formatting
-from bodycheck._util.formatting import number, step
+from bodycheck._util.formatting import number
+from bodycheck._util.untrusted import shell_quote
 from bodycheck.adapters.contract import ReadBack, Reading
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.measurement.case import CaseResult
@@ -236,6 +237,11 @@ class CellPart:
         return [] if read_back is None else read_back_facts(read_back)
 
     @property
+    def map_cell(self) -> MapCell:
+        """What the maps of all scenarios show of it."""
+        return MapCell(self.cell, self.limit, self.tint, self.map_data)
+
+    @property
     def growths(self) -> list[str]:
         """The growth of the drifts, in the order of the table's columns."""
         by_quantity = {row["quantity"]: growth_text(row) for row in self.orders}
@@ -250,8 +256,27 @@ class CellPart:
 
 
 @dataclass(frozen=True, eq=False)
+class MapCell:
+    """One method on one scenario in the maps of all scenarios: the fields are those of `CellPart`."""
+
+    cell: Cell
+    limit: Limit
+    tint: str
+    map_data: Mapping[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class MapRow:
+    """One scenario in the maps; at_s: its common step."""
+
+    name: str
+    at_s: float | None
+    parts: Mapping[MethodKey, MapCell]
+
+
+@dataclass(frozen=True, eq=False)
 class Section:
-    """The section of one scenario."""
+    """The section of one scenario; motion, and the drifts in plots: None if the page shows no motions."""
 
     problem: Problem
     parts: Mapping[MethodKey, CellPart]
@@ -269,6 +294,16 @@ class Section:
     def anchor(self) -> str:
         """The section's id."""
         return anchor_of(self.name)
+
+    @property
+    def row(self) -> MapRow:
+        """Its row in the maps of all scenarios."""
+        return MapRow(self.name, self.at_s, {key: part.map_cell for key, part in self.parts.items()})
+
+    @property
+    def argument(self) -> str:
+        """Its name as an argument on a command line."""
+        return shell_quote(self.name)
 
     @property
     def facts(self) -> list[tuple[str, str]]:
@@ -309,11 +344,6 @@ class Section:
         return overlapping_methods(self.problem, self.cases)
 
     @property
-    def at_s_text(self) -> str:
-        """The common step as text; "" where there is none."""
-        return step(self.at_s)
-
-    @property
     def has_faults(self) -> bool:
         """Whether any case did not end well."""
         return not all(case.ok for case in self.cases)
@@ -337,9 +367,16 @@ def method_anchor(key: MethodKey) -> str:
 
 
 def sections_of(
-    run: Run, cells: Mapping[str, Mapping[MethodKey, Cell]], drawn: Mapping[MethodKey, Style]
-) -> list[Section]:
-    """Return the sections of a run, in its order; drawn: the style of each method."""
+    run: Run,
+    cells: Mapping[str, Mapping[MethodKey, Cell]],
+    drawn: Mapping[MethodKey, Style],
+    tracks: Mapping[str, int],
+) -> Iterator[Section]:
+    """Yield the sections of a run, in its order.
+
+    drawn: the style of each method. tracks: the largest number of motions of each scenario; motions of others
+    are not read.
+    """
     cases: dict[str, dict[MethodKey, list[CaseResult]]] = {s.scenario.name: {} for s in run.problems}
     cases |= cases_by_method(run.cases)
     rows: dict[str, list[Mapping[str, Any]]] = {name: [] for name in cases}
@@ -348,11 +385,11 @@ def sections_of(
     stable: dict[str, dict[MethodKey, Mapping[str, Any]]] = {name: {} for name in cases}
     for row in run.rows("stability"):
         stable[row["scenario"]][key_of(row)] = row
-    return [
-        _section(problem, cells[name], cases[name], rows[name], stable[name], drawn)
-        for problem in run.problems
-        for name in (problem.scenario.name,)
-    ]
+    for problem in run.problems:
+        name = problem.scenario.name
+        yield _section(
+            *(problem, cells[name], cases[name], rows[name], stable[name], drawn), tracks.get(name, 0)
+        )
 
 
 def _section(
@@ -362,7 +399,10 @@ def _section(
     rows: Sequence[Mapping[str, Any]],
     stable: Mapping[MethodKey, Mapping[str, Any]],
     drawn: Mapping[MethodKey, Style],
+    tracks: int,
 ) -> Section:
+    # a copy, so that the motions that are read for the section do not stay in memory after it
+    by_method = {key: [replace(case) for case in own] for key, own in by_method.items()}
     all_cases = [case for own in by_method.values() for case in own]
     at_s = common_step(all_cases)
     sequences = {key: finest_first(own) for key, own in by_method.items()}
@@ -384,7 +424,9 @@ def _section(
         problem=problem,
         parts=parts,
         at_s=at_s,
-        plots=plot_data(problem, all_cases, rows, drawn, at_s),
+        plots=plot_data(problem, all_cases, rows, drawn, at_s, with_drifts=tracks > 0),
         cheapest={error: cheapest_cases(problem, sequences, error) for error in ERRORS},
-        motion=motion_view(problem, all_cases, {key: style.number for key, style in drawn.items()}),
+        motion=motion_view(problem, all_cases, {key: style.number for key, style in drawn.items()}, tracks)
+        if tracks
+        else None,
     )
