@@ -325,7 +325,7 @@ def report(
 ) -> None:
     """Render the report.html of a stored run again, or to another file; with --markdown only its summary.
 
-    A run too large for one page has further pages beside it, in the folder report-files.
+    A run too large for one page has further pages next to it, in the folder report-files.
     """
     from bodycheck._util.files import write_file
     from bodycheck.reports.run_files.run_reader import read_run, read_tables

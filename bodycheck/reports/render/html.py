@@ -85,7 +85,7 @@ _BATCH = 50  # scenarios whose sections are prepared together
 class ReportPart:
     """One of the pages with the scenarios of a run that is too large for one page.
 
-    first, last: its scenarios. scenarios: their number. folder: of the pages, beside the first page.
+    first, last: its scenarios. scenarios: their number. folder: of the pages, next to the first page.
     """
 
     number: int

@@ -1,4 +1,4 @@
-"""The files of a report: its first page, and the further pages of a large run in a folder beside it."""
+"""The files of a report: its first page, and the further pages of a large run in a folder next to it."""
 
 from __future__ import annotations
 
