@@ -405,7 +405,7 @@ def _count_intervals(tally: Tally, found: Diagnosis, fault: Fault, values: Array
     """Count the intervals that contain the planted values, and compare their widths."""
     if fault.special_text([one.value for one in found.faults[0].parameters]):
         return
-    least = None if found.fit is None else found.fit.smallest_half_widths
+    least = found.fits[0].smallest_half_widths if found.fits else None
     for index, (parameter, value) in enumerate(zip(found.faults[0].parameters, values, strict=True)):
         tally.intervals += 1
         tally.inside += parameter.low <= value <= parameter.high

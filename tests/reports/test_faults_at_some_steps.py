@@ -55,6 +55,17 @@ class AtSomeSteps:
         return made(model, 4, dt_s)
 
 
+class NoGyroscopicTerm(AtSomeSteps):
+    """An engine without the term omega x I omega."""
+
+    name = "no-gyroscopic-term"
+    methods: Mapping[str, Method] = {"rk4": RK4}
+
+    def build(self, scene: Scene, method: str, dt_s: float) -> FaultySimulation:  # noqa: ARG002
+        """Return a simulation without it."""
+        return FaultySimulation(replace(Model.of(scene), gyro=0.0), 4, dt_s)
+
+
 class WrongInLongCalls(FaultySimulation):
     """Loses a ten-thousandth of omega in each call of more than 60 steps."""
 
@@ -99,6 +110,12 @@ class UnknownTerm(FaultySimulation):
             self._half()
 
 
+SINE = """kind = "sine-torque"
+axes = "body"
+amplitude_n_m = [0.0, 0.0, 0.7]
+rate_rad_s = 2.9
+phase_rad = 0.3
+"""
 SPIN = """
 name = "spin-up"
 duration_s = 4.0
@@ -107,11 +124,6 @@ samples = 41
 mass_kg = 1.0
 inertia_kg_m2 = [1.0, 1.5, 2.0]
 [[forcing]]
-kind = "sine-torque"
-axes = "body"
-amplitude_n_m = [0.0, 0.0, 0.7]
-rate_rad_s = 2.9
-phase_rad = 0.3
 """
 
 
@@ -227,6 +239,22 @@ def test_diagnosis_is_of_the_case_of_the_finding_and_of_the_engine() -> None:
     assert {method for method, _ in found} == {"one", "reversed-torque", "long-calls"}
 
 
+@pytest.mark.slow
+def test_of_equal_diagnoses_those_are_named_that_the_run_does_not_refute(tmp_path: Path) -> None:
+    """A missing gyroscopic term and the inertia of a sphere make one free motion, but not one about z."""
+    path = tmp_path / "spin.toml"
+    path.write_text(SPIN + 'kind = "torque"\naxes = "body"\nvalue_n_m = [0.0, 0.0, 0.7]\n')
+    adapter = NoGyroscopicTerm()
+    alike = []
+    for scenarios in (["free-flight"], ["free-flight", str(path)]):
+        with registered(adapter):
+            run = bodycheck.run(scenarios, engines=[adapter.name], speed=False)
+        (found,) = run.diagnoses.to_dict("records")
+        assert (found["verdict"], found["faults"]) == ("explained", "gyroscopic-term")
+        alike.append(found["alike"])
+    assert alike == ["the inertia is that of a sphere: trace(I) / 3 about every axis", ""]
+
+
 @pytest.mark.nightly
 def test_motion_that_no_fault_makes_is_explained_in_no_scene() -> None:
     """Terms that constant faults imitate in one scene are not named for the engine: other scenes differ."""
@@ -246,7 +274,7 @@ def test_motion_that_no_fault_makes_is_explained_in_no_scene() -> None:
 def test_errors_that_a_clock_in_float32_accumulates_are_a_finding(tmp_path: Path) -> None:
     """The error grows at every finer step, although no probe or law contains the load."""
     path = tmp_path / "spin.toml"
-    path.write_text(SPIN)
+    path.write_text(SPIN + SINE)
     _, cell = run_of(Planar(), str(path))
     assert cell("float64-clock").is_sound
     grown = [one for one in cell("float32-clock").wrong if one.quantity == ORIENTATION]

@@ -86,7 +86,7 @@ class Diagnosis:
     verdict is lower-order. start: how a recording begins off its scenario. equal_maps: other known maps that
     make the same motion, to the digits of a recording. within: these digits in words. per_sample: the largest
     difference from the exact motion over one sample interval, of an exact motion that is not exact to the
-    digits. refuted_by: the scene in which the faults would act, and do not.
+    digits. refuted_by: the scene in which the faults would act, and do not. fits: of the faults and of alike.
     """
 
     verdict: str
@@ -106,13 +106,23 @@ class Diagnosis:
     within: str = ""
     per_sample: float | None = None
     refuted_by: str = ""
-    fit: Fit | None = field(default=None, repr=False, compare=False)
+    fits: tuple[Fit, ...] = field(default=(), repr=False, compare=False)
     circumstances: FaultContext | None = field(default=None, repr=False, compare=False)
 
     @property
     def fault_names(self) -> frozenset[str]:
         """The names of the faults."""
         return frozenset(fault.name for fault in self.faults)
+
+    def with_fits(self, fits: Sequence[Fit]) -> Diagnosis:
+        """Return the diagnosis with the faults of the first fit, and those of the others alike."""
+        return replace(
+            self,
+            faults=_described(fits[0]),
+            alike=tuple("; and ".join(one.sentence for one in _described(fit)) for fit in fits[1:]),
+            alike_names=tuple(tuple(fault.name for fault in fit.faults) for fit in fits[1:]),
+            fits=tuple(fits),
+        )
 
     @property
     def sentence(self) -> str:
@@ -418,14 +428,8 @@ class Search:
         equivalent = _equivalent(best, rivals, few)
         if len(best.faults) > 1 and len(equivalent) > _MAX_PAIRS:
             return described
-        fine, *others = self._refitted(base, full, [best, *equivalent])
-        return Diagnosis(
-            "explained", base.name, base.text, _described(fine), _share(best, before),
-            tuple("; and ".join(one.sentence for one in _described(fit)) for fit in others),
-            tuple(tuple(fault.name for fault in one.faults) for one in others),
-            before=before, after=best.cost, round_off=round_off, fit=fine,
-            circumstances=self._context(base, full),
-        )  # fmt: skip
+        found = replace(described, verdict="explained", share=_share(best, before), after=best.cost)
+        return found.with_fits(self._refitted(base, full, [best, *equivalent]))
 
     def _share_elsewhere(self, base: Base, fit: Fit) -> float:
         """Return the share of the differences that faults explain where they are not fitted."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -15,7 +15,8 @@ from bodycheck._util.formatting import setting, suggestion
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.diagnosis.consistency import is_refuted
 from bodycheck.reports.diagnosis.diagnosis import Diagnosis, diagnosed
-from bodycheck.reports.diagnosis.flow import BASES
+from bodycheck.reports.diagnosis.fit import Fit
+from bodycheck.reports.diagnosis.flow import BASES, Base
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measures import IDENTITY
 from bodycheck.reports.measurement.problem import Problem
@@ -140,13 +141,13 @@ def explained_cases(
                 continue
             found.append(_with_cause_elsewhere(one))
             if one.diagnosis is not None and one.diagnosis.verdict == "explained":
-                name = _names(one.diagnosis)
+                name = tuple(fault.name for fault in one.diagnosis.faults)
                 known[key] = [name, *(other for other in names if other != name)]
-    certain: dict[tuple[str, ...], list[tuple[str, ...]]] = {}
+    certain: dict[tuple[str, ...], list[frozenset[str]]] = {}
     for one in found:
-        if one.diagnosis is not None and one.diagnosis.faults and not one.diagnosis.alike:
-            certain.setdefault(one.key, []).append(_names(one.diagnosis))
-    separated = [_separated(one, certain.get(one.key, ()), orders) for one in found]
+        if one.diagnosis is not None and len(one.diagnosis.fits) == 1:
+            certain.setdefault(one.key, []).append(one.diagnosis.fault_names)
+    separated = [_separated(one, certain.get(one.key, ())) for one in found]
     diagnoses = {(one.problem.scenario.name, one.key): one.diagnosis for one in separated}
     return [_tested(one, problems, by_method, diagnoses) for one in separated]
 
@@ -168,10 +169,30 @@ def _tested(
     by_method: Mapping[str, Mapping[MethodKey, Sequence[CaseResult]]],
     diagnoses: Mapping[tuple[str, tuple[str, ...]], Diagnosis | None],
 ) -> ExplainedCase:
-    """Return the case, marked if its faults are not those of its method in another scene of the run."""
+    """Return the case with those of its equally good fits that no other scene of the run refutes.
+
+    It is marked if all are refuted.
+    """
     found = one.diagnosis
-    if found is None or found.fit is None or found.verdict != "explained":
+    if found is None or found.verdict != "explained":
         return one
+    refuted_by = [
+        next(_refuting(fit, BASES[found.base], one, problems, by_method, diagnoses), "") for fit in found.fits
+    ]
+    if left := [fit for fit, scene in zip(found.fits, refuted_by, strict=True) if not scene]:
+        return replace(one, diagnosis=found.with_fits(left))
+    return replace(one, diagnosis=replace(found, verdict="this-scene-only", refuted_by=refuted_by[0]))
+
+
+def _refuting(
+    fit: Fit,
+    base: Base,
+    one: ExplainedCase,
+    problems: Sequence[Problem],
+    by_method: Mapping[str, Mapping[MethodKey, Sequence[CaseResult]]],
+    diagnoses: Mapping[tuple[str, tuple[str, ...]], Diagnosis | None],
+) -> Iterator[str]:
+    """Yield the other scenes of the run that refute a fit to a case."""
     for problem in problems:
         scenario = problem.scenario.name
         own = by_method.get(scenario, {}).get(key_of(one.case.columns), ())
@@ -179,9 +200,8 @@ def _tested(
         if case is None or case.trajectory is None:
             continue
         there = diagnoses.get((scenario, one.key))
-        if is_refuted(found.fit, BASES[found.base], problem, case.trajectory, case.dt_s, there):
-            return replace(one, diagnosis=replace(found, verdict="this-scene-only", refuted_by=scenario))
-    return one
+        if is_refuted(fit, base, problem, case.trajectory, case.dt_s, there):
+            yield scenario
 
 
 def _comparable(cases: Sequence[CaseResult], one: ExplainedCase, problem: Problem) -> CaseResult | None:
@@ -196,27 +216,18 @@ def _comparable(cases: Sequence[CaseResult], one: ExplainedCase, problem: Proble
     return next(iter(diagnosed_cases(cases, problem.scenario.scene.sample_interval_s)), None)
 
 
-def _names(found: Diagnosis) -> tuple[str, ...]:
-    return tuple(fault.name for fault in found.faults)
-
-
-def _separated(
-    one: ExplainedCase, certain: Sequence[tuple[str, ...]], orders: Mapping[MethodKey, int | None]
-) -> ExplainedCase:
+def _separated(one: ExplainedCase, certain: Collection[frozenset[str]]) -> ExplainedCase:
     """Return the case with that of its equally good diagnoses which another scenario of its method has alone.
 
     certain: the names of the faults that explain another scenario, without an equally good diagnosis.
     """
     found = one.diagnosis
-    if found is None or not found.alike:
+    if found is None or len(found.fits) < 2:
         return one
-    confirmed = set(certain) & {_names(found), *found.alike_names}
+    confirmed = {fit.names: fit for fit in reversed(found.fits) if fit.names in certain}
     if len(confirmed) != 1:  # none, or scenarios that contradict one another
         return one
-    if _names(found) in confirmed:
-        return replace(one, diagnosis=replace(found, alike=(), alike_names=()))
-    order = orders.get(key_of(one.case.columns))
-    return explained(one.problem, one.case, order=order, wrong=one.wrong, known_faults=tuple(confirmed))
+    return replace(one, diagnosis=found.with_fits([*confirmed.values()]))
 
 
 def diagnosis_row(one: ExplainedCase) -> dict[str, Any]:

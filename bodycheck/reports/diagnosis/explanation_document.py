@@ -94,9 +94,7 @@ def _differences(found: Diagnosis) -> tuple[Array, Array, Array | None] | None:
         return None
     transitions, base = at.transitions, BASES[found.base]
     healthy = transitions.grid.model(transitions.scene)
-    models = [healthy]
-    if found.fit is not None:
-        models.append(planted(at, healthy, found.fit.faults, found.fit.values))
+    models = [healthy, *(planted(at, healthy, fit.faults, fit.values) for fit in found.fits[:1])]
     with np.errstate(all="ignore"):
         gaps = transitions.gaps(models, base)
     times = transitions.trajectory.t_s[transitions.indices + 1]
@@ -239,7 +237,7 @@ def explanation_data(cases: Sequence[ExplainedCase]) -> list[dict[str, Any]]:
                 "dt_s": one.case.dt_s,
                 "outcome": one.case.columns["outcome"],
                 "wrong": [verdict.text for verdict in one.wrong],
-                "diagnosis": None if diagnosis is None else replace(diagnosis, fit=None, circumstances=None),
+                "diagnosis": None if diagnosis is None else replace(diagnosis, fits=(), circumstances=None),
                 "evidence": [] if diagnosis is None else evidence_of(diagnosis),
                 "issues": []
                 if diagnosis is None
