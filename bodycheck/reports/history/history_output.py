@@ -179,12 +179,11 @@ def nightly_sentences(judged: Judgement) -> list[str]:
 def nightly_commands(judged: Judgement) -> list[Command]:
     """Return the command that accepts what is open, and those that find the releases of the changes."""
     found = [] if judged.comparison is None else searches(judged.comparison)
-    accept = [
-        Command(_accept_command(judged, open_lines(some)[0]), words)
-        for some, words in ((judged.open, "To accept it"), (judged.other_maps, "To accept the map"))
-        if some
-    ]
-    return [*accept, *found]
+    accept: dict[str, str] = {}  # one command may accept both
+    for some, words in ((judged.open, "To accept it"), (judged.other_maps, "To accept the map")):
+        if some:
+            accept.setdefault(_accept_command(judged, open_lines(some)[0]), words)
+    return [*(Command(text, words) for text, words in accept.items()), *found]
 
 
 def _accept_command(judged: Judgement, line: OpenLine) -> str:

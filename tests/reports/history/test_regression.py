@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from bodycheck.reports.history import regression
 from bodycheck.reports.history.acceptances import accept
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import seal_run
-from bodycheck.reports.history.history_output import nightly_sentences
+from bodycheck.reports.history.history_output import nightly_commands, nightly_sentences
 from bodycheck.reports.history.levels import ABSENT, Levels, Setting, read_levels, write_levels
 from bodycheck.reports.history.open_regressions import State
 from bodycheck.reports.history.queries import history_table, query
@@ -505,6 +506,28 @@ def test_another_map_stays_open_until_it_returns_or_is_accepted(nightly_run: Run
     accept(History(tmp_path), run_id=None, ids=[changed.other_maps[0].id], reason="as meant", author="Ada")
     assert found(night(7, "M2", "holds")) == []
     assert found(night(8, "M1", "holds")) == [("M2", "M1", 1, True)]
+
+
+@pytest.mark.slow
+def test_one_command_accepts_a_regression_and_the_map_that_changed_with_it(
+    nightly_run: Run, tmp_path: Path
+) -> None:
+    """It is listed once, and nothing is open after it."""
+
+    def night(number: int, fingerprint: str, factor: float) -> Judgement:
+        row = {"engine": "reference", "method": "m1", "engine_version": "1", "reproduce": "bodycheck list"}
+        run = nightly_run.with_rows(fingerprints=[{**row, "fingerprint": fingerprint}])
+        (judged,) = store_nightly_runs(run, tmp_path, [scaled(factor)], first=number)
+        return judged
+
+    night(0, "M1", 1.0)
+    worse = night(1, "M2", 50.0)
+    assert (len(worse.open), len(worse.other_maps)) == (1, 1)
+    (command,) = nightly_commands(worse)
+    name = shlex.split(command.text)[shlex.split(command.text).index("--change") + 1]
+    accept(History(tmp_path), run_id=None, ids=[name], reason="as meant", author="Ada")
+    after = night(2, "M2", 50.0)
+    assert (after.open, after.other_maps) == ((), ())
 
 
 @pytest.mark.slow
