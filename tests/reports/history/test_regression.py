@@ -31,7 +31,7 @@ from bodycheck.reports.measurement.measures import SIGNED
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import Run, Tables
 from bodycheck.reports.run_files.tables import TABLES, as_csv, as_table
-from tests.helpers.gate_tables import make_tables
+from tests.helpers.gate_tables import make_tables, with_tables
 from tests.helpers.nightly_runs import Change, as_nightly_run, scaled, slower, store_nightly_runs, unchanged
 
 NOTHING_OPEN = State()
@@ -471,6 +471,33 @@ def test_small_steps_add_up(nightly_run: Run, tmp_path: Path, percent: float) ->
         again = [*3 * ["moved"], "improved", "improved"]
         assert found == [*again, *again]
         assert len(set(levels)) == 3  # the first level, and one for each confirmed improvement
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "percent"), [("order", 1.2), ("stability", 0.9)])
+def test_orders_and_stable_steps_that_creep_are_reported(
+    nightly_run: Run, tmp_path: Path, kind: str, percent: float
+) -> None:
+    """They are compared with the accepted level: none changes beyond its threshold in a single run."""
+    opened = []
+    for number in range(6):
+        factor = (1.0 - percent / 100.0) ** number
+        found = {"methods": nightly_run.methods.copy(), "stability": nightly_run.stability.copy()}
+        if kind == "order":
+            order = factor * found["methods"]["order"]
+            found["methods"] = found["methods"].assign(
+                order=order, order_low=order - 1e-3, order_high=order + 1e-3
+            )
+        else:
+            limits = {"dt_stable_s": 0.1 * factor, "dt_unstable_s": 0.1001 * factor}
+            found["stability"] = found["stability"].assign(**limits, outcome="ok")
+        run = with_tables(nightly_run, **found)
+        (judged,) = store_nightly_runs(run, tmp_path, [unchanged], first=number)
+        opened.append({one.change.kind for one in judged.open})
+    assert opened[:3] == 3 * [set()]
+    assert opened[-1] == {kind}
+    since = opened.index({kind})
+    assert {(one.since[9:11], one.runs) for one in judged.open} >= {(f"{since:02d}", 6 - since)}
 
 
 @pytest.mark.slow
