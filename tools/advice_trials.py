@@ -22,7 +22,13 @@ import numpy as np
 
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import MethodKey, key_of
-from bodycheck.reports.summary.error_curve import ErrorCurve, Estimate, cases_within, curves_of, largest_error
+from bodycheck.reports.summary.error_curve import (
+    ErrorCurve,
+    ErrorEstimate,
+    cases_within,
+    curves_of,
+    largest_error,
+)
 from bodycheck.runs.advice_run import measure_steps
 from bodycheck.runs.request import Request
 from bodycheck.runs.run_progress import NULL_PROGRESS
@@ -37,7 +43,7 @@ class Question:
 
     place: tuple[str, MethodKey]
     error: float
-    estimate: Estimate
+    estimate: ErrorEstimate
 
     @property
     def dt_s(self) -> float:

@@ -18,7 +18,7 @@ from collections.abc import Iterator
 
 from bodycheck._util.errors import BodycheckError
 from bodycheck.adapters.execution import Case
-from bodycheck.adapters.stable_step import Search
+from bodycheck.adapters.stable_step import StableStepSearch
 from bodycheck.adapters.workers import protocol, received_messages
 from bodycheck.adapters.workers.case_messages import case_message, search_message
 from bodycheck.adapters.workers.protocol import Message
@@ -105,7 +105,7 @@ def rules(program: Program, good: Case | None) -> Iterator[tuple[str, str]]:
         for _ in range(2):
             yield "a lap of it is timed", _timed(program.ask("", {"do": "lap"}, 0.0))
     if good is not None and good.setting.dt_s is not None:
-        search = Search(good, good.setting.dt_s, 2.0 * good.setting.dt_s, math.inf)
+        search = StableStepSearch(good, good.setting.dt_s, 2.0 * good.setting.dt_s, math.inf)
         found = program.ask("", {"do": "stable-step", **search_message(search)}, 0.0)
         yield "a search for its largest stable step is ok or unsupported", _searched(found)
     yield "a request that is none has failed", _refused(program.ask("", {"do": "nothing"}, 0.0))

@@ -191,7 +191,7 @@ class ClosedForm(SceneSolver):
         return self._motion.at(self._scene.sample_times)
 
 
-class Series(SceneSolver):
+class TaylorSeries(SceneSolver):
     """A scene by the Taylor integrator: packed once when built, its samples from the series' dense output."""
 
     def __init__(self, scene: Scene, tolerance: float) -> None:
@@ -252,7 +252,7 @@ class Reference:
         if method == _EXACT.name:
             return ClosedForm(scene)
         assert tolerance is not None
-        return Series(scene, tolerance)
+        return TaylorSeries(scene, tolerance)
 
 
 def _stepped_together(batch: Batch, method: BatchMethod) -> BatchAnswer:

@@ -96,7 +96,7 @@ Breakdown = Callable[[float], str | None]
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
+class StableStepSearch:
     """A case whose step starts the scan, the bounds of the scan in s, and the limit of K in J."""
 
     case: Case
@@ -122,7 +122,7 @@ class StableStep:
     reused: bool = False
 
 
-def stable_step(adapter: Adapter, search: Search) -> StableStep:
+def stable_step(adapter: Adapter, search: StableStepSearch) -> StableStep:
     """Search by trials over the scene's duration, rounded up to whole steps.
 
     Exceptions of the engine propagate.

@@ -24,7 +24,7 @@ from bodycheck.cli.options import (
     WATCH,
     WHAT,
     AllowCode,
-    Group,
+    CommandGroup,
     HtmlFile,
     Json,
     OutFolder,
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="bodycheck",
-    cls=Group,
+    cls=CommandGroup,
     help="Measure the accuracy and the speed of rigid-body engines, and detect changes in them.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,

@@ -17,7 +17,7 @@ from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from bodycheck._util.errors import InputError
 from bodycheck.reports.gates.thresholds import Thresholds
-from bodycheck.runs.request import Option, Request, options
+from bodycheck.runs.request import OptionFacts, Request, options
 
 if TYPE_CHECKING:
     from bodycheck.reports.alerts import Alert
@@ -37,14 +37,14 @@ _WHAT_TO_RUN = ("engines", "dt_s", "tolerances")
 
 def described(group: str, *examples: str) -> dict[str, Any]:
     """Return the keyword arguments that put a command into a group and give it examples."""
-    return {"cls": Command, "rich_help_panel": group, "epilog": "\n".join(examples)}
+    return {"cls": GroupedCommand, "rich_help_panel": group, "epilog": "\n".join(examples)}
 
 
 _ENGINES = ("engine", "against")
 """The parameters of commands that name engines."""
 
 
-class Command(TyperCommand):
+class GroupedCommand(TyperCommand):
     """A command whose help has its options in groups, and its examples; it refuses repeated options."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -86,7 +86,7 @@ class Command(TyperCommand):
                     formatter.write(f"{'':{formatter.current_indent}}{example}\n")
 
 
-class Group(TyperGroup):
+class CommandGroup(TyperGroup):
     """Commands whose help has them in groups."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
@@ -180,7 +180,7 @@ def request_words() -> list[str]:
     return [words for name, (_, one) in options().items() if (words := _words(name, one))]
 
 
-def _words(name: str, option: Option) -> str:
+def _words(name: str, option: OptionFacts) -> str:
     """Return the name of an option's parameter of a command; "" where it has none."""
     return "scenarios" if name == "scenarios" else option.flag.partition("/")[0].strip("-").replace("-", "_")
 
@@ -190,7 +190,7 @@ def _of_run(name: str) -> Any:
     return _parameter(name, *options()[name]).annotation.__metadata__[0]
 
 
-def _parameter(name: str, field: Field[Any], option: Option) -> inspect.Parameter:
+def _parameter(name: str, field: Field[Any], option: OptionFacts) -> inspect.Parameter:
     """Return the parameter of a command for an option of runs; many values are one text, with commas."""
     facts: dict[str, Any] = {
         "help": option.about,
@@ -242,7 +242,7 @@ def _request(words: Mapping[str, Any], **others: Any) -> Request:
     return Request(**{**given, **others})
 
 
-Scenario: TypeAlias = Annotated[
+ScenarioOption: TypeAlias = Annotated[
     str, typer.Option(help="A built-in scenario or a .toml file.", autocompletion=complete_scenarios)
 ]
 

@@ -13,12 +13,12 @@ from bodycheck._util.errors import InputError
 from bodycheck.cli.options import (
     WATCH,
     AllowCode,
+    CommandGroup,
     Fresh,
-    Group,
     Jobs,
     Json,
     Quiet,
-    Scenario,
+    ScenarioOption,
     Threshold,
     TimeoutS,
     described,
@@ -52,7 +52,7 @@ def versions(
     until: Annotated[
         str | None, typer.Option(help="The last release to consider.", show_default="the newest")
     ] = None,
-    scenario: Scenario = "intermediate-axis",
+    scenario: ScenarioOption = "intermediate-axis",
     method: Annotated[
         str | None, typer.Option(help="A method of the engine.", show_default="every method")
     ] = None,
@@ -89,7 +89,7 @@ def versions(
     from bodycheck.reports.comparison.release_results import found_data, found_document
     from bodycheck.reports.document import answer
     from bodycheck.runs.request import Request
-    from bodycheck.runs.version_search import Search, audit_versions, search
+    from bodycheck.runs.version_search import ReleaseSearch, audit_versions, search
 
     announce = partial(_announce, quiet=quiet)
     if audit is not None:
@@ -100,7 +100,7 @@ def versions(
         answer(found_document(found), found_data(found), as_json=json)
         return
     steps = numbers(dt, "--dt")
-    request = Search(
+    request = ReleaseSearch(
         *(engine, since, until, scenario, method, measure, steps),
         allow_code=allow_code,
         every=every,
@@ -122,7 +122,7 @@ def _announce(name: str, *, quiet: bool) -> None:
 
 
 environment_commands = typer.Typer(
-    cls=Group, help="Create, list and remove the environments of engines.", no_args_is_help=True
+    cls=CommandGroup, help="Create, list and remove the environments of engines.", no_args_is_help=True
 )
 
 

@@ -24,7 +24,7 @@ from bodycheck.adapters.step_function import Step, StepFunction
 from bodycheck.reports.cache import Reuse
 from bodycheck.reports.gates.gate import Gate, gate_of, measure_of, read_gates
 from bodycheck.reports.gates.gate_output import failure_rows, line_of, obtained
-from bodycheck.reports.gates.verdict import Check, GateResult, Row, check_gates, rows_of
+from bodycheck.reports.gates.verdict import GateCheck, GateResult, GateRow, check_gates, rows_of
 from bodycheck.reports.run_files.run_tables import Run, study_key
 from bodycheck.reports.run_files.tables import TABLES
 from bodycheck.runs import runner
@@ -72,12 +72,12 @@ class Measured:
         """
         __tracebackhide__ = True
         row = self._only_row(measure)
-        self.record(f"measured {_row_name(row)}: {measure} {obtained(Check(row, passed=True))}")
+        self.record(f"measured {_row_name(row)}: {measure} {obtained(GateCheck(row, passed=True))}")
         if row.obtained is None:
             raise AssertionError(f"{_row_name(row)}: {row.why}\n    {self._command(row)}") from self.cause
         return row.obtained
 
-    def _only_row(self, measure: str) -> Row:
+    def _only_row(self, measure: str) -> GateRow:
         try:
             measure_of(measure)
         except ValueError as error:
@@ -117,11 +117,11 @@ class Measured:
         )
         assert_passed(replace(result, checks=checks), self.run, self.record, self.cause, self.report)
 
-    def _command(self, row: Row) -> str:
+    def _command(self, row: GateRow) -> str:
         return self.rerun or row.reproduce
 
 
-def _row_name(row: Row) -> str:
+def _row_name(row: GateRow) -> str:
     return " ".join(filter(None, (row.scenario, f"{row.engine}:{row.method}", row.at)))
 
 

@@ -28,8 +28,8 @@ from bodycheck.reports.run_files.run_reader import MANIFEST, read_manifest, read
 from bodycheck.reports.run_files.run_tables import MethodKey, Run, Tables, cases_by_method, check_engines
 from bodycheck.reports.summary.advice import (
     Advice,
-    Answer,
     Curves,
+    ScenarioAdvice,
     check_question,
     errors_at,
     settings_within,
@@ -286,7 +286,7 @@ def _written(body: FreeBody, horizon_s: float | None) -> str:
 
 def _answers(
     run: Tables, request: AdviceRequest, scenarios: Sequence[str], more: Sequence[Run] = ()
-) -> tuple[Answer, ...]:
+) -> tuple[ScenarioAdvice, ...]:
     curves = _curves(run, request, more)
     if request.error is not None:
         return settings_within(curves, request.error, scenarios)
@@ -306,7 +306,7 @@ def _searched(
     request: AdviceRequest,
     scenarios: Sequence[str],
     make_progress: ProgressFactory,
-) -> tuple[Answer, ...]:
+) -> tuple[ScenarioAdvice, ...]:
     """Measure predicted settings until all answers are measured, or nothing more can be tried."""
     assert request.error is not None
     more: list[Run] = []

@@ -29,7 +29,7 @@ _NOT_LISTED = {"", "all", "bench", "docs", "engines", "release", "test"}
 
 
 @dataclass(frozen=True)
-class Check:
+class MachineCheck:
     """One capability: whether it works, and with what, or why not."""
 
     name: str
@@ -47,15 +47,15 @@ class CacheFolder:
 
 
 @dataclass(frozen=True)
-class Diagnosis:
+class MachineReport:
     """The state of an installation: versions by name, folders of the cache, capabilities."""
 
     versions: dict[str, str]
     caches: tuple[CacheFolder, ...]
-    checks: tuple[Check, ...]
+    checks: tuple[MachineCheck, ...]
 
 
-def diagnosis() -> Diagnosis:
+def diagnosis() -> MachineReport:
     """Start every engine and look at the cache and at the optional programs."""
     versions = {"bodycheck": version("bodycheck"), "Python": platform.python_version()}
     versions |= {name: _version(name) for name in requirements()[""]}
@@ -63,7 +63,7 @@ def diagnosis() -> Diagnosis:
         "system": platform.platform(),
         "processor": f"{cpu_model()}, {usable_cores()} of {os.cpu_count()} cores",
     }
-    return Diagnosis(versions, tuple(_caches()), (*_engines(), *_cache_checks(), *_optional()))
+    return MachineReport(versions, tuple(_caches()), (*_engines(), *_cache_checks(), *_optional()))
 
 
 def _caches() -> Iterator[CacheFolder]:
@@ -74,41 +74,43 @@ def _caches() -> Iterator[CacheFolder]:
         )
 
 
-def _engines() -> Iterator[Check]:
+def _engines() -> Iterator[MachineCheck]:
     for name, engine in announced(default_engines()).items():
         if isinstance(engine, Engine):
-            yield Check(name, True, f"{engine.version}, {len(engine.methods)} methods")
+            yield MachineCheck(name, True, f"{engine.version}, {len(engine.methods)} methods")
         else:
-            yield Check(name, False, engine.removeprefix(f"{name} is "))
+            yield MachineCheck(name, False, engine.removeprefix(f"{name} is "))
 
 
-def _cache_checks() -> Iterator[Check]:
+def _cache_checks() -> Iterator[MachineCheck]:
     home = cache_dir()
     try:
         check_folder(str(home), home)
         free = shutil.disk_usage(next(folder for folder in (home, *home.parents) if folder.exists())).free
-        yield Check("cache", True, f"{home} is writable, {_size(free)} free")
+        yield MachineCheck("cache", True, f"{home} is writable, {_size(free)} free")
     except InputError as error:
-        yield Check("cache", False, f"{error}; every command compiles again; set BODYCHECK_CACHE_DIR")
+        yield MachineCheck("cache", False, f"{error}; every command compiles again; set BODYCHECK_CACHE_DIR")
     state = "compiled" if closed_forms_compiled() else "compiled by the first run, which takes about a minute"
-    yield Check("kernels", True, f"{state}: {cache_directory()}")
+    yield MachineCheck("kernels", True, f"{state}: {cache_directory()}")
 
 
-def _optional() -> Iterator[Check]:
+def _optional() -> Iterator[MachineCheck]:
     for extra, packages in requirements().items():
         if extra in _NOT_LISTED or extra in optional_engines():
             continue
         if extra == "versions":  # uv may also be a program on the path
             try:
-                yield Check(extra, True, uv_program())
+                yield MachineCheck(extra, True, uv_program())
             except UnavailableError as error:
-                yield Check(extra, False, str(error))
+                yield MachineCheck(extra, False, str(error))
         elif missing := [name for name in packages if installed(name) is None]:
-            yield Check(extra, False, f"{', '.join(missing)} not installed: pip install 'bodycheck[{extra}]'")
+            yield MachineCheck(
+                extra, False, f"{', '.join(missing)} not installed: pip install 'bodycheck[{extra}]'"
+            )
         else:
-            yield Check(extra, True, ", ".join(f"{name} {_version(name)}" for name in packages))
+            yield MachineCheck(extra, True, ", ".join(f"{name} {_version(name)}" for name in packages))
     node = shutil.which("node")
-    yield Check("JavaScript engines", node is not None, node or "not on the path: node, of Node.js")
+    yield MachineCheck("JavaScript engines", node is not None, node or "not on the path: node, of Node.js")
 
 
 def _version(name: str) -> str:
@@ -120,7 +122,7 @@ def _size(amount: int) -> str:
     return f"{amount / 1e9:.1f} GB" if amount >= 1e9 else f"{amount / 1e6:.0f} MB"
 
 
-def diagnosis_document(found: Diagnosis) -> Document:
+def diagnosis_document(found: MachineReport) -> Document:
     """Return the versions, the folders of the cache and the capabilities."""
     checks = tuple(
         (one.name, Span("works", "good") if one.works else Span("does not work", "bad"), one.detail)

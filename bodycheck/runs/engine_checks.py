@@ -15,7 +15,7 @@ from bodycheck.adapters.contract import Engine, Method
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reports.cache.answers import Answers, EngineClient
 from bodycheck.reports.document import Column, Command, Document, Sentence, Span, Table
-from bodycheck.reports.probes.conformance import CHECKS, Bench, Check
+from bodycheck.reports.probes.conformance import CHECKS, Check, CheckBench
 from bodycheck.reports.probes.examination import map_and_laws, replayed
 from bodycheck.reports.probes.finding import Finding
 from bodycheck.reports.probes.fingerprint import (
@@ -29,7 +29,7 @@ from bodycheck.scenarios.library import PROBES
 
 
 @dataclass(frozen=True)
-class Result:
+class CheckResult:
     """One finding of one check of one method; after: checks whose failure can make this one fail too."""
 
     method: str
@@ -52,10 +52,10 @@ class Conformance:
 
     engine: str
     version: str
-    results: tuple[Result, ...]
+    results: tuple[CheckResult, ...]
 
     @property
-    def failures(self) -> tuple[Result, ...]:
+    def failures(self) -> tuple[CheckResult, ...]:
         """The results of failed checks."""
         return tuple(result for result in self.results if result.failed)
 
@@ -70,17 +70,19 @@ def check_adapter(name: str, *, timeout_s: float, allow_code: bool = False) -> C
             result
             for engine, method in methods
             for check in CHECKS
-            for result in _results(Bench(engine, method, client.ask, client.replay), check)
+            for result in _results(CheckBench(engine, method, client.ask, client.replay), check)
         ]
     engine = methods[0][0]
     return Conformance(engine.name, engine.version, tuple(results))
 
 
-def _results(bench: Bench, check: Check) -> Iterator[Result]:
+def _results(bench: CheckBench, check: Check) -> Iterator[CheckResult]:
     found = list(check.findings(bench)) or [Finding("", message="it fails in the checks above")]
     for one in found:
         name, requirement = check.name, check.requirement
-        yield Result(bench.method.name, name, requirement, one.check, one.verdict, one.message, check.after)
+        yield CheckResult(
+            bench.method.name, name, requirement, one.check, one.verdict, one.message, check.after
+        )
 
 
 _VERDICT_TEXTS = {
@@ -127,7 +129,7 @@ def conformance_document(found: Conformance) -> Document:
 
 
 def _rows(
-    method: str, check: str, results: list[Result], messages: set[str]
+    method: str, check: str, results: list[CheckResult], messages: set[str]
 ) -> Iterator[tuple[str | Span, ...]]:
     """Yield a row per failure; without one, a row with the requirement, or why nothing was checked.
 

@@ -124,7 +124,7 @@ _WEIGHTS = {"reference": 0.02}
 
 
 @dataclass(frozen=True)
-class Motions:
+class RecordedMotions:
     """The studies of all scenarios by all methods, rows of methods alone by table, a shard's sentinels."""
 
     studies: list[Study]
@@ -138,7 +138,7 @@ def run_motions(
     answers: Answers,
     options: Request,
     progress: Progress,
-) -> Motions:
+) -> RecordedMotions:
     """Run every scenario by every method, and each method's probes, fingerprint and laws, in parallel."""
     pairs = [
         (problem, engine, method)
@@ -198,7 +198,7 @@ def run_motions(
             if table == "laws" and options.laws:
                 yield from replays[engine.name][method.name]
 
-    return Motions(
+    return RecordedMotions(
         [done[index] for index in range(len(pairs))],
         {table: list(of_methods(table)) for table in ("probes", "fingerprints", "laws")},
         [compared[index] for index in sorted(compared)],

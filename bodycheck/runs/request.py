@@ -28,7 +28,7 @@ _IN_FLIGHT = 512
 
 
 @dataclass(frozen=True)
-class Option:
+class OptionFacts:
     """What users read of an option.
 
     about: a sentence. flag: its name on the command line; "" where it has none. metavar: how its value is
@@ -46,7 +46,7 @@ class Option:
 
 def _option(about: str, flag: str = "", **facts: Any) -> dict[str, Any]:
     """Return the metadata of a field that is an option."""
-    return {"option": Option(about, flag, **facts)}
+    return {"option": OptionFacts(about, flag, **facts)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +227,7 @@ class Request(Execution):
         return {one.name: _plain(getattr(self, one.name)) for one in stored_fields()}
 
 
-def options() -> dict[str, tuple[Field[Any], Option]]:
+def options() -> dict[str, tuple[Field[Any], OptionFacts]]:
     """Return the options by name, each with its field; first what is measured, then how."""
     found = {one.name: (one, one.metadata["option"]) for one in fields(Request) if "option" in one.metadata}
     how = {each.name for each in fields(Execution)}

@@ -19,9 +19,9 @@ from bodycheck.adapters.versions.uv import releases
 from bodycheck.adapters.workers.engine_pool import EnginePool, announced
 from bodycheck.reports.comparison.compare import renamed
 from bodycheck.reports.comparison.release_results import (
-    Finding,
     Found,
     OneMeasure,
+    ReleaseFinding,
     Track,
     changes,
     comparable,
@@ -45,7 +45,7 @@ _NO_METHOD = "no such method"
 
 
 @dataclass(frozen=True)
-class Search:
+class ReleaseSearch:
     """A search for changes of a measure of an engine's methods on one scenario.
 
     since, until: the first and the last release to consider; until None: the newest. method None: all
@@ -75,7 +75,7 @@ class _Release:
 
 
 def search(
-    request: Search,
+    request: ReleaseSearch,
     options: Request,
     announce: Callable[[str], None],
     progress_for: Callable[[str], ProgressFactory] = lambda name: no_progress,  # noqa: ARG005 - a factory per release
@@ -109,7 +109,7 @@ def search(
     tracks = []
     for name, method in methods.items():
         one = _measure_of(request, scenario, method)
-        findings: dict[str, Finding] = {}
+        findings: dict[str, ReleaseFinding] = {}
         changed = found_by(versions, partial(_finding, run, one, findings), one.differ)
         tracks.append(Track(name, findings, changed))
     failed = {version: why for version, why in runs.items() if isinstance(why, str)}
@@ -118,7 +118,7 @@ def search(
     )
 
 
-def _one_scenario(request: Search) -> tuple[str, Scenario]:
+def _one_scenario(request: ReleaseSearch) -> tuple[str, Scenario]:
     """Return the spec and the requested scenario; raises InputError if the spec names several."""
     first, *others = checked_scenarios([request.scenario], request.dt_s, allow_code=request.allow_code)
     if others:
@@ -128,7 +128,7 @@ def _one_scenario(request: Search) -> tuple[str, Scenario]:
     return first
 
 
-def _measure_of(request: Search, scenario: Scenario, method: Method) -> OneMeasure:
+def _measure_of(request: ReleaseSearch, scenario: Scenario, method: Method) -> OneMeasure:
     """Return the measure of a method at the finest requested step or tolerance."""
     fineness = method.setting(min(request.dt_s or scenario.steps)).fineness
     key = scenario.name, request.engine, method.name
@@ -136,21 +136,21 @@ def _measure_of(request: Search, scenario: Scenario, method: Method) -> OneMeasu
 
 
 def _finding(
-    run: Callable[[str], _Release | str], one: OneMeasure, findings: dict[str, Finding], version: str
-) -> Finding | None:
+    run: Callable[[str], _Release | str], one: OneMeasure, findings: dict[str, ReleaseFinding], version: str
+) -> ReleaseFinding | None:
     """Return and store the value of a measure in a release; None if the release cannot be run."""
     release = run(version)
     if isinstance(release, str):
         return None
     if release.tables is None or one.method not in release.methods:
-        findings[version] = Finding(_NO_METHOD, "")
+        findings[version] = ReleaseFinding(_NO_METHOD, "")
     else:
         findings[version] = one.finding(release.tables)
     return findings[version]
 
 
 def _run(
-    request: Search,
+    request: ReleaseSearch,
     version: str,
     scenario: tuple[str, Scenario],
     options: Request,
@@ -180,7 +180,7 @@ def _run(
     return _Release(engine, methods, renamed(measured, {name: request.engine}))
 
 
-def _failure_text(request: Search, runs: Mapping[str, _Release | str]) -> str:
+def _failure_text(request: ReleaseSearch, runs: Mapping[str, _Release | str]) -> str:
     """Return why nothing was found: every release failed, or no release has the method."""
     engines = [release.engine for release in runs.values() if isinstance(release, _Release)]
     if not engines:
@@ -221,7 +221,7 @@ def audit_versions(
 
     tracks = []
     for flags in reads.FLAGS[model.format]:
-        findings: dict[str, Finding] = {}
+        findings: dict[str, ReleaseFinding] = {}
         search = every_change if every else changes
         found = search(
             versions, partial(_audit_finding, audited, flags, findings), lambda a, b: a.value != b.value
@@ -244,12 +244,12 @@ def _audit_release(name: str, model: ModelFile, timeout_s: float) -> Audit | str
 
 
 def _audit_finding(
-    audited: Callable[[str], Audit | str], flags: str, findings: dict[str, Finding], version: str
-) -> Finding | None:
+    audited: Callable[[str], Audit | str], flags: str, findings: dict[str, ReleaseFinding], version: str
+) -> ReleaseFinding | None:
     found = audited(version)
     if isinstance(found, str):
         return None
-    findings[version] = Finding(_audit_summary(found, flags), "")
+    findings[version] = ReleaseFinding(_audit_summary(found, flags), "")
     return findings[version]
 
 

@@ -14,7 +14,7 @@ from bodycheck.adapters.contract import Reading, Setting
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.registry import get_adapter
-from bodycheck.adapters.stable_step import Search, StableStep, largest_stable, stable_step
+from bodycheck.adapters.stable_step import StableStep, StableStepSearch, largest_stable, stable_step
 from bodycheck.adapters.workers import case_messages, protocol, received_messages
 from bodycheck.adapters.workers.worker import RequestHandler
 from bodycheck.reference_impl.scene import Drag, Load, RigidBody, Scene, Spring, State, Torque
@@ -71,7 +71,9 @@ THEORY = {
 def test_limit_equals_that_of_linear_theory(what: str) -> None:
     """Stiff springs and drag make an explicit method unstable at the theoretical step, within 2 %."""
     scene, method, limit = THEORY[what]
-    found = stable_step(Reference(), Search(Case(scene, method, Setting(dt_s=1e-3)), 1e-4, 0.1, 1e6))
+    found = stable_step(
+        Reference(), StableStepSearch(Case(scene, method, Setting(dt_s=1e-3)), 1e-4, 0.1, 1e6)
+    )
     assert found.outcome == "ok"
     assert found.stable_s == pytest.approx(limit, rel=0.02)
     assert found.unstable_s == pytest.approx(limit, rel=0.02)
@@ -125,7 +127,7 @@ def test_limit_equals_that_of_a_scan(scenario: str, engine: str, method: str) ->
     duration, start, highest, limit_j = SCANNED[scenario]
     scene = replace(load_scenario(scenario).scene, duration_s=duration, samples=51)
     case = Case(scene, method, Setting(dt_s=start))
-    found = stable_step(get_adapter(engine), Search(case, start / 5.0, highest, limit_j))
+    found = stable_step(get_adapter(engine), StableStepSearch(case, start / 5.0, highest, limit_j))
     if found.stable_s is None:
         assert breaks_down(engine, scene, method, start / 5.0, limit_j)
         return
@@ -136,7 +138,7 @@ def test_limit_equals_that_of_a_scan(scenario: str, engine: str, method: str) ->
 
 # ------------------------------------------------------------------------------------------------ messages
 
-SEARCH = Search(Case(SPRING, "m1", Setting(dt_s=1e-3)), 1e-4, 0.1, 1e6)
+SEARCH = StableStepSearch(Case(SPRING, "m1", Setting(dt_s=1e-3)), 1e-4, 0.1, 1e6)
 
 
 @pytest.mark.parametrize("limit", [1e6, math.inf])
@@ -285,7 +287,7 @@ def searched(
     scene = Scene(RigidBody(2.0, np.eye(3)), start, loads, np.zeros(3), duration_s, samples)
     case = Case(scene, cells.pop("method", "rk4"), Setting(dt_s=dt_s))
     bounds = {"lowest_s": dt_s, "highest_s": dt_s, "kinetic_limit_j": 100.0, **cells}
-    return stable_step(engine, Search(case, **bounds))
+    return stable_step(engine, StableStepSearch(case, **bounds))
 
 
 @pytest.mark.parametrize(

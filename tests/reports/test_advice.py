@@ -14,8 +14,8 @@ from bodycheck.reports.document import print_document
 from bodycheck.reports.measurement.case import SWITCH_NOTE, CaseResult
 from bodycheck.reports.summary.advice import (
     Advice,
-    Answer,
     Curves,
+    ScenarioAdvice,
     check_question,
     errors_at,
     settings_within,
@@ -66,17 +66,17 @@ def curves(cases: Sequence[CaseResult], **facts: Any) -> Curves:
 
 def advise(
     cases: Sequence[CaseResult], error: float, scenarios: Sequence[str] = ("free",)
-) -> Sequence[Answer]:
+) -> Sequence[ScenarioAdvice]:
     """Return the answers from these cases alone."""
     return settings_within(curves(cases), error, scenarios)
 
 
-def steps(answer: Answer) -> list[tuple[str, str, float | None, float | None]]:
+def steps(answer: ScenarioAdvice) -> list[tuple[str, str, float | None, float | None]]:
     """Return the settings that an answer recommends."""
     return [(one.engine, one.method, one.setting, one.cpu_s) for one in answer.options]
 
 
-def printed(capsys: pytest.CaptureFixture[str], answers: Sequence[Answer]) -> str:
+def printed(capsys: pytest.CaptureFixture[str], answers: Sequence[ScenarioAdvice]) -> str:
     """Return the output of `bodycheck advise --error 1e-3` with these answers."""
     print_document(advice_document(Advice(ERROR, 1e-3, None, "there", tuple(answers))))
     return capsys.readouterr().out

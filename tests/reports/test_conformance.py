@@ -20,9 +20,9 @@ from bodycheck.adapters.execution import Answer, Case, record
 from bodycheck.adapters.registry import distribution_of, registered
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.document import Sentence, Table
-from bodycheck.reports.probes.conformance import CHECKS, Bench, Check
+from bodycheck.reports.probes.conformance import CHECKS, Check, CheckBench
 from bodycheck.reports.probes.finding import Finding
-from bodycheck.runs.engine_checks import Conformance, Result, check_adapter, conformance_document
+from bodycheck.runs.engine_checks import CheckResult, Conformance, check_adapter, conformance_document
 from tests.helpers.faulty_adapters import FAULTS, AdapterFault, FaultyExample
 from tests.helpers.in_process_cli import run_bodycheck
 
@@ -41,7 +41,7 @@ def findings(
     def replayed(_: Engine, case: Case) -> Answer:
         return record(adapter, case, again=True)
 
-    bench = Bench(engine, adapter.methods[method], recorded, replayed)
+    bench = CheckBench(engine, adapter.methods[method], recorded, replayed)
     return ((check, finding) for check in checks for finding in check.findings(bench))
 
 
@@ -63,9 +63,9 @@ def test_mistake_of_an_adapter_is_described(name: str) -> None:
     assert next((check for check, _ in found if check != "model"), "model") == fault.check, found
 
 
-def result(check: str, verdict: str, message: str = "", after: tuple[str, ...] = ()) -> Result:
+def result(check: str, verdict: str, message: str = "", after: tuple[str, ...] = ()) -> CheckResult:
     """Return a result of the method euler."""
-    return Result("euler", check, f"{check} holds", "size", verdict, message, after)
+    return CheckResult("euler", check, f"{check} holds", "size", verdict, message, after)
 
 
 def test_what_may_follow_from_a_failure_is_folded_below_it() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bodycheck.adapters.stable_step import Search, StableStep
+from bodycheck.adapters.stable_step import StableStep, StableStepSearch
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.study import stability_row
@@ -21,7 +21,7 @@ from bodycheck.reports.measurement.verdicts import (
     severity,
 )
 from bodycheck.reports.run_files.run_tables import Tables, common_step, shown_case
-from bodycheck.reports.summary.cells import Cell, Fault, faults_of, summary_cell, summary_cells
+from bodycheck.reports.summary.cells import CaseFault, Cell, faults_of, summary_cell, summary_cells
 from bodycheck.reports.summary.sentences import Summary
 from bodycheck.reports.summary.worst_results import (
     MethodResults,
@@ -70,11 +70,11 @@ def test_faults_of_one_kind_stand_together() -> None:
     cases += [case(outcome="invalid", message="no"), case(outcome="failed", message="yes")]
     key = ("mujoco", "rk4")
     assert faults_of(cases) == [
-        Fault("brick", key, "failed", "no", (0.01, 0.02)),
-        Fault("brick", key, "timeout", "no", (1e-6,)),
-        Fault("brick", key, "unstable", "no", (1e-6,)),
-        Fault("brick", key, "invalid", "no", (0.01,)),
-        Fault("brick", key, "failed", "yes", (0.01,)),
+        CaseFault("brick", key, "failed", "no", (0.01, 0.02)),
+        CaseFault("brick", key, "timeout", "no", (1e-6,)),
+        CaseFault("brick", key, "unstable", "no", (1e-6,)),
+        CaseFault("brick", key, "invalid", "no", (0.01,)),
+        CaseFault("brick", key, "failed", "yes", (0.01,)),
     ]
 
 
@@ -366,7 +366,7 @@ def test_the_headline_tells_instability_from_faults() -> None:
 
 def stable_row(
     *cases: tuple[float, str], duration_s: float = 10.0, omega: float = 0.0, **found: Any
-) -> tuple[dict[str, Any], list[Search]]:
+) -> tuple[dict[str, Any], list[StableStepSearch]]:
     """Return the stability row of cases with these steps and outcomes, and the requested searches."""
     start = State(np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3))
     scene = Scene(RigidBody(1.0, np.eye(3)), start, (), np.zeros(3), duration_s, 11)
@@ -379,9 +379,9 @@ def stable_row(
         case(dt_s=dt_s, outcome=outcome, message="m", family="brick", engine_version="3")
         for dt_s, outcome in cases
     ]
-    requested: list[Search] = []
+    requested: list[StableStepSearch] = []
 
-    def search(_: Any, wanted: Search) -> StableStep:
+    def search(_: Any, wanted: StableStepSearch) -> StableStep:
         requested.append(wanted)
         return StableStep("ok", "said", 0.5, 0.505, "why") if not found else StableStep(**found)
 

@@ -184,7 +184,7 @@ def compiled(
 
 
 @dataclass(frozen=True, eq=False)
-class MassProperties:
+class StatedMassProperties:
     """Mass in kg, centre of mass (3,) in m and the inertia tensor about it (3, 3) in kg m^2."""
 
     mass: float
@@ -192,7 +192,7 @@ class MassProperties:
     inertia: Array
 
 
-def mass_properties(model: mujoco.MjModel) -> MassProperties:
+def mass_properties(model: mujoco.MjModel) -> StatedMassProperties:
     """Return the mass properties of the body with everything welded to it, in the body's frame."""
     masses = model.body_mass[BODY:]
     total = float(np.sum(masses))
@@ -206,7 +206,7 @@ def mass_properties(model: mujoco.MjModel) -> MassProperties:
         axes, arm = rotation @ matrix_of(model.body_iquat[k]), place - centre
         inertia += axes @ np.diag(model.body_inertia[k]) @ axes.T
         inertia += model.body_mass[k] * parallel_axis_tensor(arm)
-    return MassProperties(total, centre, inertia)
+    return StatedMassProperties(total, centre, inertia)
 
 
 def matrix_of(quaternion: Array) -> Array:

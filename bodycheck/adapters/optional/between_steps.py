@@ -31,7 +31,7 @@ class FreeBodiesOnly:
         )
 
 
-class Body(Protocol):
+class SteppedBody(Protocol):
     """One free body in an engine under gravity."""
 
     stepping: Stepping
@@ -55,7 +55,7 @@ class BetweenSteps:
     Without loads all steps are made by one call of the body.
     """
 
-    def __init__(self, scene: Scene, dt_s: float, body: Body) -> None:
+    def __init__(self, scene: Scene, dt_s: float, body: SteppedBody) -> None:
         self._scene, self._dt_s, self._body = scene, dt_s, body
         self.stepping = body.stepping
         self._loads = StageLoads(replace(scene, gravity=_ZERO))  # the engine applies the weight

@@ -14,7 +14,7 @@ import numpy as np
 from bodycheck.adapters.batches import Batch
 from bodycheck.adapters.contract import Setting
 from bodycheck.adapters.execution import Case
-from bodycheck.adapters.stable_step import Search
+from bodycheck.adapters.stable_step import StableStepSearch
 from bodycheck.adapters.workers.protocol import Message, packed, unpacked
 from bodycheck.reference_impl.loads import load_kinds
 from bodycheck.reference_impl.loads.load import checked
@@ -53,7 +53,7 @@ def batch_of(message: Message) -> Batch:
     return Batch(case.scene, bodies, case.method, case.setting)
 
 
-def search_bounds(search: Search) -> dict[str, float | None]:
+def search_bounds(search: StableStepSearch) -> dict[str, float | None]:
     """Return within what the largest stable step of a case is looked for, as plain data."""
     return {
         "lowest_s": search.lowest_s,
@@ -62,15 +62,15 @@ def search_bounds(search: Search) -> dict[str, float | None]:
     }
 
 
-def search_message(search: Search) -> Message:
+def search_message(search: StableStepSearch) -> Message:
     """Return a search for the largest stable step as plain data."""
     return {"case": case_message(search.case), **search_bounds(search)}
 
 
-def search_of(message: Message) -> Search:
+def search_of(message: Message) -> StableStepSearch:
     """Return the search of a message."""
     limit = message["kinetic_limit_j"]
-    return Search(
+    return StableStepSearch(
         case_of(message["case"]),
         message["lowest_s"],
         message["highest_s"],

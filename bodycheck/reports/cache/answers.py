@@ -17,7 +17,7 @@ from bodycheck._util.platform_identity import numeric_parts
 from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.execution import Answer, Case
 from bodycheck.adapters.registry import own_code
-from bodycheck.adapters.stable_step import Search, StableStep
+from bodycheck.adapters.stable_step import StableStep, StableStepSearch
 from bodycheck.adapters.workers import case_messages, protocol, received_messages
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.adapters.workers.protocol import Message
@@ -116,7 +116,7 @@ class Answers:
             cached=cached,
         )
 
-    def search(self, engine_pool: EnginePool, engine: Engine, search: Search) -> StableStep:
+    def search(self, engine_pool: EnginePool, engine: Engine, search: StableStepSearch) -> StableStep:
         """Return the result of a search for the largest stable step, also where the engine failed."""
         do = "stable-step"
         return self._answered(

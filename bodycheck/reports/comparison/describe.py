@@ -63,7 +63,7 @@ _KINDS: tuple[Kind, ...] = (
 
 
 @dataclass(frozen=True)
-class Group:
+class ChangeGroup:
     """The changes of one kind and status, for one method on one scenario, the largest first."""
 
     status: Status
@@ -101,13 +101,13 @@ class Group:
         return self.where, self.method, kind, self.factor, Span(self.text, items=others)
 
 
-def groups(changes: Iterable[Change]) -> list[Group]:
+def groups(changes: Iterable[Change]) -> list[ChangeGroup]:
     """Return the changes in groups, failing ones first, then by kind, then by size."""
     found: dict[tuple[Status, Kind, str | None, str], list[Change]] = {}
     for change in changes:
         key = (change.status, change.kind, change.scenario, f"{change.engine}:{change.method}")
         found.setdefault(key, []).append(change)
-    made = [Group(*key, tuple(members)) for key, members in found.items()]
+    made = [ChangeGroup(*key, tuple(members)) for key, members in found.items()]
     statuses = list(HEADINGS)
     return sorted(
         made,

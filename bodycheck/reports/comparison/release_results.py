@@ -11,7 +11,7 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import count, names, number
 from bodycheck.reports.comparison.compare import compare
 from bodycheck.reports.document import Column, Document, Sentence, Table
-from bodycheck.reports.gates.gate import Gate, Measure, measure_of
+from bodycheck.reports.gates.gate import Gate, GateMeasure, measure_of
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.gates.verdict import rows_of
 from bodycheck.reports.measurement.measures import MEASURES
@@ -97,7 +97,7 @@ def every_change(
 _ABSOLUTE = "_abs"
 
 
-def comparable(name: str) -> Measure:
+def comparable(name: str) -> GateMeasure:
     """Return the measure of that name; names are those of gates.
 
     Raises InputError if the measure is unknown, or if runs are not compared by it.
@@ -115,7 +115,7 @@ def comparable(name: str) -> Measure:
 
 
 @dataclass(frozen=True, eq=False)
-class Finding:
+class ReleaseFinding:
     """The value of a measure in one run: a finite number or a word; None if there is none, and then why."""
 
     value: float | str | None
@@ -139,7 +139,7 @@ class OneMeasure:
     fineness: float | None
     thresholds: Thresholds = DEFAULT_THRESHOLDS
 
-    def finding(self, tables: Tables) -> Finding:
+    def finding(self, tables: Tables) -> ReleaseFinding:
         """Return the value of the measure in a run."""
         of_case = comparable(self.name).source == "results"
         gate = Gate(
@@ -152,12 +152,12 @@ class OneMeasure:
             reason="requested",
         )
         for row in rows_of(gate, tables):
-            return Finding(row.obtained, row.why, tables)
+            return ReleaseFinding(row.obtained, row.why, tables)
         # a scene that the method does not support is not run at the finer steps
         first = next(case.columns for case in tables.cases if case.columns["method"] == self.method)
-        return Finding(None, f"{first['outcome']}: {first['message']}", tables)
+        return ReleaseFinding(None, f"{first['outcome']}: {first['message']}", tables)
 
-    def differ(self, before: Finding, after: Finding) -> bool:
+    def differ(self, before: ReleaseFinding, after: ReleaseFinding) -> bool:
         """Whether two runs differ in this measure: words by equality, numbers as in `compare`.
 
         A change below the threshold is not a difference. Two missing values are equal; a missing value
@@ -195,7 +195,7 @@ class Track:
     """One method across releases: the findings of those that were run, and the changes between them."""
 
     method: str
-    findings: Mapping[str, Finding]
+    findings: Mapping[str, ReleaseFinding]
     changes: tuple[tuple[str, str], ...]
 
 
@@ -297,7 +297,7 @@ def _texts(found: Found, track: Track) -> dict[str, str]:
     return texts
 
 
-def _text(finding: Finding, digits: int, *, is_order: bool) -> str:
+def _text(finding: ReleaseFinding, digits: int, *, is_order: bool) -> str:
     if finding.value is None:
         return f"none ({finding.why})"
     if isinstance(finding.value, str):

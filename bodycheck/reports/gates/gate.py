@@ -42,7 +42,7 @@ _GROWTHS = ("bounded", "sqrt", "linear", "quadratic", "exponential")
 
 
 @dataclass(frozen=True)
-class Measure:
+class GateMeasure:
     """The table, the column and the quantity that a gate reads, and the words that may stand there.
 
     choices: empty if the values are numbers. in_decades: whether two values are compared by their ratio, as
@@ -58,26 +58,26 @@ class Measure:
     is_speed: bool = False
 
 
-def measure_of(name: str) -> Measure:
+def measure_of(name: str) -> GateMeasure:
     """Return the measure of that name; raise ValueError with the available names if there is none."""
     if name in _COLUMNS:
-        return Measure("results", name, in_decades=name not in _COUNTS, is_speed=name in _SPEEDS)
+        return GateMeasure("results", name, in_decades=name not in _COUNTS, is_speed=name in _SPEEDS)
     head, _, quantity = name.partition(".")
     match head, quantity:
         case "outcome", "":
-            return Measure("results", "outcome", choices=_OUTCOMES)
+            return GateMeasure("results", "outcome", choices=_OUTCOMES)
         case "stability", "dt_stable_s":
-            return Measure("stability", "dt_stable_s")
+            return GateMeasure("stability", "dt_stable_s")
         case "law", _ if quantity in LAW_NAMES:
-            return Measure("laws", "size", quantity)
+            return GateMeasure("laws", "size", quantity)
         case "verdict", "":
-            return Measure("methods", "verdict", choices=_VERDICTS)
+            return GateMeasure("methods", "verdict", choices=_VERDICTS)
         case "verdict", _ if quantity in QUANTITIES:
-            return Measure("methods", "verdict", quantity, choices=_VERDICTS)
+            return GateMeasure("methods", "verdict", quantity, choices=_VERDICTS)
         case "growth", _ if quantity in QUANTITIES:
-            return Measure("methods", "growth", quantity, choices=_GROWTHS)
+            return GateMeasure("methods", "growth", quantity, choices=_GROWTHS)
         case "order", _ if quantity in QUANTITIES:
-            return Measure("methods", "order", quantity, in_decades=False)
+            return GateMeasure("methods", "order", quantity, in_decades=False)
     raise ValueError(
         f"unknown measure {name!r} (available: the columns that bodycheck list measures shows, "
         f"{', '.join(_SPEEDS)}, outcome, verdict, stability.dt_stable_s, order., verdict. or growth. "
@@ -139,7 +139,7 @@ class Gate(Table):
         return value
 
     @cached_property
-    def target(self) -> Measure:
+    def target(self) -> GateMeasure:
         """The measure that the key `measure` names."""
         return measure_of(self.measure)
 
@@ -343,7 +343,7 @@ def _faults_together(table: Any) -> Iterator[str]:
     yield from _faults_of_measure(table, given, measure)
 
 
-def _faults_of_measure(table: Mapping[str, Any], given: list[str], measure: Measure) -> Iterator[str]:
+def _faults_of_measure(table: Mapping[str, Any], given: list[str], measure: GateMeasure) -> Iterator[str]:
     name = table["measure"]
     if measure.choices:
         if given and given != ["equals"]:

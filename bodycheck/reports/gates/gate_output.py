@@ -12,8 +12,8 @@ from xml.etree import ElementTree
 from bodycheck._util.formatting import count, number
 from bodycheck.reports.alerts import Alert, badge, xml_text
 from bodycheck.reports.document import Column, Document, Sentence, Span, Table
-from bodycheck.reports.gates.proposal import Change
-from bodycheck.reports.gates.verdict import Check, GateResult, distance
+from bodycheck.reports.gates.proposal import BoundChange
+from bodycheck.reports.gates.verdict import GateCheck, GateResult, distance
 from bodycheck.reports.run_files.run_tables import StudyKey, Tables, study_key
 
 
@@ -67,7 +67,7 @@ def _gate(result: GateResult) -> dict[str, Any]:
     }
 
 
-def _beyond(check: Check, result: GateResult) -> dict[str, float | None]:
+def _beyond(check: GateCheck, result: GateResult) -> dict[str, float | None]:
     """Return the distance under a key that names its unit; None if there is none or a side is 0."""
     finite = check.beyond is not None and math.isfinite(check.beyond)
     name = "beyond_decades" if result.gate.target.in_decades else "beyond"
@@ -104,7 +104,7 @@ def _worst(result: GateResult) -> str:
     return f"worst {obtained(worst)}" + (f", {distance_text}" if distance_text else "")
 
 
-def obtained(check: Check) -> str:
+def obtained(check: GateCheck) -> str:
     """Return the obtained value as text, or why there is none."""
     value = check.row.obtained
     if value is None:
@@ -216,7 +216,9 @@ def badge_of(results: Sequence[GateResult]) -> str:
     return badge(f"{bad} of {gates} failed" if bad else f"{gates} passed", good=not bad)
 
 
-def changes_document(changes: Sequence[Change], results: Sequence[GateResult], margin: float) -> Document:
+def changes_document(
+    changes: Sequence[BoundChange], results: Sequence[GateResult], margin: float
+) -> Document:
     """Return the replaced bounds, each with the measured value and the margin to it."""
     lines = []
     for change in changes:

@@ -18,7 +18,7 @@ from bodycheck.reports.gates.verdict import GateResult
 _STRING = r'"(?:[^"\\\n]|\\.)*"|' + r"'[^'\n]*'"
 
 
-def edited(text: str, where: str, changes: Sequence[Change], why: str | None) -> str:
+def edited(text: str, where: str, changes: Sequence[BoundChange], why: str | None) -> str:
     """Return the text of a tolerance file with the changes applied, after parsing it again to check them.
 
     why: text that is added, once, to the reason of each loosened gate. Raises InputError if a bound is not on
@@ -63,7 +63,7 @@ MARGIN_DECADES = 0.3
 
 
 @dataclass(frozen=True)
-class Change:
+class BoundChange:
     """The current and the proposed value of one bound, of the gate at index `index` of the file.
 
     measured: the worst value of the run, to which the margin is added.
@@ -77,7 +77,7 @@ class Change:
     loosens: bool
 
 
-def proposals(results: Sequence[GateResult], margin: float, *, loosen: bool) -> list[Change]:
+def proposals(results: Sequence[GateResult], margin: float, *, loosen: bool) -> list[BoundChange]:
     """Return new bounds at the margin, in decades, from the worst measured value, rounded to two digits.
 
     A bound is changed where the new one is tighter, or, with `loosen`, where the gate fails. Orders and words
@@ -92,7 +92,7 @@ def proposals(results: Sequence[GateResult], margin: float, *, loosen: bool) -> 
     ]
 
 
-def _proposed(index: int, result: GateResult, margin: float) -> Iterator[Change]:
+def _proposed(index: int, result: GateResult, margin: float) -> Iterator[BoundChange]:
     gate = result.gate
     values = [check.row.obtained for check in result.checks]
     numbers = [value for value in values if isinstance(value, float | int) and value > 0.0]
@@ -101,17 +101,17 @@ def _proposed(index: int, result: GateResult, margin: float) -> Iterator[Change]
     smallest, largest = min(numbers), max(numbers)
     if gate.near is not None:
         if result.failed and (centre := _advanced(gate, smallest, largest)) is not None:
-            yield Change(index, "near", gate.near, centre, largest, loosens=True)
+            yield BoundChange(index, "near", gate.near, centre, largest, loosens=True)
         return
     floor = gate.floor or 0.0
     if gate.upper is not None:
         new = _rounded(max(largest * 10.0**margin, floor), ROUND_CEILING)
         if new < gate.upper or max(largest, floor) > max(gate.upper, floor):
-            yield Change(index, "upper", gate.upper, new, largest, loosens=new > gate.upper)
+            yield BoundChange(index, "upper", gate.upper, new, largest, loosens=new > gate.upper)
     if gate.lower is not None:
         new = _rounded(smallest / 10.0**margin, ROUND_FLOOR)
         if max(new, floor) > max(gate.lower, floor) or max(smallest, floor) < max(gate.lower, floor):
-            yield Change(index, "lower", gate.lower, new, smallest, loosens=new < gate.lower)
+            yield BoundChange(index, "lower", gate.lower, new, smallest, loosens=new < gate.lower)
 
 
 def _advanced(gate: Gate, smallest: float, largest: float) -> float | None:

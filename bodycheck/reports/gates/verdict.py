@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Row:
+class GateRow:
     """The value of one case, or of one method on one scenario, or the reason why there is none.
 
     at: the step or the tolerance as text; "" if the row covers all steps. obtained: a finite number or a
@@ -39,7 +39,7 @@ class Row:
     errors: tuple[str, ...] = ()
 
 
-def rows_of(gate: Gate, run: Tables) -> list[Row]:
+def rows_of(gate: Gate, run: Tables) -> list[GateRow]:
     """Return all rows that the gate's patterns match, in the order of the run."""
     measure = gate.target
     if measure.source == "results":
@@ -61,7 +61,7 @@ def rows_of(gate: Gate, run: Tables) -> list[Row]:
     ]
 
 
-def _rows_of_law(gate: Gate, run: Tables) -> Iterator[Row]:
+def _rows_of_law(gate: Gate, run: Tables) -> Iterator[GateRow]:
     """Yield one row per method: a law is checked in scenes of its own, whatever the gate's scenario."""
     found = {key_of(row): row for row in run.rows("laws") if row["law"] == gate.target.quantity}
     methods = {key_of(case.columns): case.columns for case in run.cases if _matches(gate, case.columns)}
@@ -70,7 +70,7 @@ def _rows_of_law(gate: Gate, run: Tables) -> Iterator[Row]:
         size = row.get("size")
         why = "" if size is not None else f"no {gate.measure}: {row.get('message') or 'not checked'}"
         command = row.get("reproduce", columns["reproduce"])
-        yield Row("(its own)", *key, at="", obtained=size, why=why, reproduce=command)
+        yield GateRow("(its own)", *key, at="", obtained=size, why=why, reproduce=command)
 
 
 def _worst_verdicts(rows: Iterable[Mapping[str, Any]]) -> dict[StudyKey, Mapping[str, Any]]:
@@ -90,7 +90,7 @@ def _matches(gate: Gate, columns: Mapping[str, Any]) -> bool:
     return all(condition(gate, columns) for condition in _KEYS.values())
 
 
-def _row_of_case(gate: Gate, columns: Mapping[str, Any]) -> Row:
+def _row_of_case(gate: Gate, columns: Mapping[str, Any]) -> GateRow:
     value: Any = columns.get(gate.target.column)
     why = ""
     if gate.target.column != "outcome":
@@ -98,10 +98,12 @@ def _row_of_case(gate: Gate, columns: Mapping[str, Any]) -> Row:
             value, why = None, f"{columns['outcome']}: {columns['message']}"
         elif not _is_finite(value):
             value, why = None, f"{gate.measure} was not measured"
-    return Row(**_identity(columns), at=_at(columns), obtained=value, why=why, reproduce=columns["reproduce"])
+    return GateRow(
+        **_identity(columns), at=_at(columns), obtained=value, why=why, reproduce=columns["reproduce"]
+    )
 
 
-def _row_of_method(gate: Gate, columns: Mapping[str, Any], found: Mapping[str, Any], run: Tables) -> Row:
+def _row_of_method(gate: Gate, columns: Mapping[str, Any], found: Mapping[str, Any], run: Tables) -> GateRow:
     measure = gate.target
     value = found.get(measure.column)
     why = ""
@@ -113,7 +115,7 @@ def _row_of_method(gate: Gate, columns: Mapping[str, Any], found: Mapping[str, A
     about = found.get("about", "")
     errors = _errors_by_step(columns, measure.quantity or "", run) if measure.column == "order" else ()
     identity = _identity(columns)
-    return Row(**identity, at="", obtained=value, why=why, reproduce=command, about=about, errors=errors)
+    return GateRow(**identity, at="", obtained=value, why=why, reproduce=command, about=about, errors=errors)
 
 
 def _verdict_text(found: Mapping[str, Any]) -> str:
@@ -217,14 +219,14 @@ def _at(columns: Mapping[str, Any]) -> str:
 
 
 @dataclass(frozen=True)
-class Check:
+class GateCheck:
     """One row compared with the gate's bounds.
 
     beyond: the distance outside the nearest bound, negative inside, in decades if the measure is compared by
     ratios, else in its unit; None for words and for values that were not measured.
     """
 
-    row: Row
+    row: GateRow
     passed: bool
     beyond: float | None = None
 
@@ -238,7 +240,7 @@ class GateResult:
     """
 
     gate: Gate
-    checks: tuple[Check, ...]
+    checks: tuple[GateCheck, ...]
     status: Literal["passed", "failed", "nothing", "skipped"]
     why: str = ""
 
@@ -248,19 +250,19 @@ class GateResult:
         return self.status in ("failed", "nothing")
 
     @property
-    def failed(self) -> tuple[Check, ...]:
+    def failed(self) -> tuple[GateCheck, ...]:
         """The rows that did not pass."""
         return tuple(check for check in self.checks if not check.passed)
 
     @property
-    def worst(self) -> Check | None:
+    def worst(self) -> GateCheck | None:
         """The measured row farthest outside, or least far inside, its bound; None if there is none.
 
         Of rows at the same distance, as at an infinite number of decades from 0, it is the one whose value
         is farthest from the bound.
         """
 
-        def badness(check: Check) -> tuple[bool, float, float]:
+        def badness(check: GateCheck) -> tuple[bool, float, float]:
             beyond = -math.inf if check.beyond is None else check.beyond
             return not check.passed, beyond, self._excess(check.row.obtained)
 
@@ -296,11 +298,11 @@ def _check_gate(gate: Gate, run: Tables, engines: Sequence[str]) -> GateResult:
     return GateResult(gate, checks, "passed" if all(check.passed for check in checks) else "failed")
 
 
-def _check_row(gate: Gate, row: Row) -> Check:
+def _check_row(gate: Gate, row: GateRow) -> GateCheck:
     if row.obtained is None:
-        return Check(row, passed=False)
+        return GateCheck(row, passed=False)
     if isinstance(row.obtained, str):
-        return Check(row, passed=row.obtained == gate.equals)
+        return GateCheck(row, passed=row.obtained == gate.equals)
     floor = -math.inf if gate.floor is None else gate.floor
     value = max(row.obtained, floor)
     sides = []
@@ -309,7 +311,7 @@ def _check_row(gate: Gate, row: Row) -> Check:
     if gate.min_value is not None:
         sides.append(_beyond(max(gate.min_value, floor), value, gate))
     beyond = max(sides)
-    return Check(row, passed=beyond <= 0.0, beyond=beyond)
+    return GateCheck(row, passed=beyond <= 0.0, beyond=beyond)
 
 
 def _beyond(larger: float, smaller: float, gate: Gate) -> float:
@@ -325,7 +327,7 @@ def _beyond(larger: float, smaller: float, gate: Gate) -> float:
     return sign * max(abs(math.log10(larger) - math.log10(smaller)), math.ulp(0.0))
 
 
-def distance(check: Check, gate: Gate) -> str:
+def distance(check: GateCheck, gate: Gate) -> str:
     """Return the distance of a value from its bound as text."""
     if check.beyond is None or math.isinf(check.beyond):
         return ""

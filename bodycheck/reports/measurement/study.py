@@ -14,7 +14,7 @@ import numpy as np
 
 from bodycheck.adapters.contract import Build, Engine, Method, Setting
 from bodycheck.adapters.execution import Case
-from bodycheck.adapters.stable_step import Search, StableStep, kinetic_limit
+from bodycheck.adapters.stable_step import StableStep, StableStepSearch, kinetic_limit
 from bodycheck.adapters.workers.protocol import packed, unpacked
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import geodesic_angle
@@ -365,7 +365,7 @@ def _growth(cases: Sequence[CaseResult], problem: Problem, quantity: str, floor:
     return growth_of(problem.times, relative, floor_of(problem.columns, quantity))
 
 
-Searching: TypeAlias = Callable[[Engine, Search], StableStep]
+Searching: TypeAlias = Callable[[Engine, StableStepSearch], StableStep]
 """A function that answers a search, from the engine or from a stored answer."""
 
 _FINER = 5.0  # the search goes down to the finest requested step over this
@@ -399,7 +399,7 @@ def stability_row(
     }
 
 
-def _search(problem: Problem, method: Method, cases: Sequence[CaseResult]) -> Search:
+def _search(problem: Problem, method: Method, cases: Sequence[CaseResult]) -> StableStepSearch:
     """Search from the coarsest step known to be stable up to one turn, or a quarter of the duration."""
     scene = problem.scenario.scene
     finest_first = sorted((case.dt_s or 0.0, case.ok) for case in cases)
@@ -411,7 +411,7 @@ def _search(problem: Problem, method: Method, cases: Sequence[CaseResult]) -> Se
     omega = problem.scales.omega_scale_rad_s
     period_s = 2.0 * math.pi / omega if omega > 0.0 else math.inf
     start = max(start, scene.duration_s / _MAX_STEPS)
-    return Search(
+    return StableStepSearch(
         case=Case(scene, method.name, Setting(dt_s=start)),
         lowest_s=finest / _FINER,
         highest_s=max(min(period_s, scene.duration_s / _MIN_STEPS), start),

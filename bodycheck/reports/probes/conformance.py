@@ -24,7 +24,7 @@ from bodycheck.reference_impl.rotations import geodesic_angle, rotate
 from bodycheck.reference_impl.scene import CallbackLoad, Link, Load, PointForce, Scene, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.case import RunCase
-from bodycheck.reports.probes.finding import Finding, Limit, Sampled, limit, noise
+from bodycheck.reports.probes.finding import Finding, FindingLimit, Sampled, limit, noise
 from bodycheck.reports.probes.mistakes import Mistake, part_of, read_back_mistake, reading_mistake
 from bodycheck.reports.probes.probe import Probe, arithmetic_eps, built_in_probes, motions_of
 from bodycheck.reports.probes.readings import reading_findings
@@ -32,7 +32,7 @@ from bodycheck.reports.probes.responses import integral, response_findings
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
+class CheckBench:
     """One method under test; record, replay: requests of the worker protocol."""
 
     engine: Engine
@@ -118,7 +118,7 @@ class Check:
 
     name: str
     requirement: str
-    findings: Callable[[Bench], Iterator[Finding]]
+    findings: Callable[[CheckBench], Iterator[Finding]]
     after: tuple[str, ...] = ()
 
 
@@ -145,7 +145,7 @@ def _slow_scene(*loads: Load) -> Scene:
 # ------------------------------------------------------------------------------------------- the model held
 
 
-def _model(bench: Bench) -> Iterator[Finding]:
+def _model(bench: CheckBench) -> Iterator[Finding]:
     """Compare what the adapter reads back with the scene, for the probes and for a link frame."""
     probe = built_in_probes()[1]
     scene = bench.accepted(probe.scene, probe.scene.sample_interval_s)
@@ -162,7 +162,7 @@ def _model(bench: Bench) -> Iterator[Finding]:
         yield Finding(name, wrong, 0.0, wrong, 0.0, f"{text}: {mismatch}" if text else mismatch)
 
 
-def _read_back_reads(bench: Bench) -> Iterator[Finding]:
+def _read_back_reads(bench: CheckBench) -> Iterator[Finding]:
     """Compare the read-back after the last step with the last sample."""
     name = "read_back_after_steps"
     if bench.method.control != "dt":
@@ -220,7 +220,7 @@ def _echoes(path: Trajectory, quantity: str, value: Array) -> bool:
 _CONSERVED = ("angular_momentum_change", "rotational_energy_change")
 
 
-def _readings(bench: Bench) -> Iterator[Finding]:
+def _readings(bench: CheckBench) -> Iterator[Finding]:
     yield from (finding for finding in bench.readings if finding.check not in _CONSERVED)
 
 
@@ -235,7 +235,7 @@ def _explained(findings: Sequence[Finding], mistake: Mistake) -> Iterator[Findin
             text = ""
 
 
-def _free_motion(bench: Bench) -> Iterator[Finding]:
+def _free_motion(bench: CheckBench) -> Iterator[Finding]:
     """Yield the changes of what a motion without loads conserves: the probe, and a long one."""
     slow = _slow_scene()
     scene = replace(slow, initial=replace(slow.initial, velocity=_FAST_M_S))
@@ -268,11 +268,11 @@ def _momenta(motion: Sampled) -> tuple[Array, Array]:
     )
 
 
-def _loads(bench: Bench) -> Iterator[Finding]:
+def _loads(bench: CheckBench) -> Iterator[Finding]:
     yield from bench.loads
 
 
-def _load_findings(bench: Bench, scene: Scene) -> Iterator[Finding]:
+def _load_findings(bench: CheckBench, scene: Scene) -> Iterator[Finding]:
     made = bench.motions(scene, built_in_probes()[0].steps_s)
     if not made.motions:
         yield _without_motion("loads", made.reason)
@@ -281,7 +281,7 @@ def _load_findings(bench: Bench, scene: Scene) -> Iterator[Finding]:
         yield from response_findings(made.motions, made.resolution)
 
 
-def _link(bench: Bench) -> Iterator[Finding]:
+def _link(bench: CheckBench) -> Iterator[Finding]:
     """Yield readings and loads for a link frame off the centre of mass, without what failed before."""
     loaded, free = (replace(probe.scene, link=_LINK) for probe in built_in_probes())
     made = bench.motions(free, built_in_probes()[1].steps_s)
@@ -318,7 +318,7 @@ def _continuous_loads() -> Iterator[ContinuousLoad]:
             yield kind(**{name: _CONSTANTS[key.form] for name, key in kind.keys().items()})
 
 
-def _continuous(bench: Bench) -> Iterator[Finding]:
+def _continuous(bench: CheckBench) -> Iterator[Finding]:
     """Yield the momentum gained under each continuous load alone against the integral of its formula."""
     for load in _continuous_loads():
         name = f"{load.kind}_impulse"
@@ -354,7 +354,7 @@ def _balance(motion: Sampled) -> tuple[Array, Array]:
     return np.array([momentum[-1] - momentum[0] for momentum in _momenta(motion)]), np.array(integrals)
 
 
-def _impulse_words(load_name: str, found: Limit, along: Array) -> str:
+def _impulse_words(load_name: str, found: FindingLimit, along: Array) -> str:
     shares = [
         (name, 1.0 + float(excess @ unit))
         for name, excess, unit in zip(("linear", "angular"), found.value, along, strict=True)
@@ -375,7 +375,7 @@ def _impulse_words(load_name: str, found: Limit, along: Array) -> str:
     return f"{load_name} acts wrongly: {gained}{also}"
 
 
-def _pivot(bench: Bench) -> Iterator[Finding]:
+def _pivot(bench: CheckBench) -> Iterator[Finding]:
     """Yield how far the pivot moves, relative to its distance from the centre of mass."""
     free = _slow_scene()
     start = free.initial
@@ -401,7 +401,7 @@ def _pivot(bench: Bench) -> Iterator[Finding]:
 # --------------------------------------------------------------------------------------------------- stages
 
 
-def _stages(bench: Bench) -> Iterator[Finding]:
+def _stages(bench: CheckBench) -> Iterator[Finding]:
     """Yield the orders without loads and under each, against the method's statements."""
     method = bench.method
     if method.control != "dt" or method.order is None:
@@ -431,7 +431,7 @@ _STAGED: tuple[tuple[str, tuple[Load, ...], str], ...] = (
 """(name, loads, which statement of the method applies)"""
 
 
-def _order_finding(bench: Bench, name: str, loads: tuple[Load, ...], stated: int, cause: str) -> Finding:
+def _order_finding(bench: CheckBench, name: str, loads: tuple[Load, ...], stated: int, cause: str) -> Finding:
     """log2 |y_4h - y_2h| / |y_2h - y_h| of the last states, which must not be below the stated order."""
     scene = _slow_scene(*loads)
     ends = []
@@ -466,7 +466,7 @@ def _distance(one: Trajectory, other: Trajectory) -> float:
 # ------------------------------------------------------------------------------------- reset, advance, input
 
 
-def _repeated(bench: Bench) -> Case:
+def _repeated(bench: CheckBench) -> Case:
     """Return a case with every kind of constant load; of a free motion if the engine refuses loads."""
     loaded, free = built_in_probes()
     dt_s = loaded.steps_s[0]
@@ -475,7 +475,7 @@ def _repeated(bench: Bench) -> Case:
     return bench.case(bench.accepted(free.scene, free.steps_s[0]), free.steps_s[0])
 
 
-def _reset(bench: Bench) -> Iterator[Finding]:
+def _reset(bench: CheckBench) -> Iterator[Finding]:
     """Yield the distance between a motion and the same motion after `reset`."""
     timed = _slow_scene(*(load for load in _SMOOTH if load.kind == "sine-torque"))
     timed = replace(timed, samples=33)
@@ -495,7 +495,7 @@ def _after_reset(quantity: str, sample: int) -> str:
     )
 
 
-def _advance(bench: Bench) -> Iterator[Finding]:
+def _advance(bench: CheckBench) -> Iterator[Finding]:
     """Yield the distance between advance(n) and n times advance(1)."""
     if bench.method.control != "dt":
         yield Finding("advance", message="a method without steps")
@@ -525,7 +525,7 @@ def _in_one_call(steps: int) -> Callable[[str, int], str]:
 
 
 def _repeat_finding(
-    bench: Bench, name: str, one: Trajectory, other: Trajectory, text: Callable[[str, int], str]
+    bench: CheckBench, name: str, one: Trajectory, other: Trajectory, text: Callable[[str, int], str]
 ) -> Finding:
     """Return the largest relative difference of the engine's own numbers; text: of (quantity, sample)."""
     worst, message = 0.0, ""
@@ -543,7 +543,7 @@ def _repeat_finding(
     return Finding(name, worst, 0.0, worst, tolerance, message)
 
 
-def _bad_input(bench: Bench) -> Iterator[Finding]:
+def _bad_input(bench: CheckBench) -> Iterator[Finding]:
     """Yield whether a method that the engine does not have is refused, and whether the next case works."""
     dt_s = built_in_probes()[1].scene.sample_interval_s
     case = bench.case(bench.accepted(built_in_probes()[1].scene, dt_s), dt_s)

@@ -108,7 +108,7 @@ def _checked(first: _First | str) -> Checked:
     return Checked(_LAW, "property", worst, f"{where}; equal bits are not required of an engine")
 
 
-Row: TypeAlias = Mapping[str, Any]
+_Row: TypeAlias = Mapping[str, Any]
 
 
 def examined(engine: Engine, method: Method, client: EngineClient, *, laws: bool) -> dict[str, Any]:
@@ -137,7 +137,7 @@ _REPLAYS = {"holds": SAME_BITS, "property": OTHER_BITS, "not-measured": None}
 
 
 def identified(
-    method_rows: Iterable[Row], fingerprints: Iterable[Row], laws: Iterable[Row]
+    method_rows: Iterable[_Row], fingerprints: Iterable[_Row], laws: Iterable[_Row]
 ) -> Iterator[dict[str, Any]]:
     """Yield rows of methods.csv with the known map of each method, and whether it gives the same bits again.
 
@@ -150,7 +150,7 @@ def identified(
         yield {**row, "fingerprint": maps.get(key), "replay": replays.get(key)}
 
 
-def _of(row: Row) -> tuple[str, str]:
+def _of(row: _Row) -> tuple[str, str]:
     return row["engine"], row["method"]
 
 

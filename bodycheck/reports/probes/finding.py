@@ -24,7 +24,7 @@ _DIFFERENCE_NORM = float(np.sqrt(70.0))  # of a fourth difference of independent
 
 
 @dataclass(frozen=True, eq=False)
-class Limit:
+class FindingLimit:
     """A relative limit for h -> 0, (cells, components), and the largest size that still counts as zero."""
 
     value: Array
@@ -45,7 +45,7 @@ class Limit:
         return Finding(check, self.size, 0.0, self.size, self.tolerance, "" if self.is_zero else wrong)
 
 
-def limit(steps_s: Sequence[float], mismatches: Sequence[Array], round_off: float) -> Limit:
+def limit(steps_s: Sequence[float], mismatches: Sequence[Array], round_off: float) -> FindingLimit:
     """Extrapolate relative mismatches, each (cells, components), to h = 0.
 
     The uncertainty is the larger of two: the change of the extrapolated value without the coarsest step, and
@@ -55,7 +55,7 @@ def limit(steps_s: Sequence[float], mismatches: Sequence[Array], round_off: floa
     value = np.einsum("h,hij->ij", weights, np.array(mismatches))
     without_coarsest = np.einsum("h,hij->ij", _weights(steps_s[1:]), np.array(mismatches[1:]))
     uncertainty = max(largest_norm(value - without_coarsest), float(np.sum(np.abs(weights))) * round_off)
-    return Limit(value, max(_SAFETY * uncertainty, _MIN_TOLERANCE))
+    return FindingLimit(value, max(_SAFETY * uncertainty, _MIN_TOLERANCE))
 
 
 def _weights(steps_s: Sequence[float]) -> Array:

@@ -20,7 +20,7 @@ from bodycheck.reference_impl.rotations import (
     quaternion_product,
 )
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.probes.finding import Finding, Limit, Sampled, delay_finding, limit, noise
+from bodycheck.reports.probes.finding import Finding, FindingLimit, Sampled, delay_finding, limit, noise
 
 _UNIT = 1e-12  # an attitude with a larger error is not normalised after each step
 
@@ -120,7 +120,7 @@ class _Agreement:
         return np.asarray(values.reshape(self._cells, -1, 3).mean(axis=1))
 
     @property
-    def _limit(self) -> Limit:
+    def _limit(self) -> FindingLimit:
         return limit(self._steps_s, self._mismatches, self._round_off)
 
     def reading(self, check: str, wrong: str) -> Finding:

@@ -16,7 +16,7 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum, linear_momentum
 from bodycheck.reference_impl.scene import Axes, ConstantLoad, PointForce, Scene, Torque
-from bodycheck.reports.probes.finding import Finding, Limit, Sampled, delay_finding, limit, noise
+from bodycheck.reports.probes.finding import Finding, FindingLimit, Sampled, delay_finding, limit, noise
 
 _MIN_SIZE = 1e-3  # of the impulse; a mistake that gives less is not distinguished from no response
 _MIN_ALONG = 1e-2  # of an excess moment; a moment with such a part along the force is that of no arm
@@ -71,7 +71,7 @@ class _Window:
         pairs = zip(self.gained, self.impulse, strict=True)
         return [(gained - impulse)[np.newaxis] / self.size for gained, impulse in pairs]
 
-    def limit(self, steps_s: Sequence[float]) -> Limit:
+    def limit(self, steps_s: Sequence[float]) -> FindingLimit:
         """Return the excess in the limit h -> 0."""
         return limit(steps_s, self.excess, self.round_off / self.size)
 
@@ -276,7 +276,7 @@ def _response(window: _Window, steps_s: Sequence[float]) -> Iterator[Finding]:
     yield delay_finding(check, max(starts, ends, key=abs), late)
 
 
-def _response_text(found: Limit, along: Array) -> str:
+def _response_text(found: FindingLimit, along: Array) -> str:
     if found.is_zero:
         return ""
     lengthwise = float(found.value[0] @ along)

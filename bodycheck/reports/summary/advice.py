@@ -20,7 +20,7 @@ from bodycheck.reports.summary.error_curve import (
     NO_BETTER,
     Basis,
     ErrorCurve,
-    Estimate,
+    ErrorEstimate,
     cases_within,
     largest_error,
 )
@@ -70,7 +70,7 @@ class Option:
 
 
 @dataclass(frozen=True)
-class Answer:
+class ScenarioAdvice:
     """The options on one scenario, or on all scenarios together if scenario is None.
 
     options: the best option of each engine, or, for the error of a step, of each method; best first. without:
@@ -92,7 +92,7 @@ class Advice:
     error: float | None
     dt_s: float | None
     run: str
-    answers: tuple[Answer, ...]
+    answers: tuple[ScenarioAdvice, ...]
 
 
 def check_question(error: float | None, dt_s: float | None, measure: str) -> None:
@@ -108,7 +108,7 @@ def check_question(error: float | None, dt_s: float | None, measure: str) -> Non
 
 def settings_within(
     curves: Curves, error: float, scenarios: Sequence[str], *, predicted: bool = True
-) -> tuple[Answer, ...]:
+) -> tuple[ScenarioAdvice, ...]:
     """Return the cheapest setting of each engine that meets an error, for all scenarios and for each.
 
     predicted: whether steps that were not measured count; without them, answers name no nearest setting and
@@ -129,7 +129,7 @@ def settings_within(
     return tuple(answers)
 
 
-def errors_at(curves: Curves, dt_s: float, scenarios: Sequence[str]) -> tuple[Answer, ...]:
+def errors_at(curves: Curves, dt_s: float, scenarios: Sequence[str]) -> tuple[ScenarioAdvice, ...]:
     """Return the error of each method at a step, for all scenarios and for each, most accurate first."""
 
     def at(curve: ErrorCurve) -> Option | None:
@@ -198,16 +198,16 @@ def _found(
     return options, reasons, most_accurate
 
 
-def _at(curve: ErrorCurve, dt_s: float) -> Estimate | None:
+def _at(curve: ErrorCurve, dt_s: float) -> ErrorEstimate | None:
     return curve.at(dt_s) if curve.control == "dt" else None
 
 
 def _measured(curve: ErrorCurve, case: CaseResult) -> Option:
-    found = Estimate(case.setting.fineness, largest_error(case, curve.quantity), "measured")
+    found = ErrorEstimate(case.setting.fineness, largest_error(case, curve.quantity), "measured")
     return _option(curve, found, case if case.columns.get("cpu_s") is not None else None)
 
 
-def _option(curve: ErrorCurve, found: Estimate, timed: CaseResult | None = None) -> Option:
+def _option(curve: ErrorCurve, found: ErrorEstimate, timed: CaseResult | None = None) -> Option:
     """Return the option of an estimate; its cost is that of the nearest timed step, in proportion.
 
     timed: the case of this setting, if its CPU time was measured.
@@ -291,7 +291,7 @@ def _why_none(curve: ErrorCurve, error: float | None) -> str:
 
 def _cheapest_of_engines(
     scenario: str | None, options: _Options, reasons: _Reasons, nearest: _Options
-) -> Answer:
+) -> ScenarioAdvice:
     """Return the cheapest option of each engine; a sure one takes precedence over an unsure one."""
     best: dict[str, Option] = {}
     for option in sorted(options.values(), key=lambda one: (one.basis == "unsure", _cost(one))):
@@ -302,12 +302,14 @@ def _cheapest_of_engines(
         if engine not in best:
             without.setdefault(engine, why)
     closest = None if options_shown else min(nearest.values(), key=lambda one: one.error, default=None)
-    return Answer(scenario, options_shown, tuple(without.items()), closest)
+    return ScenarioAdvice(scenario, options_shown, tuple(without.items()), closest)
 
 
-def _by_error(scenario: str | None, options: _Options, reasons: _Reasons, _: _Options) -> Answer:
+def _by_error(scenario: str | None, options: _Options, reasons: _Reasons, _: _Options) -> ScenarioAdvice:
     options_shown = tuple(sorted(options.values(), key=lambda one: one.error))
-    return Answer(scenario, options_shown, tuple((with_method(*key), why) for key, why in reasons.items()))
+    return ScenarioAdvice(
+        scenario, options_shown, tuple((with_method(*key), why) for key, why in reasons.items())
+    )
 
 
 def _over_all(
@@ -354,14 +356,14 @@ def _on_every_scenario(found: Sequence[_Options], curves: Curves, error: float |
     return joint
 
 
-def _estimate_at(setting: float | None, option: Option, curve: ErrorCurve) -> Estimate | None:
+def _estimate_at(setting: float | None, option: Option, curve: ErrorCurve) -> ErrorEstimate | None:
     """Return the error of an option's method on its scenario at another setting; None where it is unknown."""
     if setting is None or option.setting == setting:
-        return Estimate(option.setting, option.error, option.basis, option.why)
+        return ErrorEstimate(option.setting, option.error, option.basis, option.why)
     found = curve.at(setting)
     is_finer = option.setting is not None and setting < option.setting and curve.control == "dt"
     if found is None and is_finer and curve.failure_at(setting) is None:
-        return Estimate(setting, option.error, "unsure", "finer than the measured steps that meet it")
+        return ErrorEstimate(setting, option.error, "unsure", "finer than the measured steps that meet it")
     return found
 
 
@@ -369,7 +371,7 @@ def _joint(
     key: MethodKey,
     each: Sequence[Option],
     limiting: Option,
-    errors: Mapping[str, Estimate],
+    errors: Mapping[str, ErrorEstimate],
     curves: Curves,
 ) -> Option:
     """Return one option for all scenarios: the setting of the limiting one, and the total cost at this.
@@ -422,7 +424,9 @@ def _command(key: MethodKey, each: Sequence[str], dt_s: float | None) -> str:
     return shell_join(["bodycheck", "run", *as_suite(specs), "--engine", with_method(*key), *step, *code])
 
 
-def to_measure(curves: Curves, advice: Sequence[Answer], error: float) -> dict[tuple[str, MethodKey], float]:
+def to_measure(
+    curves: Curves, advice: Sequence[ScenarioAdvice], error: float
+) -> dict[tuple[str, MethodKey], float]:
     """Return the steps that would turn the answers into measured ones.
 
     These are the predicted and unsure settings on single scenarios, and, of an engine that has none, a finer

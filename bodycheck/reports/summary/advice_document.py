@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from bodycheck._util.formatting import names, number, setting, step
 from bodycheck.reports.document import Column, Command, Document, Part, Sentence, Table
-from bodycheck.reports.summary.advice import Advice, Answer, Option
+from bodycheck.reports.summary.advice import Advice, Option, ScenarioAdvice
 
 _MAX_COMMANDS = 4
 _COLUMNS = (
@@ -39,7 +39,7 @@ def _question(advice: Advice) -> str:
     return f"{advice.measure} <= {number(advice.error)}"
 
 
-def _answer_parts(answer: Answer, scenarios: int) -> Iterator[Part]:
+def _answer_parts(answer: ScenarioAdvice, scenarios: int) -> Iterator[Part]:
     """Yield a table of the options, what is unsure or missing, commands, and the line to paste."""
     name = f"all {scenarios} scenarios" if answer.scenario is None else answer.scenario
     if answer.options:
@@ -78,7 +78,7 @@ def _row(option: Option) -> tuple[str, ...]:
     return option.name, chosen, error, option.basis, speed, turn
 
 
-def _nothing(answer: Answer) -> Iterator[Part]:
+def _nothing(answer: ScenarioAdvice) -> Iterator[Part]:
     one = answer.nearest
     if one is None:
         if not answer.without:

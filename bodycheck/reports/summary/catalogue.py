@@ -15,14 +15,14 @@ from bodycheck.scenarios.library import scenario_summaries, suites, tree_summari
 
 
 @dataclass(frozen=True)
-class Entry:
+class CatalogueEntry:
     """One line of a list."""
 
     name: str
     description: str
 
 
-def catalogue(kind: str) -> list[Entry]:
+def catalogue(kind: str) -> list[CatalogueEntry]:
     """Return the scenarios, suites, engines, methods or measures."""
     catalogues: dict[str, Callable[[], list[tuple[str, str]]]] = {
         "scenarios": lambda: [*scenario_summaries().items(), *_tree_rows()],
@@ -31,10 +31,10 @@ def catalogue(kind: str) -> list[Entry]:
         "methods": _method_rows,
         "measures": _measure_rows,
     }
-    return [Entry(*row) for row in catalogues[kind]()]
+    return [CatalogueEntry(*row) for row in catalogues[kind]()]
 
 
-def catalogue_document(kind: str, entries: Sequence[Entry]) -> Document:
+def catalogue_document(kind: str, entries: Sequence[CatalogueEntry]) -> Document:
     """Return one row per entry: its name and description."""
     rows = tuple((entry.name, entry.description) for entry in entries)
     return Document(f"bodycheck: {kind}", (Table((Column("", "fixed"), Column("")), rows),))

@@ -172,7 +172,7 @@ def _coarsest_listed(manifest: Mapping[str, Any], scenario: str) -> float:
 
 
 @dataclass(frozen=True)
-class Fault:
+class CaseFault:
     """Cases of one method on one scenario with the same fault, at these steps or tolerances."""
 
     scenario: str
@@ -182,7 +182,7 @@ class Fault:
     steps: tuple[float | None, ...]
 
 
-def faults_of(cases: Iterable[CaseResult]) -> list[Fault]:
+def faults_of(cases: Iterable[CaseResult]) -> list[CaseFault]:
     """Return the invalid, failed, timed-out and unstable cases, grouped by fault."""
     steps: dict[tuple[str, MethodKey, str, str], list[float | None]] = {}
     for case in cases:
@@ -190,7 +190,7 @@ def faults_of(cases: Iterable[CaseResult]) -> list[Fault]:
         if columns["outcome"] in FAULTS:
             fault = (columns["scenario"], key_of(columns), columns["outcome"], columns["message"])
             steps.setdefault(fault, []).append(case.setting.fineness)
-    return [Fault(*fault, steps=tuple(dts)) for fault, dts in steps.items()]
+    return [CaseFault(*fault, steps=tuple(dts)) for fault, dts in steps.items()]
 
 
 @dataclass(frozen=True)

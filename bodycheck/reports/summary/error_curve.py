@@ -92,7 +92,7 @@ _SAME = 1e-9  # relative difference of two steps that count as equal
 
 
 @dataclass(frozen=True)
-class Estimate:
+class ErrorEstimate:
     """The error of a method at a setting: its upper end, where it comes from, and why it is unsure.
 
     setting: the step in s or the tolerance; None for a method that has neither. error: measured error plus
@@ -141,7 +141,7 @@ class ErrorCurve:
         """The measured case with the smallest error; there must be one."""
         return min(self.measured, key=lambda case: largest_error(case, self.quantity))
 
-    def at(self, setting: float) -> Estimate | None:
+    def at(self, setting: float) -> ErrorEstimate | None:
         """Return the error at a step or tolerance; None where it is neither measured nor predictable.
 
         None also for a step that is longer than the scenario.
@@ -152,7 +152,7 @@ class ErrorCurve:
         if case is None:
             return self._predicted(setting)
         largest = largest_error(case, self.quantity)
-        return Estimate(setting, largest, "measured") if largest < math.inf else None
+        return ErrorEstimate(setting, largest, "measured") if largest < math.inf else None
 
     def failure_at(self, setting: float) -> str | None:
         """Return the outcome of the case at a step or tolerance, if it did not end well."""
@@ -165,7 +165,7 @@ class ErrorCurve:
             (case for case, own in settings if own and math.isclose(own, setting, rel_tol=_SAME)), None
         )
 
-    def coarsest_within(self, error: float) -> Estimate | None:
+    def coarsest_within(self, error: float) -> ErrorEstimate | None:
         """Return the coarsest step predicted to meet an error, if coarser than each measured one that does.
 
         A sure prediction takes precedence over a coarser, unsure one. Without a measured step that meets the
@@ -265,7 +265,7 @@ class ErrorCurve:
         stable = [case.dt_s for case in self.cases if case.ok and case.dt_s is not None]
         return max((dt_s for dt_s in stable if dt_s < min(unstable, default=math.inf)), default=0.0)
 
-    def _predicted(self, dt_s: float) -> Estimate | None:
+    def _predicted(self, dt_s: float) -> ErrorEstimate | None:
         if self.control != "dt" or self.verdict in NO_BETTER:
             return None
         if not self.is_predictable:
@@ -274,16 +274,16 @@ class ErrorCurve:
         found = predicted_error(steps, errors, self.floor, dt_s)
         bound = bound_of(self.cases[0].columns, self.quantity)
         why = self._why_unsure(dt_s, found.error, found.high)
-        return Estimate(dt_s, found.high + bound, "unsure" if why else "predicted", why)
+        return ErrorEstimate(dt_s, found.high + bound, "unsure" if why else "predicted", why)
 
-    def _guessed(self, dt_s: float) -> Estimate | None:
+    def _guessed(self, dt_s: float) -> ErrorEstimate | None:
         """e (h / h_f)^p with the order p in theory and the finest usable step h_f; None without either."""
         if self.order is None or not self._usable:
             return None
         finest, error = self._usable[-1]
         why = f"predicted from dt {step(finest)} s and the theoretical order {self.order}"
         factor = math.exp(min(self.order * math.log(dt_s / finest), _LARGEST_LOG))
-        return Estimate(dt_s, error * factor, "unsure", why)
+        return ErrorEstimate(dt_s, error * factor, "unsure", why)
 
     def _why_unsure(self, dt_s: float, error: float, high: float) -> str:
         """Return why a prediction is unsure; "" where it is not."""

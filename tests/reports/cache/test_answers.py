@@ -15,7 +15,7 @@ from bodycheck._util.file_digests import digest_of
 from bodycheck.adapters.contract import Build, BuildKind, Engine, Setting
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
-from bodycheck.adapters.stable_step import Search
+from bodycheck.adapters.stable_step import StableStepSearch
 from bodycheck.adapters.workers import protocol, received_messages
 from bodycheck.adapters.workers.case_messages import case_message, search_message
 from bodycheck.adapters.workers.engine_pool import EnginePool
@@ -109,7 +109,9 @@ SEARCHES = {
 def test_invalid_search_is_a_failure_with_a_reason(what: str) -> None:
     """An invalid step of a worker reaches no table."""
     returned = {"outcome": "ok", "message": "", "reason": "", **SEARCHES[what]}
-    found = Answers(None, None, 1.0).search(Counting(returned), ENGINE, Search(CASE, 0.01, 1.0, 1.0))
+    found = Answers(None, None, 1.0).search(
+        Counting(returned), ENGINE, StableStepSearch(CASE, 0.01, 1.0, 1.0)
+    )
     assert (found.outcome, found.stable_s) == ("failed", None)
     assert found.message
 
@@ -340,7 +342,7 @@ def test_laps_are_stored_for_their_run_only(tmp_path: Path) -> None:
 
 # ---------------------------------------------------------------------------------------------- searches
 
-SEARCH = Search(CASE, 0.01, 2.0, 100.0)
+SEARCH = StableStepSearch(CASE, 0.01, 2.0, 100.0)
 FOUND = {"outcome": "ok", "message": "", "stable_s": 0.5, "unstable_s": 0.505, "reason": "K"}
 
 

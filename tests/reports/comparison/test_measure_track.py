@@ -23,7 +23,7 @@ from bodycheck.reports.comparison.describe import (
     comparison_page,
     sentences,
 )
-from bodycheck.reports.comparison.release_results import Finding, OneMeasure, comparable
+from bodycheck.reports.comparison.release_results import OneMeasure, ReleaseFinding, comparable
 from bodycheck.reports.document import Document, print_document
 from bodycheck.reports.run_files.run_tables import Run, Tables
 from tests.helpers.expected_messages import ExpectedMessage
@@ -168,7 +168,7 @@ def test_words_and_what_is_missing_differ_where_they_are_not_the_same() -> None:
     assert not differs(one("outcome"), failed, failed)
     assert differs(one(), ok, failed)
     assert not differs(one(), failed, failed)
-    assert one().differ(Finding("x", ""), Finding(1.0, ""))
+    assert one().differ(ReleaseFinding("x", ""), ReleaseFinding(1.0, ""))
 
 
 def test_two_versions_of_an_engine_are_compared_under_one_name() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bodycheck.reports.comparison.release_results import Finding, Found, Track, found_document
+from bodycheck.reports.comparison.release_results import Found, ReleaseFinding, Track, found_document
 from bodycheck.reports.document import print_document
 
 VERSIONS = ("1.0", "1.1", "1.2", "2.0", "2.1")
@@ -17,7 +17,7 @@ def printed(
     failed: dict[str, str] | None = None,
 ) -> Found:
     """Return a search of one method that found these values in the releases that were run."""
-    findings = {version: Finding(value, "too-few-points") for version, value in values.items()}
+    findings = {version: ReleaseFinding(value, "too-few-points") for version, value in values.items()}
     return Found("toy", "free", measure, VERSIONS, (Track("m", findings, changes),), failed or {})
 
 
@@ -77,8 +77,8 @@ def test_where_every_release_was_run_it_is_said_in_which_anything_changed(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Each release with a change is listed with its methods; a constant value is given once for all."""
-    still = {version: Finding(1e-3, "") for version in VERSIONS}
-    there = {**still, "1.1": Finding(2e-3, ""), "2.1": Finding(3e-3, "")}
+    still = {version: ReleaseFinding(1e-3, "") for version in VERSIONS}
+    there = {**still, "1.1": ReleaseFinding(2e-3, ""), "2.1": ReleaseFinding(3e-3, "")}
     tracks = (
         Track("a", still, ()),
         Track("b", there, (("1.0", "1.1"), ("1.1", "1.2"), ("2.0", "2.1"))),

@@ -14,7 +14,7 @@ from rich.console import Console
 from bodycheck._util.errors import InputError
 from bodycheck.reports import document
 from bodycheck.reports.document import json_text, print_document
-from bodycheck.reports.gates.gate import Gate, Measure, gate_of, measure_of
+from bodycheck.reports.gates.gate import Gate, GateMeasure, gate_of, measure_of
 from bodycheck.reports.gates.gate_output import (
     as_junit,
     changes_document,
@@ -23,7 +23,7 @@ from bodycheck.reports.gates.gate_output import (
     results_data,
     results_document,
 )
-from bodycheck.reports.gates.proposal import Change, edited, proposals
+from bodycheck.reports.gates.proposal import BoundChange, edited, proposals
 from bodycheck.reports.gates.verdict import GateResult, check_gates
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.gate_tables import make_tables
@@ -162,8 +162,8 @@ def test_on_a_terminal_the_status_alone_is_coloured_and_no_character_is_lost(
 def test_changes_are_shown_with_their_measurements(capsys: pytest.CaptureFixture[str]) -> None:
     """The output also counts the gates that did not pass and are left unchanged."""
     changes = [
-        Change(0, "upper", 1e-8, 2e-9, 1e-9, loosens=False),
-        Change(1, "near", 1e-3, 1e-2, 1e-2, loosens=True),
+        BoundChange(0, "upper", 1e-8, 2e-9, 1e-9, loosens=False),
+        BoundChange(1, "near", 1e-3, 1e-2, 1e-2, loosens=True),
     ]
     print_document(changes_document(changes, results(), 0.3))
     about = f"* *:* {ERROR}:"
@@ -173,7 +173,7 @@ def test_changes_are_shown_with_their_measurements(capsys: pytest.CaptureFixture
         "2 gates that did not pass left unchanged: loosen with --loosen REASON",
         "2 bounds replaced",
     ]
-    both = [Change(1, key, 1e-3, 1e-2, 1e-2, loosens=True) for key in ("lower", "upper")]
+    both = [BoundChange(1, key, 1e-3, 1e-2, 1e-2, loosens=True) for key in ("lower", "upper")]
     print_document(changes_document(both, results(), 0.3))
     assert "2 gates that did not pass left unchanged" in capsys.readouterr().out
     print_document(changes_document(changes[:1], results()[:1], 0.3))
@@ -245,33 +245,33 @@ def test_json_has_every_number_in_full() -> None:
 @pytest.mark.parametrize(
     ("name", "measure"),
     [
-        ("energy_drift", Measure("results", "energy_drift")),
-        ("energy_drift_abs", Measure("results", "energy_drift_abs")),
-        ("successive_difference_rad", Measure("results", "successive_difference_rad")),
-        ("steps", Measure("results", "steps", in_decades=False)),
-        ("rhs_evaluations", Measure("results", "rhs_evaluations", in_decades=False)),
-        ("cpu_s", Measure("results", "cpu_s", is_speed=True)),
-        ("ns_per_step", Measure("results", "ns_per_step", is_speed=True)),
-        ("relative_cpu", Measure("results", "relative_cpu", is_speed=True)),
-        ("stability.dt_stable_s", Measure("stability", "dt_stable_s")),
-        (f"order.{ERROR}", Measure("methods", "order", ERROR, in_decades=False)),
+        ("energy_drift", GateMeasure("results", "energy_drift")),
+        ("energy_drift_abs", GateMeasure("results", "energy_drift_abs")),
+        ("successive_difference_rad", GateMeasure("results", "successive_difference_rad")),
+        ("steps", GateMeasure("results", "steps", in_decades=False)),
+        ("rhs_evaluations", GateMeasure("results", "rhs_evaluations", in_decades=False)),
+        ("cpu_s", GateMeasure("results", "cpu_s", is_speed=True)),
+        ("ns_per_step", GateMeasure("results", "ns_per_step", is_speed=True)),
+        ("relative_cpu", GateMeasure("results", "relative_cpu", is_speed=True)),
+        ("stability.dt_stable_s", GateMeasure("stability", "dt_stable_s")),
+        (f"order.{ERROR}", GateMeasure("methods", "order", ERROR, in_decades=False)),
         (
             "growth.energy_drift",
-            Measure(
+            GateMeasure(
                 *("methods", "growth", "energy_drift"),
                 choices=("bounded", "sqrt", "linear", "quadratic", "exponential"),
             ),
         ),
         (
             "outcome",
-            Measure(
+            GateMeasure(
                 *("results", "outcome"),
                 choices=("ok", "unstable", "failed", "timeout", "unsupported", "invalid"),
             ),
         ),
     ],
 )
-def test_a_measure_stands_for_one_column(name: str, measure: Measure) -> None:
+def test_a_measure_stands_for_one_column(name: str, measure: GateMeasure) -> None:
     """A name gives its table, its quantity, its words, and how two of its values are compared."""
     assert measure_of(name) == measure
 
@@ -350,14 +350,14 @@ def test_an_edit_after_which_a_file_could_not_be_read_is_refused(expected_messag
     """A new upper bound below the lower one is never written."""
     toml_text = '[[gate]]\nmeasure = "energy_drift"\nlower = 1e-4\nupper = 1e-3\nreason = "r"\n'
     with expected_message.raises(InputError):
-        edited(toml_text, "here", [Change(0, "upper", 1e-3, 1e-5, 5e-6, loosens=False)], None)
+        edited(toml_text, "here", [BoundChange(0, "upper", 1e-3, 1e-5, 5e-6, loosens=False)], None)
 
 
 def test_an_edit_leaves_texts_alone_and_writes_reasons_as_they_are_spoken() -> None:
     """Text in a later string that looks like a bound stays; letters of another script are not escaped."""
     toml_text = '[[gate]]\nmeasure = "energy_drift"\nupper = 1e-3\nreason = "r"\n'
     after = toml_text.replace('"r"', '"""\nupper = 3\n"""')
-    change = Change(0, "upper", 1e-3, 1e-2, 5e-3, loosens=True)
+    change = BoundChange(0, "upper", 1e-3, 1e-2, 5e-3, loosens=True)
     assert edited(after, "here", [change], None) == after.replace("1e-3", "0.01")
     expected = toml_text.replace("1e-3", "0.01").replace('"r"', '"r; loosened: größer"')
     assert edited(toml_text, "here", [change], "größer") == expected

@@ -9,7 +9,7 @@ import pytest
 
 from bodycheck._util.errors import InputError
 from bodycheck.reports.gates.gate import gate_of, parse_gates
-from bodycheck.reports.gates.proposal import Change, edited, proposals
+from bodycheck.reports.gates.proposal import BoundChange, edited, proposals
 from bodycheck.reports.gates.verdict import check_gates
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.gate_tables import make_tables
@@ -92,8 +92,8 @@ reason = "a \\"word\\""
 def test_only_bounds_of_a_file_are_changed() -> None:
     """Comments, blanks, order and other keys stay; the new text can be read."""
     changes = [
-        Change(0, "upper", 1e-3, 2.5e-7, 1e-7, loosens=False),
-        Change(1, "upper", 10.5, 100.0, 50.0, loosens=True),
+        BoundChange(0, "upper", 1e-3, 2.5e-7, 1e-7, loosens=False),
+        BoundChange(1, "upper", 10.5, 100.0, 50.0, loosens=True),
     ]
     new = edited(TEXT, "t", changes, "a new version")
     assert new == TEXT.replace("1e-3", "2.5e-7").replace("1_0.5", "100.0").replace(
@@ -106,10 +106,13 @@ def test_only_bounds_of_a_file_are_changed() -> None:
 def test_reason_is_added_once() -> None:
     """The reason is added once for both bounds, and not again if it is repeated."""
     text = '[[gate]]\nmeasure = "energy_drift"\nlower = 2.0\nupper = 3.0\nreason = "r"\n'
-    both = [Change(0, "lower", 2.0, 1.0, 1.5, loosens=True), Change(0, "upper", 3.0, 4.0, 3.5, loosens=True)]
+    both = [
+        BoundChange(0, "lower", 2.0, 1.0, 1.5, loosens=True),
+        BoundChange(0, "upper", 3.0, 4.0, 3.5, loosens=True),
+    ]
     once = edited(text, "t", both, "wider")
     assert [gate.reason for gate in parse_gates(once, "t")] == ["r; loosened: wider"]
-    again = edited(once, "t", [Change(0, "upper", 4.0, 5.0, 4.5, loosens=True)], "wider")
+    again = edited(once, "t", [BoundChange(0, "upper", 4.0, 5.0, 4.5, loosens=True)], "wider")
     assert again == once.replace("4.0", "5.0")
 
 
@@ -126,4 +129,4 @@ def test_edit_with_another_meaning_is_refused(text: str, expected_message: Expec
     """If the edited file does not have exactly the new bounds, nothing is written."""
     tomllib.loads(text)
     with expected_message.raises(InputError):
-        edited(text, "t", [Change(0, "upper", 1e-3, 1e-4, 5e-5, loosens=False)], None)
+        edited(text, "t", [BoundChange(0, "upper", 1e-3, 1e-4, 5e-5, loosens=False)], None)

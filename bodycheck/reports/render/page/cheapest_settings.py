@@ -14,7 +14,7 @@ from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.render.page.downsampling import rounded
 from bodycheck.reports.render.styles import REFERENCE
 from bodycheck.reports.run_files.run_tables import MethodKey, Run
-from bodycheck.reports.summary.advice import Answer, Option, settings_within
+from bodycheck.reports.summary.advice import Option, ScenarioAdvice, settings_within
 from bodycheck.reports.summary.error_curve import (
     RefinementSequence,
     cases_within,
@@ -87,7 +87,7 @@ class CheapestSettings:
     def _sequences(self) -> Mapping[tuple[str, MethodKey], RefinementSequence]:
         return sequences_of(self.run.cases)
 
-    def _rows(self, answer: Answer, nearest: Mapping[str, str]) -> list[dict[str, Any]]:
+    def _rows(self, answer: ScenarioAdvice, nearest: Mapping[str, str]) -> list[dict[str, Any]]:
         """Return the rows of one scope at one tolerance: engines that meet it first, the reference last."""
         met = [_row(option) for option in answer.options]
         names = {row["engine"] for row in met}

@@ -38,7 +38,7 @@ from bodycheck.scenarios.forcings import Forcing
 
 
 @dataclass(frozen=True)
-class Limit:
+class StableStepEntry:
     """The symbol of a method in the stability map, its tint, and a sentence that explains it."""
 
     mark: str
@@ -46,21 +46,21 @@ class Limit:
     sentence: str
 
 
-def limit_of(row: Mapping[str, Any] | None) -> Limit:
+def limit_of(row: Mapping[str, Any] | None) -> StableStepEntry:
     """Return the entry of a row of stability.csv; None is for a method without a step."""
     if row is None:
-        return Limit("", "", "no search for the largest stable step")
+        return StableStepEntry("", "", "no search for the largest stable step")
     if row["outcome"] != "ok":
         state = STATES[row["outcome"]]
-        return Limit(state.symbol, state.tint, f"{state.word}: {row.get('message', '')}")
+        return StableStepEntry(state.symbol, state.tint, f"{state.word}: {row.get('message', '')}")
     stable, unstable = row.get("dt_stable_s"), row.get("dt_unstable_s")
     if stable is None:
-        return Limit("none", "bad", f"unstable at every step tried: {row.get('reason', '')}")
+        return StableStepEntry("none", "bad", f"unstable at every step tried: {row.get('reason', '')}")
     shown = number(stable, 3)
     if unstable is None:
-        return Limit(f"≥ {shown}", "good", f"stable up to dt = {shown} s, where the search ended")
+        return StableStepEntry(f"≥ {shown}", "good", f"stable up to dt = {shown} s, where the search ended")
     sentence = f"stable up to dt = {shown} s, not at {number(unstable, 3)} s: {row.get('reason', '')}"
-    return Limit(shown, "open", sentence)
+    return StableStepEntry(shown, "open", sentence)
 
 
 def scenario_facts(problem: Problem) -> list[tuple[str, str]]:
@@ -209,7 +209,7 @@ class CellPart:
     cases: tuple[CaseResult, ...]
     shown: CaseResult | None
     orders: tuple[Mapping[str, Any], ...]
-    limit: Limit
+    limit: StableStepEntry
 
     @property
     def anchor(self) -> str:
@@ -260,7 +260,7 @@ class MapCell:
     """One method on one scenario in the maps of all scenarios: the fields are those of `CellPart`."""
 
     cell: Cell
-    limit: Limit
+    limit: StableStepEntry
     tint: str
     map_data: Mapping[str, Any]
 
