@@ -57,7 +57,7 @@ from bodycheck.runs.directory import _describe, _description
 from bodycheck.runs.selection import select
 from bodycheck.scenarios.library import load_scenario
 from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh
-from bodycheck.scenarios.reader import read_members
+from bodycheck.scenarios.reader import read_members, read_trees
 from tests.helpers.child_process import ChildResult, run_in_child
 from tests.helpers.file_mutations import (
     Mutation,
@@ -125,6 +125,7 @@ def _inputs(sound: Path) -> list[Reader]:
     library = Path(bodycheck.__file__).parent / "scenarios/library"
     whole = "\n".join((library / f"{name}.toml").read_text() for name in ("spring-pendulum",))
     (sound / "rich.toml").write_text(whole)
+    shutil.copy(library / "trees/free-ball.toml", sound / "tree.toml")
     (sound / "gates.toml").write_text(GATES)
     meshes: dict[str, str | bytes] = {
         "a.stl": ascii_stl(),
@@ -148,6 +149,7 @@ def _inputs(sound: Path) -> list[Reader]:
     return [
         Reader("scenario", sound / "mine.toml", read_members, "toml", toml_line, 2.0),
         Reader("scenario with loads", sound / "rich.toml", read_members, "toml", toml_line, 2.0),
+        Reader("tree", sound / "tree.toml", read_trees, "toml", toml_line, 2.0),
         Reader("gates", sound / "gates.toml", read_gates, "toml", toml_line, 2.0),
         *(Reader(f"mesh {name}", sound / name, _mesh, "mesh", token) for name in meshes),
         Reader("request.json", sound / "out.partial/request.json", _description, "json", json_value),

@@ -190,7 +190,7 @@ def _parent_fault(i: int, bodies: list[Any], names: list[Any]) -> str | None:
 
 
 def _forcing_faults(forcing: Any, names: list[Any], bodies: list[Any]) -> Iterator[tuple[str, str]]:
-    name, kind = forcing["body"], forcing.get("kind")
+    name, kind = forcing["body"], str(forcing.get("kind"))
     if name not in names:
         if isinstance(name, str):
             known = dict.fromkeys(one for one in names if isinstance(one, str))

@@ -155,10 +155,11 @@ def _of_known_kind(kinds: Mapping[str, Any], hints: Mapping[str, str]) -> Before
     def check(value: Any) -> Any:
         if not isinstance(value, dict) or "kind" not in value:
             raise ValueError(f"needs a kind: {', '.join(kinds)}")
-        if value["kind"] not in kinds:
-            if hint := hints.get(str(value["kind"])):
-                raise ValueError(f"{value['kind']!r} is unsupported in a tree: {hint}")
-            raise ValueError(f"unknown kind {value['kind']!r} (available: {', '.join(kinds)})")
+        kind = value["kind"]
+        if not isinstance(kind, str) or kind not in kinds:
+            if hint := hints.get(str(kind)):
+                raise ValueError(f"{kind!r} is unsupported in a tree: {hint}")
+            raise ValueError(f"unknown kind {kind!r} (available: {', '.join(kinds)})")
         return value
 
     return BeforeValidator(check)

@@ -142,7 +142,8 @@ joint = {{kind = "ball", parent = "pole"}}
     .replace("-0.4", "1e40")
     .replace('"cart"', '"world"'),
     "names and angles": CART.replace('"cart"', '"the.cart"')
-    + POLE.replace("start_rad = 0.3", "start_rad = 1e13"),
+    + POLE.replace("start_rad = 0.3", "start_rad = 1e13")
+    + "[[forcing]]\nkind = [1]\nbody = 1\n",
     "singular": """
 [[body]]
 name = "ring"
