@@ -41,7 +41,7 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import wrench_between
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.diagnosis.diagnosis import Diagnosis
-from bodycheck.reports.diagnosis.engine_model import Grid, Reading
+from bodycheck.reports.diagnosis.engine_model import Grid, Reading, matrix_of
 from bodycheck.reports.diagnosis.faults import FAULTS
 from bodycheck.reports.diagnosis.faults.fault import Fault, FaultContext
 from bodycheck.reports.diagnosis.fit import planted
@@ -275,7 +275,7 @@ def faulty_motion(
     now = States(
         *(part[:, None, None] for part in (initial.position, initial.velocity, attitude, initial.omega_body))
     )
-    rows = []
+    rows, matrices = [], []
     for sample in range(scene.samples):
         before = now
         late = None
@@ -297,8 +297,13 @@ def faulty_motion(
             for misreading in model.misreadings:
                 reading = misreading.apply(reading)
         rows.append([part[:, 0] for part in (reading.x, reading.v, reading.q, reading.w)])
+        shown = late if late is not None and "q" in model.stale else now
+        matrices.append(matrix_of(shown.q) if shown.held is None else shown.held)
     x, v, q, w = (np.array([row[k] for row in rows]) for k in range(4))
-    return Trajectory(scene.sample_times, x, v, quaternion=q, omega_body_rad_s=w)
+    if base.one is None or not base.one.attitude.endswith("matrix"):
+        return Trajectory(scene.sample_times, x, v, quaternion=q, omega_body_rad_s=w)
+    rotation = np.array([matrix[:, :, 0, 0] for matrix in matrices])
+    return Trajectory(scene.sample_times, x, v, rotation=rotation, omega_body_rad_s=w)
 
 
 @dataclass

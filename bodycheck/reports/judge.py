@@ -14,9 +14,11 @@ import numpy as np
 from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import plan_steps
 from bodycheck.reports.cache.disk_cache import Cache
-from bodycheck.reports.diagnosis.diagnosis import obstacle
+from bodycheck.reports.diagnosis.attitude_readings import attitude_diagnosis, conserving_reading
+from bodycheck.reports.diagnosis.diagnosis import Diagnosis, obstacle
 from bodycheck.reports.diagnosis.explain import ExplainedCase
 from bodycheck.reports.diagnosis.recorded import diagnosed_recording
 from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion
@@ -27,7 +29,13 @@ from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.study import limit
 from bodycheck.reports.recordings.column_map import ColumnMap
 from bodycheck.reports.recordings.conversion import RecordedMotion, recorded_motion
-from bodycheck.reports.recordings.judged_motion import JudgedMotion, Start, judged_motion, quantities_of
+from bodycheck.reports.recordings.judged_motion import (
+    JudgedMotion,
+    Start,
+    is_free,
+    judged_motion,
+    quantities_of,
+)
 from bodycheck.scenarios.given_motion import GivenMotion
 from bodycheck.scenarios.model import Scenario
 
@@ -85,19 +93,20 @@ def of_given_body(
 ) -> tuple[list[RecordedMotion], Scenario]:
     """Return the recordings without what has no start, and the scenario of a body that starts at their rows.
 
-    A position is left out if there is no velocity to start with. Raises InputError where a file has a single
-    row, or no angular velocity.
+    A position is left out if there is no velocity to start with; omega is derived from the attitudes where
+    there is none. Raises InputError where a file has a single row, or neither.
     """
     kept = []
-    for path, recorded in zip(paths, recordings, strict=True):
-        arrays = dict(recorded.arrays)
-        if len(arrays["t_s"]) < 2:
+    for path, read in zip(paths, recordings, strict=True):
+        if len(read.arrays["t_s"]) < 2:
             raise InputError(f"{path}: has a single row, so nothing to judge")
-        if "omega" not in quantities_of(arrays):
+        recorded = read if "omega" in quantities_of(read.arrays) else read.with_omega()
+        if recorded is None:
             raise InputError(
-                f"{path}: has no angular velocity at which the motion of a body could start; "
-                "--scenario gives the start"
+                f"{path}: has no angular velocity at which the motion of a body could start, nor three "
+                "attitudes from which to derive it; --scenario gives the start"
             )
+        arrays = dict(recorded.arrays)
         if "velocity_m_s" not in arrays:
             arrays.pop("position_m", None)
         kept.append(replace(recorded, arrays=arrays))
@@ -187,22 +196,32 @@ def explained_motion(
     scene = _sampled_at(problem.scenario.scene, trajectory.t_s, resolution.stamp)
     if dt_s is not None:
         _check_step(scene, trajectory.t_s, dt_s)
-    found, reason = None, "the motion is not finite"
-    finite = (trajectory.position_m, trajectory.velocity_m_s, trajectory.attitude, trajectory.omega_body)
-    if all(np.isfinite(values).all() for values in finite):
+    known, found, reason = motion.known, None, "the motion is not finite"
+    states = (trajectory.position_m, trajectory.velocity_m_s, trajectory.attitude, trajectory.omega_body)
+    is_finite = all(np.isfinite(values).all() for values in states)
+    if motion.has_derived_omega:  # it follows from the attitudes, so they alone are examined
+        known = known - {"omega"}
+        found = _of_attitudes(motion, scene, trajectory)
+    elif is_finite:
+        truth = problem.truth.trajectory
         found = diagnosed_recording(
-            scene,
-            trajectory,
-            problem.truth.trajectory,
-            problem.scales,
-            dt_s,
-            known=motion.known,
-            resolution=resolution,
+            scene, trajectory, truth, problem.scales, dt_s, known=known, resolution=resolution
         )
-        reason = "" if found is not None else obstacle(scene, trajectory, motion.known) or _TOO_MANY_STEPS
+    if is_finite:
+        reason = "" if found is not None else obstacle(scene, trajectory, known) or _TOO_MANY_STEPS
     setting = {"control": "none" if dt_s is None else "dt", "dt_s": dt_s}
     case = CaseResult({**motion.case.columns, **setting}, MeasuredMotion(trajectory))
     return ExplainedCase(problem, (motion.path.name,), case, (), found, reason)
+
+
+def _of_attitudes(motion: JudgedMotion, scene: Scene, trajectory: Trajectory) -> Diagnosis | None:
+    """Return what attitudes alone tell: the reading that conserves angular momentum, or that is the truth."""
+    attitude, found = trajectory.attitude, None
+    if is_free(scene):
+        resolution_rad = motion.resolution.attitude
+        found = conserving_reading(trajectory.t_s, attitude, scene.body.inertia, resolution_rad)
+    truth = motion.problem.truth.trajectory
+    return found or attitude_diagnosis(attitude, truth.attitude, motion.floors[ORIENTATION])
 
 
 def _sampled_at(scene: Scene, t_s: Array, resolution_s: float) -> Scene:

@@ -29,10 +29,17 @@ def conclusion(motion: JudgedMotion, case: ExplainedCase | None) -> Sentence:
     diagnosis, dt_s = (None, None) if case is None else (case.diagnosis, case.case.dt_s)
     if not motion.case.ok:
         return Sentence(f"{motion.path.name} is unstable: {motion.row['message']}.", "bad", strong=True)
-    parts = [*_conservation(motion), *_distance(motion), *_cause(motion, diagnosis, dt_s)]
+    parts = [*_derived(motion), *_conservation(motion), *_distance(motion), *_cause(motion, diagnosis, dt_s)]
     is_wrong = diagnosis is not None and diagnosis.verdict == "explained"
     tint = "bad" if is_wrong else "good" if is_true(motion) else "open"
     return Sentence(" ".join(parts), tint, strong=True)
+
+
+def _derived(motion: JudgedMotion) -> Iterator[str]:
+    """Yield what is not in the file, but derived from it."""
+    if motion.has_derived_omega:
+        known_to = number(0.5 * motion.resolution.omega, 2)
+        yield f"The file has no omega: it is derived from the attitudes, to {known_to} rad/s."
 
 
 def is_true(motion: JudgedMotion) -> bool:

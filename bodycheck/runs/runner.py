@@ -23,12 +23,12 @@ from bodycheck.reports.cache.journal import Journal
 from bodycheck.reports.cache.truths import is_known, known_truth
 from bodycheck.reports.diagnosis.explain import ExplainedCase, diagnosis_row, explained_cases, wrong_verdicts
 from bodycheck.reports.judge import Ranking, explained_motion, judge_files, of_given_body, read_files
+from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.measurement.study import Study
 from bodycheck.reports.recordings.column_map import ColumnMap, MapSpec, read_map, scenario_of
 from bodycheck.reports.recordings.judged_motion import Start
 from bodycheck.reports.run_files.run_tables import Run
-from bodycheck.reports.run_files.tables import TABLES, MeasuredTables
+from bodycheck.reports.run_files.tables import TABLES, MeasuredTables, Row
 from bodycheck.runs.manifest import Identity, manifest_of
 from bodycheck.runs.motions import run_motions
 from bodycheck.runs.request import Request, with_options_of
@@ -96,7 +96,8 @@ def run_selection(
         found = run_motions(selection, problems, answers, options, progress)
         recorded = time.perf_counter()
         cases = tuple(case for studied in found.studies for case in studied.cases)
-        diagnoses = _diagnoses(selection, problems, found.studies, progress)
+        rows = TABLES["methods"].rows(identity.run_id, MeasuredTables(cases, found.studies, found.rows))
+        diagnoses = _diagnoses(selection, problems, cases, rows, progress)
         noise = None
         if options.speed:
             progress.speeds_started()
@@ -144,15 +145,17 @@ def _clock(selection: Selection, options: Request) -> Clock:
 
 
 def _diagnoses(
-    selection: Selection, problems: Sequence[Problem], studies: Sequence[Study], progress: Progress
+    selection: Selection,
+    problems: Sequence[Problem],
+    cases: Sequence[CaseResult],
+    rows: Sequence[Row],
+    progress: Progress,
 ) -> list[dict[str, Any]]:
     """Return the rows of diagnoses.csv without run_id: of the methods that verdicts count against."""
-    rows = [row for studied in studies for row in studied.method_rows]
     if not wrong_verdicts(rows):
         return []
     progress.phase("diagnosing wrong motions")
     orders = {(engine.name, method.name): method.order for engine, method in selection.methods}
-    cases = [case for studied in studies for case in studied.cases]
     return [diagnosis_row(one) for one in explained_cases(problems, cases, rows, orders)]
 
 

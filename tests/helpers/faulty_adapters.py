@@ -203,29 +203,29 @@ FAULTS: Mapping[str, AdapterFault] = {
     "omega in world axes": AdapterFault(
         reads(_omega_in_world_axes),
         "readings",
-        "omega_body is in world axes: it equals R omega of the derivative of the attitude",
+        "omega_body is read in the other axes, world for body or body for world",
     ),
     "omega in degrees": AdapterFault(
         reads(lambda r, _: replace(r, omega_body=np.degrees(_omega(r)))),
         "readings",
-        "omega_body is in degrees per second, not rad/s",
+        "omega_body is read in degrees per second, not rad/s",
     ),
     "scalar last": AdapterFault(
         reads(lambda r, _: replace(r, quaternion=np.roll(_quaternion(r), -1))),
         "readings",
-        "the quaternion is scalar last, (x, y, z, w) instead of (w, x, y, z)",
+        "the quaternion that is read is scalar last, (x, y, z, w)",
     ),
     "world to body": AdapterFault(
         reads(lambda r, _: replace(r, quaternion=conjugate(_quaternion(r)))),
         "readings",
-        "the quaternion is world to body: the conjugate of the body's attitude",
+        "the quaternion that is read is world to body",
     ),
     "velocity in body axes": AdapterFault(
         reads(
             lambda r, _: replace(r, velocity=np.asarray(quaternion_to_matrix(_quaternion(r)).T @ r.velocity))
         ),
         "readings",
-        "the velocity is in body axes: it equals R^T of the derivative of the position",
+        "the velocity is read in body axes",
     ),
     "echo": AdapterFault(Echo, "read-back", "read_back returns what the adapter was given"),
     "body torque as world torque": AdapterFault(

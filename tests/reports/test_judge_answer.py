@@ -283,3 +283,35 @@ def test_several_files_are_ranked_with_their_order_or_the_reason(tmp_path: Path)
             if isinstance(part, Sentence)
         ]
         assert texts[1].startswith("No order: ")
+
+
+def attitudes_alone(path: Path, attitude: Array) -> Path:
+    """Write attitudes (n, 4) with five decimals, without omega."""
+    np.savetxt(path, np.column_stack([T_S, attitude]), "%.5f", ",", header="t_s,qw,qx,qy,qz", comments="")
+    return path
+
+
+def test_omega_is_derived_where_a_file_has_attitudes_alone(
+    tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
+    """The right motion is the true one to what the derivative leaves open, and its omega is within that."""
+    attitude, omega = solved(T_S)
+    ranking = judged(attitudes_alone(tmp_path / "sim.csv", attitude))
+    (motion,) = ranking.motions
+    assert is_true(motion)
+    derived = motion.case.trajectory
+    assert derived is not None
+    off = np.max(np.abs(derived.omega_body - omega))
+    assert 0.02 * motion.resolution.omega < off < motion.resolution.omega
+    expected_message(told(ranking).text)
+
+
+def test_a_reading_of_attitudes_alone_is_the_one_that_conserves_momentum(tmp_path: Path) -> None:
+    """Conjugates rotate another body; damping is no reading, so that no cause is named."""
+    attitude, _ = solved(T_S)
+    wrong = attitudes_alone(tmp_path / "conjugated.csv", attitude * np.array([1.0, -1.0, -1.0, -1.0]))
+    assert "Likely cause: the quaternion that is read is world to body" in told(judged(wrong)).text
+    damped, _ = stepped(T_S, 50, damping=0.05)
+    text = told(judged(attitudes_alone(tmp_path / "damped.csv", damped))).text
+    assert "Angular momentum is not conserved" in text
+    assert "Likely cause" not in text

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import combinations, product
 
 import numpy as np
@@ -18,7 +19,8 @@ from bodycheck.reports.diagnosis.engine_model import Grid
 from bodycheck.reports.diagnosis.faults import FAULTS
 from bodycheck.reports.diagnosis.faults.fault import Fault, FaultContext
 from bodycheck.reports.diagnosis.fit import Fit, Start, fitted, planted
-from bodycheck.reports.diagnosis.flow import BASES, EXACT, Base
+from bodycheck.reports.diagnosis.flow import BASES, COMMON, EXACT, LIBRARY, Base
+from bodycheck.reports.diagnosis.known_maps import maps_of
 from bodycheck.reports.diagnosis.quantity_resolution import NOT_RECORDED, Resolution
 from bodycheck.reports.diagnosis.start import StartDifference
 from bodycheck.reports.diagnosis.transitions import Transitions
@@ -38,11 +40,14 @@ _SAME_EFFECT = 0.02  # relative difference of what two faults leave, below which
 _PARAMETER_COST = 0.1  # decades of the cost that a further parameter must gain
 _BETTER = 10.0  # a pair must reduce the cost of a single that explains the motion by this factor
 _PAIRED = 8
+_NEIGHBOURS = 8  # maps of the library that are tried with a fault
 _SETTLED, _SETTLED_PAIRS = 10, 4  # fits of a whole log that are fitted to the end, single and in pairs
 _NEAR = 3.0  # multiples of the limit, within which a fit is weighed by its own derivatives
 _INVOLVED = 1e-3  # length of the part of a direction that counts
 _COARSEST_TURN = 0.1  # rad, of a step of the exact flow
 _MAX_STEPS = 400  # between two samples
+LIBRARY_STEPS = 10
+"""The most steps between two samples for which all maps of the library are tried."""
 
 
 @dataclass(frozen=True)
@@ -160,12 +165,12 @@ def _percent(share: float) -> str:
 
 
 def bases_for(order: int | None) -> tuple[Base, ...]:
-    """Return the maps that a method of this order may be, those of the same order first."""
+    """Return the common maps that a method of this order may be, those of the same order first."""
     if order is None:
-        return tuple(BASES.values())
+        return tuple(COMMON.values())
     if order == 1:
-        return tuple(base for base in BASES.values() if base.order == 1)
-    higher = (base for base in BASES.values() if base.order > 1)
+        return tuple(base for base in COMMON.values() if base.order == 1)
+    higher = (base for base in COMMON.values() if base.order > 1)
     return tuple(sorted(higher, key=lambda base: base.order != order))
 
 
@@ -178,11 +183,13 @@ def diagnosed(
     order: int | None = None,
     known: frozenset[str] = ALL_QUANTITIES,
     known_faults: Sequence[tuple[str, ...]] = (),
+    known_map: str = "",
 ) -> Diagnosis | None:
     """Return what explains a trajectory; None where it cannot be examined.
 
     dt_s: the step of the method; None if it has none or is unknown. order: of the method. known: the
-    quantities that the trajectory has. known_faults: names of faults that are tried first. Not examined are
+    quantities that the trajectory has. known_faults: names of faults that are tried first. known_map: the
+    map of the library that the method is, where there is one, tried after the common ones. Not examined are
     callback loads, gravity gradients about a pivot, and motions with too many steps between two samples.
     """
     if obstacle(scene, trajectory, known) or "attitude" not in known:
@@ -192,6 +199,8 @@ def diagnosed(
         if search is None:
             return None
         bases = bases_for(order) if dt_s is not None else (EXACT,)
+        if dt_s is not None and known_map in LIBRARY:
+            bases = (*bases, LIBRARY[known_map])
         return search.diagnosis(bases, known_faults, order)
 
 
@@ -254,6 +263,23 @@ class Search:
                 fine = on(fine_grid, EXACT)
         return None if own is None and fine is None else cls(own, fine)
 
+    def with_steps(self, count: int) -> Search:
+        """Return the search with so many steps between two samples, without the exact flow."""
+        assert self.own is not None
+        grid = Grid.of(self.own.scene, self.own.scene.sample_interval_s / count)
+        own = replace(self.own, grid=grid, whitening=None, whole=None)
+        return Search(own.whitened_by(BASES["midpoint"]) if own.is_coarse else own, None)
+
+    @property
+    def _knows_library(self) -> bool:
+        """Whether the maps of the library are tried: not about a pivot, and for few steps per sample."""
+        return self.own is not None and self.own.scene.pivot is None and self.own.grid.stride <= LIBRARY_STEPS
+
+    @cached_property
+    def matches(self) -> list[Base]:
+        """The maps of the library that could have made the motion."""
+        return maps_of(self.own) if self.own is not None and self._knows_library else []
+
     def on(self, base: Base) -> Transitions | None:
         """Return the transitions on which a map is run."""
         return self.fine if base is EXACT else self.own
@@ -267,11 +293,15 @@ class Search:
         _, base = min(candidates, key=lambda pair: pair[0])
         if self.is_healthy(base):
             return self._without_fault(base, usable, order)
+        if own := [one for one in self.matches if not _is_below(one, order)] or self.matches:
+            return self._without_fault(own[0], own, order)
         for one in usable:
             if (known := self._known(one, known_faults)) is not None:
                 return known
         if len(usable) > 1:
-            base = self._best_base(usable)
+            base, is_exact = self._best_base(usable)
+            if not is_exact and base is not EXACT and self._knows_library:
+                base = self._library_base(base, order) or base
         return self._with_base(base)
 
     def _without_fault(self, base: Base, usable: Sequence[Base], order: int | None) -> Diagnosis:
@@ -303,8 +333,11 @@ class Search:
                     return self._conclusion(base, few, full, [best], pairs)
         return None
 
-    def _best_base(self, bases: Sequence[Base]) -> Base:
-        """Return the first map with which a single fault leaves round-off, else the map that it fits best."""
+    def _best_base(self, bases: Sequence[Base]) -> tuple[Base, bool]:
+        """Return the first map with which a single fault leaves round-off, else the map that it fits best.
+
+        And whether it leaves round-off.
+        """
         candidates = [(base, general) for general in (False, True) for base in bases]
         if bases[0].order > 1:  # of the method's own order, so it comes first with general faults, too
             candidates.remove((bases[0], True))
@@ -318,12 +351,42 @@ class Search:
                 leaders: list[Start] = [(fit.faults, tuple(fit.values)) for fit in fits[:_SAME_LEADERS]]
                 first.setdefault((base.order, general), leaders)
             if costs[-1] <= self._subset(base, _FIRST_LOOK).limit:
-                return base
+                return base, True
             best, _ = candidates[int(np.argmin(costs))]
             if base is bases[-1] and min(costs) <= (1.0 - _EXPLAINED) * self._healthy_cost(best):
                 break
         lowest = min(costs)
-        return next(base for cost, (base, _) in zip(costs, candidates, strict=False) if cost <= 1.2 * lowest)
+        pairs = zip(costs, candidates, strict=False)
+        return next(base for cost, (base, _) in pairs if cost <= 1.2 * lowest), False
+
+    def _library_base(self, nearest: Base, order: int | None) -> Base | None:
+        """Return the map of the library with which a single fault leaves round-off; None if there is none.
+
+        A fault changes a step of all maps nearly alike. What it changes in the nearest map, taken off the
+        differences from every other map, leaves least with the right one. This is repeated from there.
+        """
+        few = self._subset(nearest, _FIRST_LOOK)
+        limit, whole = few.limit, few if few.whole is None else few.whole
+        maps = [one for one in LIBRARY.values() if not _is_below(one, order)]
+        sound = whole.weighted(whole.gaps_after(whole.after(maps)))
+        base, tried = nearest, {nearest.name}
+        starts: list[Start] | None = None
+        for _ in range(_NEIGHBOURS):
+            fits = self._first_look(base, starts, general=False)
+            if starts is None:
+                fits = sorted([*fits, *self._first_look(base, None, general=True)], key=lambda fit: fit.cost)
+            if fits[0].cost <= limit:
+                # of maps that are equal here, the first one
+                equal = (whole.cost_of(own - sound[maps.index(base)]) <= whole.least for own in sound)
+                return next(one for one, is_equal in zip(maps, equal, strict=True) if is_equal)
+            fits = fits[:_SAME_LEADERS]
+            starts = [(fit.faults, tuple(fit.values)) for fit in fits]
+            here = _healthy(self._subset(base, _FIRST_LOOK), base)
+            left = np.min([_left(sound + (fit.remaining - here), fit.slopes) for fit in fits], axis=0)
+            nearer = (maps[k] for k in np.argsort(left) if maps[k].name not in tried)
+            base = next(nearer)
+            tried.add(base.name)
+        return None
 
     def _subset(self, base: Base, max_count: int) -> Transitions:
         transitions = self.on(base)
@@ -412,7 +475,11 @@ class Search:
         if pairs:
             pair = pairs[0]
             is_as_good = pair.cost <= few.limit and pair.complexity < best.complexity
-            if _share(pair, before) >= _EXPLAINED and (is_as_good or _BETTER * pair.cost < best.cost):
+            is_better = is_as_good or _BETTER * pair.cost < best.cost
+            if base is EXACT and _share(best, before) >= _EXPLAINED:
+                # what a single fault leaves may be the error of a method whose step is unknown
+                is_better &= pair.cost <= few.limit
+            if _share(pair, before) >= _EXPLAINED and is_better:
                 best, rivals = pair, pairs
         described = Diagnosis(
             "unexplained", base.name, base.text, before=before, after=before, round_off=round_off,
@@ -469,6 +536,15 @@ def _is_below(base: Base, order: int | None) -> bool:
 
 def _healthy(transitions: Transitions, base: Base) -> Array:
     return transitions.differences([transitions.grid.model(transitions.scene)], base)[0]
+
+
+def _left(differences: Array, slopes: Array) -> Array:
+    """Return the norms of differences (m, 12, n), less what the parameters of a fit can change of them."""
+    rows = differences.reshape(len(differences), -1)
+    if slopes.size:
+        axes = np.linalg.qr(slopes)[0]
+        rows = rows - (rows @ axes) @ axes.T
+    return np.asarray(np.linalg.norm(rows, axis=-1))
 
 
 def _share(fit: Fit, before: float) -> float:

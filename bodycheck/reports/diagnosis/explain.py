@@ -91,11 +91,12 @@ def explained(
     order: int | None,
     wrong: Sequence[QuantityVerdict],
     known_faults: Sequence[tuple[str, ...]] = (),
+    known_map: str = "",
 ) -> ExplainedCase:
     """Return a case with its diagnosis, as far as its truth reaches.
 
     order: of the method. known_faults: names of faults that explained other motions of the method, tried
-    first.
+    first. known_map: its fingerprint.
     """
     assert case.trajectory is not None
     found = diagnosed(
@@ -105,6 +106,7 @@ def explained(
         case.dt_s,
         order=order,
         known_faults=known_faults,
+        known_map=known_map,
     )
     return ExplainedCase(problem, key_of(case.columns), case, tuple(wrong), found)
 
@@ -119,7 +121,8 @@ def explained_cases(
 
     orders: the theoretical orders of the methods.
     """
-    wrong = wrong_verdicts(method_rows)
+    rows = list(method_rows)
+    wrong, maps = wrong_verdicts(rows), _fingerprints(rows)
     by_method = cases_by_method(cases)
     known: dict[MethodKey, list[tuple[str, ...]]] = {}
     found = []
@@ -132,7 +135,14 @@ def explained_cases(
             names = known.setdefault(key, [])
             one = None
             for case in diagnosed_cases(own, scene.sample_interval_s, verdicts):
-                again = explained(problem, case, order=orders.get(key), wrong=verdicts, known_faults=names)
+                again = explained(
+                    problem,
+                    case,
+                    order=orders.get(key),
+                    wrong=verdicts,
+                    known_faults=names,
+                    known_map=maps[key],
+                )
                 if one is None or _names_a_fault(again):
                     one = again
                 if again.diagnosis is None or again.diagnosis.verdict != "healthy":
@@ -150,6 +160,11 @@ def explained_cases(
     separated = [_separated(one, certain.get(one.key, ())) for one in found]
     diagnoses = {(one.problem.scenario.name, one.key): one.diagnosis for one in separated}
     return [_tested(one, problems, by_method, diagnoses) for one in separated]
+
+
+def _fingerprints(method_rows: Iterable[Mapping[str, Any]]) -> dict[MethodKey, str]:
+    """Return the known map of each method, "" where there is none."""
+    return {key_of(row): str(row.get("fingerprint") or "") for row in method_rows}
 
 
 def _names_a_fault(one: ExplainedCase) -> bool:
@@ -335,11 +350,13 @@ def _orders(run: Run) -> dict[MethodKey, int | None]:
 
 def _named(run: Run, pattern: _CasePattern) -> Iterator[ExplainedCase]:
     """Yield the diagnoses of the cases of a pattern: one of each method, unless the step is named."""
-    wrong, orders = wrong_verdicts(run.rows("methods")), _orders(run)
+    rows = run.rows("methods")
+    wrong, orders, maps = wrong_verdicts(rows), _orders(run), _fingerprints(rows)
     by_method = cases_by_method(case for case in run.cases if pattern.fits(case))
     for problem in run.problems:
         name = problem.scenario.name
         for key, cases in by_method.get(name, {}).items():
             for chosen in diagnosed_cases(cases, problem.scenario.scene.sample_interval_s)[:1]:
                 verdicts = wrong.get((name, key), ())
-                yield explained(problem, chosen, order=orders.get(key), wrong=verdicts)
+                known = maps.get(key, "")
+                yield explained(problem, chosen, order=orders.get(key), wrong=verdicts, known_map=known)

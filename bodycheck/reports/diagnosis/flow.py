@@ -1,7 +1,12 @@
-"""The one-step maps, for all candidates and all transitions at once, in numpy."""
+"""The one-step maps, for all candidates and all transitions at once, in numpy.
+
+Every map of the library can carry faults. They act through its body and its loads, and on its result; in the
+maps that most engines make, they act inside the step.
+"""
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -12,15 +17,20 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.integrators.facts import Tableau
 from bodycheck.reference_impl.loads.load import Instants
+from bodycheck.reference_impl.one_step_maps import EXACT as EXACT_FLOW
+from bodycheck.reference_impl.one_step_maps import MAPS, OneStepMap
+from bodycheck.reference_impl.one_step_maps.one_step_map import Motion, Solid, zero_order_hold
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.diagnosis.engine_model import (
     ClampAxes,
     Indices,
     Model,
+    conjugated,
     cross,
     exponential,
     matrix_of,
     product,
+    rotation_vector,
     times,
     transposed_times,
 )
@@ -28,16 +38,22 @@ from bodycheck.reports.diagnosis.engine_model import (
 
 @dataclass
 class States:
-    """x, v in world axes, w in body axes: (3, c, s); q: (4, c, s)."""
+    """x, v in world axes, w in body axes: (3, c, s); q: (4, c, s).
+
+    held: (3, 3, c, s) the matrix of an engine that holds one, which need not be orthogonal.
+    """
 
     x: Array
     v: Array
     q: Array
     w: Array
+    held: Array | None = None
 
     def of(self, candidates: Indices) -> States:
         """Return the states of some candidates."""
-        return States(*(value[:, candidates] for value in (self.x, self.v, self.q, self.w)))
+        held = None if self.held is None else self.held[:, :, candidates]
+        x, v, q, w = (value[:, candidates] for value in (self.x, self.v, self.q, self.w))
+        return States(x, v, q, w, held)
 
 
 @dataclass(frozen=True)
@@ -45,7 +61,8 @@ class Base:
     """A healthy one-step map.
 
     kind: how omega advances. turn: how the attitude does. pose_first: whether the pose advances with the old
-    velocities. tableau: instead of these three.
+    velocities. tableau: instead of these three. one: a map of the library, instead of all of these.
+    in_body_axes: whether its loads are held over the step in body axes, or in world axes; None: neither.
     """
 
     name: str
@@ -55,6 +72,8 @@ class Base:
     pose_first: bool = False
     tableau: Tableau | None = None
     order: int = 1
+    one: OneStepMap | None = None
+    in_body_axes: bool | None = None
 
 
 def _runge_kutta(name: str) -> Base:
@@ -65,7 +84,7 @@ def _runge_kutta(name: str) -> Base:
 EXACT = Base("exact", "the exact flow", tableau=INTEGRATORS["dop853"].tableau, order=8)
 """Runge-Kutta of order 8 with steps so fine that their error is below round-off."""
 
-BASES = {
+COMMON = {
     base.name: base
     for base in (
         Base("m1", INTEGRATORS["m1"].formula),
@@ -78,7 +97,17 @@ BASES = {
         EXACT,
     )
 }
-"""The maps that a diagnosis starts from."""
+"""The maps that a diagnosis starts from, in which faults act inside the step."""
+
+LIBRARY = {
+    one.name: Base(one.name, f"{one.name}, {one.description}", order=one.order, one=one)
+    for one in MAPS.values()
+    if one.order > 0 and one is not EXACT_FLOW
+}
+"""The maps of the library; without a gyroscopic term, they are faults."""
+
+BASES = COMMON | LIBRARY
+"""All maps in which faults are planted, by name."""
 
 
 class Flow:
@@ -123,6 +152,13 @@ class Flow:
         return np.array([float(getattr(model, name)) for model in self._models])
 
     @cached_property
+    def _solid(self) -> Solid:
+        """The bodies of all candidates and transitions, in rows."""
+        count = len(self._dt_s)
+        inertia = np.moveaxis(self._inertia[..., 0], -1, 0)
+        return Solid(np.repeat(self._numbers("mass"), count), np.repeat(inertia, count, axis=0))
+
+    @cached_property
     def _features(self) -> dict[str, tuple[Indices, Array]]:
         """The candidates (k,) that have a number of a name, and the numbers (k, 1)."""
         found = {}
@@ -138,7 +174,7 @@ class Flow:
         """The limits of v and w: which, in which axes, candidates (k,), limits (k, 1), whether first."""
         groups: dict[tuple[str, ClampAxes, bool], list[tuple[int, float]]] = {}
         for row, model in enumerate(self._models):
-            first = model.clamped_first and self._base.tableau is None
+            first = model.clamped_first and self._base.tableau is None and self._base.one is None
             for quantity, clamp in (("v", model.clamp_v), ("w", model.clamp_w)):
                 if clamp is not None:
                     groups.setdefault((quantity, clamp[0], first), []).append((row, clamp[1]))
@@ -165,6 +201,12 @@ class Flow:
         factor[self._ramps] = 1.0 + self._first_step + step
         return [part * factor for part in parts]
 
+    def of_map(self, base: Base) -> Flow:
+        """Return the same candidates, each without a fault, with another map."""
+        flow = copy.copy(self)
+        flow._base, flow._solid = base, self._solid
+        return flow
+
     def advance(self, y: States, steps: int, first: int = 0) -> States:
         """Return the states after the steps, of which `first` were made before."""
         for step in range(first, first + steps):
@@ -189,7 +231,11 @@ class Flow:
         """Return the states after one step of length dt (c, s)."""
         loads = self._loads(step)
         t = self._start_s + step * self._dt
-        new = self._runge_kutta(y, loads, t, dt) if self._base.tableau else self._first_order(y, loads, t, dt)
+        if self._base.one is not None:
+            new = self._of_library(self._base.one, y, loads, t, dt)
+        else:
+            advanced = self._runge_kutta if self._base.tableau else self._first_order
+            new = advanced(y, loads, t, dt)
         if "old_velocity" in self._features:
             rows = self._features["old_velocity"][0]
             new.x[:, rows] = (y.x + dt * y.v)[:, rows]
@@ -241,18 +287,73 @@ class Flow:
         solved = [(torque * part).sum(axis=0) for part in (bc, cross(c, a), cross(a, b))]
         return np.stack(solved) / det
 
+    def _of_library(self, one: OneStepMap, y: States, loads: list[Array], t: Array, dt: Array) -> States:
+        """Return the states after a step of a map of the library."""
+        shape = y.w.shape[1:]
+
+        def in_rows(value: Array) -> Array:
+            """Return (n, 3) or (n, 3, 3) of (3, c, s) or (3, 3, c, s), n = c s."""
+            rows = value.reshape(*value.shape[:-2], -1)
+            return rows.T if rows.ndim == 2 else rows.transpose(2, 0, 1)
+
+        def apart(rows: Array) -> Array:
+            """Undo in_rows."""
+            parts = rows.T if rows.ndim == 2 else rows.transpose(1, 2, 0)
+            return parts.reshape(*parts.shape[:-1], *shape)
+
+        def acting(at: Array, x: Array, rotation: Array, v: Array, omega: Array) -> tuple[Array, Array]:
+            turn = apart(rotation)
+            now = States(apart(x), apart(v), y.q, transposed_times(turn, apart(omega)))
+            acceleration, torque, gyroscopic = self._forces(now, loads, at.reshape(shape), turn)
+            if self._spins_wrongly:
+                torque = torque - gyroscopic + cross(now.w, times(self._inertia, now.w))
+                torque = torque + times(self._inertia, self._omega_extra(now))
+            return self._solid.mass[:, None] * in_rows(acceleration), in_rows(torque)
+
+        begin = Motion(
+            np.broadcast_to(t, shape).reshape(-1),
+            in_rows(y.x),
+            in_rows(y.v),
+            in_rows(y.q),
+            in_rows(y.w),
+            rotation=None if y.held is None else in_rows(y.held),
+        )
+        held = self._base.in_body_axes
+        acts = acting if held is None else zero_order_hold(acting, begin, in_body_axes=held)
+        end = one.step(self._solid, begin, np.broadcast_to(dt, shape).reshape(-1), acts)
+        matrix = None if end.rotation is None else apart(end.rotation)
+        new = States(
+            apart(end.position), apart(end.velocity), apart(end.quaternion), apart(end.omega), matrix
+        )
+        if self._turn_factor is not None or self._features.keys() & {"largest_turn", "world_turn"}:
+            unit = new.q / np.sqrt((new.q**2).sum(axis=0))
+            new.q = self._rotated_by(y.q, rotation_vector(product(conjugated(y.q), unit)))
+            new.held = None if matrix is None else matrix_of(new.q)
+        return new
+
+    @cached_property
+    def _spins_wrongly(self) -> bool:
+        """Whether omega' of a candidate has another gyroscopic term, or other terms besides."""
+        return self._gyro is not None or bool(self._features.keys() & _OF_OMEGA_RATE)
+
     def _turned(self, q: Array, w: Array, dt: Array) -> Array:
+        if self._base.turn != "additive":
+            return self._rotated_by(q, dt * w)
+        w = w if self._turn_factor is None else self._turn_factor * w
+        return self._advanced(q, np.concatenate([np.ones_like(w[:1]), 0.5 * dt * w]))
+
+    def _rotated_by(self, q: Array, share: Array) -> Array:
+        """Return q rotated by vectors (3, c, s) in body axes, as each candidate does."""
         if self._turn_factor is not None:
-            w = self._turn_factor * w
-        if self._base.turn == "additive":
-            by = np.concatenate([np.ones_like(w[:1]), 0.5 * dt * w])
-        else:
-            share = dt * w
-            if "largest_turn" in self._features:
-                rows, limit = self._features["largest_turn"]
-                angle = np.sqrt((share[:, rows] ** 2).sum(axis=0))
-                share[:, rows] *= np.minimum(1.0, limit / np.maximum(angle, 1e-300))
-            by = exponential(share)
+            share = self._turn_factor * share
+        if "largest_turn" in self._features:
+            rows, limit = self._features["largest_turn"]
+            angle = np.sqrt((share[:, rows] ** 2).sum(axis=0))
+            share[:, rows] *= np.minimum(1.0, limit / np.maximum(angle, 1e-300))
+        return self._advanced(q, exponential(share))
+
+    def _advanced(self, q: Array, by: Array) -> Array:
+        """q by, or by q of candidates that rotate the attitude in the wrong axes."""
         new = product(q, by)
         if "world_turn" in self._features:
             rows = self._features["world_turn"][0]
@@ -301,8 +402,13 @@ class Flow:
             w[:, rows] = w[:, rows].astype(np.float32)
         return w
 
-    def _forces(self, y: States, loads: list[Array], t: Array) -> tuple[Array, Array, Array]:
-        """Return v' in world axes, and torque and gyroscopic term in body axes, (3, c, s)."""
+    def _forces(
+        self, y: States, loads: list[Array], t: Array, turn: Array | None = None
+    ) -> tuple[Array, Array, Array]:
+        """Return v' in world axes, and torque and gyroscopic term in body axes, (3, c, s).
+
+        turn: R (3, 3, c, s), by default that of q.
+        """
         w = self._stage_omega(y.w)
         features = self._features
         force_body, force_world, torque_body, torque_world, moment = loads
@@ -314,7 +420,9 @@ class Flow:
         continuous = self._scene.continuous_loads
         rotates = self._needs[0] or any(self._needs[3:]) or continuous or "inertia_in_world" in features
         rotates = rotates or "force_world_by" in features or "torque_body_by" in features
-        if rotates or "body_velocity" in features:
+        if turn is not None:
+            rotation = turn
+        elif rotates or "body_velocity" in features:
             rotation = matrix_of(y.q)
         if "force_world_by" in features:
             acceleration = self._rotated("force_world_by", rotation, acceleration, lambda _, v: v)
@@ -385,11 +493,9 @@ class Flow:
 
         return in_body(turning), in_body(times(rotation, torque))
 
-    def _omega_extra(self, y: States) -> Array | float:
+    def _omega_extra(self, y: States) -> Array:
         """Return what is added to omega' besides I^-1 of torques: damping, and the pull of the energy."""
         features = self._features
-        if not features.keys() & {"damping_w", "damping_w_speed", "energy_pull"}:
-            return 0.0
         w = self._stage_omega(y.w)
         extra = np.zeros_like(w)
         for name, power in (("damping_w", 0), ("damping_w_speed", 1)):
@@ -452,6 +558,8 @@ class Flow:
                 value[:, rows] = np.where(slow, before[:, rows], value[:, rows])
         return new
 
+
+_OF_OMEGA_RATE = {"damping_w", "damping_w_speed", "energy_pull", "inertia_in_world", "single_stage"}
 
 _WRONGLY = {
     "force_body_by": (transposed_times, times),

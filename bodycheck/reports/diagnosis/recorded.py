@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.one_step_maps import EXACT as EXACT_MAP
-from bodycheck.reference_impl.one_step_maps import OneStepMap
 from bodycheck.reference_impl.one_step_maps.one_step_map import Motion, Solid, scene_loads, times
 from bodycheck.reference_impl.rotations import normalised
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.diagnosis.attitude_readings import attitude_diagnosis
-from bodycheck.reports.diagnosis.diagnosis import Diagnosis, Search, bases_for, obstacle
-from bodycheck.reports.diagnosis.flow import EXACT
-from bodycheck.reports.diagnosis.known_maps import KnownMap, maps_of
+from bodycheck.reports.diagnosis.diagnosis import LIBRARY_STEPS, Diagnosis, Search, bases_for, obstacle
+from bodycheck.reports.diagnosis.flow import COMMON, EXACT, Base
 from bodycheck.reports.diagnosis.quantity_resolution import Resolution
 from bodycheck.reports.diagnosis.solver_error import solver_error
 from bodycheck.reports.diagnosis.start import StartState, start_difference
 from bodycheck.reports.diagnosis.strapdown import strapdown_rules
 from bodycheck.reports.measurement.scales import Scales
+
+_ALIKE = 0.9  # correlation of errors that one map makes, in one step and in several
 
 
 def diagnosed_recording(
@@ -59,6 +58,8 @@ def diagnosed_recording(
         if search is None:
             return None
         found, made_by = _without_fault(search, known, resolution)
+        if found is None and dt_s is None:
+            found, made_by = _of_several_steps(search, known, resolution)
         if found is None:
             found = _with_fault(search, stepped=dt_s is not None)
     if start is not None and made_by is not None and scene.pivot is None:
@@ -69,23 +70,18 @@ def diagnosed_recording(
 
 def _without_fault(
     search: Search, known: frozenset[str], resolution: Resolution
-) -> tuple[Diagnosis | None, OneStepMap | None]:
+) -> tuple[Diagnosis | None, Base | None]:
     """Return the diagnosis of a motion without a fault, and the map that made it."""
     some = search.own or search.fine
     assert some is not None
     within = resolution.text(known) if some.is_coarse else ""
-    matches: Sequence[KnownMap] = ()
-    if search.own is not None and search.own.scene.pivot is None:
-        matches = maps_of(search.own)
+    matches = list(search.matches)
     if search.fine is not None and search.is_healthy(EXACT):
-        names = tuple(match.text for match in matches)
-        found = Diagnosis("healthy", EXACT.name, EXACT.text, within=within, equal_maps=names)
-        return found, EXACT_MAP
+        matches.insert(0, EXACT)
     if matches:
         first, *others = matches
-        words = f"{first.text}, {first.one.description}"
-        names = tuple(match.text for match in others)
-        return Diagnosis("healthy", first.text, words, within=within, equal_maps=names), first.one
+        names = tuple(base.name for base in others)
+        return Diagnosis("healthy", first.name, first.text, within=within, equal_maps=names), first
     if search.fine is not None and search.fine.scene.pivot is None:
         omega = search.fine.of_quantities(frozenset({"omega"}))
         rules = strapdown_rules(some) if "attitude" in known else []
@@ -93,6 +89,33 @@ def _without_fault(
             words = f"{rules[0].name}, {rules[0].formula}, of order {rules[0].order}"
             names = tuple(rule.name for rule in rules[1:])
             return Diagnosis("strapdown", rules[0].name, words, within=within, equal_maps=names), None
+    return None, None
+
+
+def _of_several_steps(
+    search: Search, known: frozenset[str], resolution: Resolution
+) -> tuple[Diagnosis | None, Base | None]:
+    """Return the diagnosis of a map with several steps per sample, and the map; None where none is seen.
+
+    n steps of a map of order p leave 1 / n^p of the error that one step of the same length leaves.
+    """
+    own, fine = search.own, search.fine
+    if own is None or fine is None:
+        return None, None
+    errors = fine.gaps([fine.grid.model(fine.scene)], EXACT)[0, fine.rows].ravel()
+    tried: set[int] = set()
+    for base in COMMON.values():
+        of_one = errors - own.gaps([own.grid.model(own.scene)], base)[0, own.rows].ravel()
+        size, along = float(np.linalg.norm(of_one)), float(errors @ of_one)
+        if not _ALIKE * size * float(np.linalg.norm(errors)) <= along < size**2:
+            continue
+        steps = round((size**2 / along) ** (1.0 / base.order))
+        for count in {steps - 1, steps, steps + 1}.intersection(range(2, LIBRARY_STEPS + 1)) - tried:
+            tried.add(count)
+            found, made_by = _without_fault(search.with_steps(count), known, resolution)
+            if found is not None:
+                words = f"{found.base_words}, with {count} steps per sample"
+                return replace(found, base_words=words), made_by
     return None, None
 
 
@@ -117,9 +140,10 @@ def _with_fault(search: Search, *, stepped: bool) -> Diagnosis:
     return found
 
 
-def _later(scene: Scene, one: OneStepMap, dt_s: float, trajectory: Trajectory) -> dict[str, StartState]:
+def _later(scene: Scene, base: Base, dt_s: float, trajectory: Trajectory) -> dict[str, StartState]:
     """Return what a log may begin with: the state after the first step, or after the first interval."""
     initial, world = scene.initial, trajectory.omega_body_rad_s is None
+    one = EXACT_MAP if base.one is None else base.one
     stride = max(round(scene.sample_interval_s / dt_s), 1)
     loads = scene_loads(replace(scene, duration_s=scene.sample_interval_s, samples=2))
     motion = Motion(

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bodycheck._util.formatting import names, number
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.rotations import conjugate, geodesic_angle, normalised, quaternion_to_matrix
+from bodycheck.reference_impl.rotations import geodesic_angle, normalised, quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.diagnosis.engine_model import Reading
+from bodycheck.reports.diagnosis.faults.wrong_readings import quaternions_as_set, wrong_readings
 from bodycheck.reports.diagnosis.quantity_resolution import Resolution
 
 _SAME = 3.0  # multiples of the resolution
@@ -84,9 +85,9 @@ def start_difference(
     found = []
     for name in ("attitude", "omega"):
         if name in sizes:
-            for meaning, state in _READINGS[name](start, scene, world_omega):
+            for meaning, state in _readings(start, scene, name, world_omega=world_omega):
                 if name not in _differences(first, state, known, resolution):
-                    found.append(meaning)
+                    found.append(f"as if {meaning}")
                     break
     return StartDifference(sizes, "; ".join(found))
 
@@ -110,46 +111,21 @@ def _differences(
     return found
 
 
-_Reading = Iterator[tuple[str, StartState]]
-
-
-def _attitudes(start: StartState, _: Scene, world_omega: bool) -> _Reading:
-    del world_omega
-    other = {
-        "its quaternion is the conjugate, world to body": conjugate(start.attitude),
-        "its quaternion is the scenario's with the scalar last, (x, y, z, w)": np.roll(start.attitude, -1),
-        "its quaternion is the scenario's taken as scalar last, (x, y, z, w)": np.roll(start.attitude, 1),
-        "its attitude is the identity": np.array([1.0, 0.0, 0.0, 0.0]),
-    }
-    for meaning, attitude in other.items():
-        yield meaning, StartState(start.position, start.velocity, attitude, start.omega)
-
-
-def _omegas(start: StartState, scene: Scene, world_omega: bool) -> _Reading:
-    rotation = quaternion_to_matrix(scene.initial.quaternion)
-    other_axes = rotation.T @ start.omega if world_omega else rotation @ start.omega
-    here, there = ("world", "body") if world_omega else ("body", "world")
-    inverse = rotation @ start.omega if world_omega else rotation.T @ start.omega
-    factors = {
-        "its omega is in degrees per second": 180.0 / math.pi,
-        "its omega is the scenario's number taken as degrees per second": math.pi / 180.0,
-        "its omega has the opposite sign": -1.0,
-    }
-    others = {
-        f"its omega in {here} axes is the scenario's omega in {there} axes": other_axes,
-        "its omega is the scenario's, rotated by the inverse of its attitude": inverse,
-        **{meaning: factor * start.omega for meaning, factor in factors.items()},
-        **{
-            f"its omega about {axis} has the opposite sign": start.omega * (1.0 - 2.0 * np.eye(3)[index])
-            for index, axis in enumerate("xyz")
-        },
-    }
-    for meaning, omega in others.items():
-        yield meaning, StartState(start.position, start.velocity, start.attitude, omega)
-
-
-_READINGS: Mapping[str, Callable[[StartState, Scene, bool], _Reading]] = {
-    "attitude": _attitudes,
-    "omega": _omegas,
-}
-"""Quantity -> how its first value may have been read or set."""
+def _readings(
+    start: StartState, scene: Scene, name: str, *, world_omega: bool
+) -> Iterator[tuple[str, StartState]]:
+    """Yield how the first attitude or omega may have been read or set, and the state that this makes."""
+    right = Reading(
+        start.position[:, None], start.velocity[:, None], start.attitude[:, None], start.omega[:, None]
+    )
+    for one in wrong_readings("q" if name == "attitude" else "w"):
+        read = one.apply(right, world_omega=world_omega)
+        yield one.text, replace(start, attitude=read.q[:, 0], omega=read.w[:, 0])
+    if name == "attitude":
+        for text, as_set in quaternions_as_set():
+            yield text, replace(start, attitude=as_set(start.attitude))
+        yield "the attitude is the identity", replace(start, attitude=np.array([1.0, 0.0, 0.0, 0.0]))
+    else:
+        rotation = quaternion_to_matrix(scene.initial.quaternion)
+        inverse = rotation @ start.omega if world_omega else rotation.T @ start.omega
+        yield "omega is rotated by the inverse of the attitude", replace(start, omega=inverse)

@@ -297,19 +297,31 @@ class Transitions:
     def differences(self, models: Sequence[Model], base: Base) -> Array:
         """(c, 12, s) weighted differences of the trajectory from the predictions, over their scales."""
         gaps = self.gaps(models, base)
-        if self.whitening is None:
-            return gaps * self.weights[:, None]
-        if self.whole is not None:
+        if self.whitening is not None and self.whole is not None:
             healthy = self.whole.healthy_gaps(base)
             gaps = healthy + (gaps - healthy[:, :, self._places]) @ self._interpolation
-        return self.whitened(gaps)
+        return self.weighted(gaps)
 
-    def whitened(self, gaps: Array) -> Array:
-        """Return differences (c, 12, s) over their scales, whitened over the whole log; 0 if unknown."""
-        assert self.whitening is not None
+    def weighted(self, gaps: Array) -> Array:
+        """Return differences (c, 12, s) over their scales, weighted, or whitened over the whole log."""
+        if self.whitening is None:
+            return gaps * self.weights[:, None]
         found = np.zeros_like(gaps)
         found[:, self.rows] = self.whitening.whitened(gaps[:, self.rows])
         return found
+
+    def after(self, maps: Sequence[Base]) -> list[States]:
+        """Return the states (.., 1, s) at the end of each transition that maps of the library make."""
+        healthy = [self.grid.model(self.scene)]
+        start, flow = self._starts(healthy, maps[0]), self.flow(healthy, maps[0])
+        with np.errstate(all="ignore"):
+            return [flow.of_map(base).advance(start, self.grid.stride) for base in maps]
+
+    def gaps_after(self, states: Sequence[States]) -> Array:
+        """(c, 12, s) differences of the trajectory from states (.., 1, s), over their scales."""
+        parts = [self._reading_of(y) for y in states]
+        x, v, q, w = (np.concatenate([getattr(one, name) for one in parts], axis=1) for name in "xvqw")
+        return self.gaps_of(Reading(x, v, q, w))
 
     def gaps(self, models: Sequence[Model], base: Base) -> Array:
         """(c, 12, s) differences of the trajectory from the predictions, over their scales."""
@@ -395,6 +407,12 @@ class Transitions:
             y.x[:, stale], y.v[:, stale], y.q[:, stale], y.w[:, stale] = now.x, now.v, now.q, now.w
         if self.indices[0] == 0 and self.trajectory.t_s[0] == 0.0 and not self.from_rows:
             self._start_values(models, y)
+        if self.trajectory.quaternion is None and base.one is not None:
+            # the matrix that was read, turned as far as a candidate reads another attitude
+            assert self.trajectory.rotation is not None
+            held = np.moveaxis(self.trajectory.rotation[self.indices], 0, -1)[:, :, None]
+            turned = np.einsum("ji...,jk...->ik...", matrix_of(self._read[0].q)[:, :, None], matrix_of(y.q))
+            y.held = np.einsum("ij...,jk...->ik...", held, turned)
         return y
 
     def _start_values(self, models: Sequence[Model], y: States) -> None:

@@ -58,7 +58,7 @@ class CheckBench:
         mistake = self._free[2]
         if mistake is None:
             return made
-        undone = tuple(replace(one, trajectory=mistake.undone(one.trajectory, scene)) for one in made.motions)
+        undone = tuple(replace(one, trajectory=mistake.undone(one.trajectory)) for one in made.motions)
         return replace(made, motions=undone)
 
     def _made(self, scene: Scene, steps_s: Sequence[float]) -> Motions:

@@ -8,15 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import partial
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from bodycheck.adapters.contract import ReadBack
+from bodycheck.adapters.contract import Reading as StateReading
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.rotations import conjugate
-from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.rotations import matrix_to_quaternion, project_to_so3, quaternion_to_matrix
+from bodycheck.reference_impl.scene import Scene, State
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.diagnosis.engine_model import Reading
+from bodycheck.reports.diagnosis.faults import FAULTS
+from bodycheck.reports.diagnosis.faults.fault import Changed
+from bodycheck.reports.diagnosis.faults.wrong_readings import WrongReading, wrong_readings
 from bodycheck.reports.probes.finding import Finding, Sampled, limit
 from bodycheck.reports.probes.readings import reading_findings, turning
 
@@ -26,11 +32,12 @@ class Mistake:
     """A wrong reading in words, the correction that undoes it, and the checks that it fails."""
 
     text: str
-    undone: Callable[[Trajectory, Scene], Trajectory]
+    undone: Callable[[Trajectory], Trajectory]
     checks: tuple[str, ...]
 
 
 _OMEGA = ("omega_body_reading", "omega_world_reading")
+_OF_ATTITUDE = (*_OMEGA, "rotation_reading")
 _VELOCITY = ("velocity_reading",)
 _SAME_SHARE = 1e-2  # relative; float32 leaves 2e-3 of the positions of a probe
 
@@ -40,10 +47,15 @@ def reading_mistake(
 ) -> Mistake | None:
     """Return the mistake that explains the inconsistent findings of `reading_findings`, if one does."""
     wrong = {finding.check for finding in findings if finding.verdict == "inconsistent"}
-    for mistake in _mistakes(motions[-1].trajectory):
-        concerned = wrong.intersection(mistake.checks)
-        if concerned and _explains(mistake, motions, resolution, concerned):
-            return mistake
+    last = motions[-1]
+    found = [
+        mistake
+        for mistake in _mistakes(last.trajectory, last.scene)
+        if (concerned := wrong.intersection(mistake.checks))
+        and _explains(mistake, motions, resolution, concerned)
+    ]
+    if found:
+        return replace(found[0], text=", or ".join(mistake.text for mistake in found))
     return _step_mistake(motions, wrong)
 
 
@@ -57,7 +69,7 @@ def _explains(mistake: Mistake, motions: Sequence[Sampled], resolution: float, c
     for motion in motions:
         per_cell = (len(motion.trajectory.t_s) - 1) // cells
         later = part_of(motion.trajectory, slice(per_cell, None))
-        corrected.append(replace(motion, trajectory=mistake.undone(later, motion.scene)))
+        corrected.append(replace(motion, trajectory=mistake.undone(later)))
     found = {finding.check: finding for finding in reading_findings(corrected, resolution)}
     return all(found[check].verdict == "consistent" for check in checks)
 
@@ -69,63 +81,54 @@ def part_of(path: Trajectory, samples: slice) -> Trajectory:
     return Trajectory(**cut)
 
 
-def _mistakes(path: Trajectory) -> Iterator[Mistake]:
-    """Yield the mistakes that readings with these quantities may have, the simplest first."""
-    if path.quaternion is not None:
-        yield Mistake(
-            "the quaternion is world to body: the conjugate of the body's attitude",
-            lambda p, _: replace(p, quaternion=conjugate(_required(p.quaternion))),
-            (*_OMEGA, "rotation_reading"),
-        )
-        yield Mistake(
-            "the quaternion is scalar last, (x, y, z, w) instead of (w, x, y, z)",
-            lambda p, _: replace(p, quaternion=np.roll(_required(p.quaternion), 1, axis=-1)),
-            (*_OMEGA, "rotation_reading"),
-        )
-    if path.rotation is not None:
-        yield Mistake(
-            "the rotation matrix is world to body: the transpose of the body's attitude",
-            lambda p, _: replace(p, rotation=np.swapaxes(_required(p.rotation), -1, -2)),
-            (*_OMEGA, "rotation_reading"),
-        )
-    if path.omega_body_rad_s is not None:
-        yield Mistake(
-            "omega_body is in world axes: it equals R omega of the derivative of the attitude",
-            lambda p, _: replace(p, omega_body_rad_s=_in_body_axes(p, _required(p.omega_body_rad_s))),
-            _OMEGA[:1],
-        )
-    if path.omega_world_rad_s is not None:
-        yield Mistake(
-            "omega_world is in body axes: it equals R^T omega of the derivative of the attitude",
-            lambda p, _: replace(p, omega_world_rad_s=_in_world_axes(p, _required(p.omega_world_rad_s))),
-            _OMEGA[1:],
-        )
-    for axes, check in zip(("body", "world"), _OMEGA, strict=True):
-        name = f"omega_{axes}_rad_s"
-        if getattr(path, name) is not None:
-            yield _scaled(name, f"omega_{axes} has the opposite sign", -1.0, check)
-            yield _scaled(name, f"omega_{axes} is in degrees per second, not rad/s", np.pi / 180.0, check)
-            yield _scaled(name, f"omega_{axes} is in turns per second, not rad/s", 2.0 * np.pi, check)
-    yield Mistake(
-        "the velocity is in body axes: it equals R^T of the derivative of the position",
-        lambda p, _: replace(p, velocity_m_s=_in_world_axes(p, p.velocity_m_s)),
-        _VELOCITY,
-    )
-    yield _scaled("velocity_m_s", "the velocity has the opposite sign", -1.0, *_VELOCITY)
-    yield _scaled("velocity_m_s", "the velocity is in mm/s or the position in km", 1e-3, *_VELOCITY)
-    yield _scaled("velocity_m_s", "the position is in mm or the velocity in km/s", 1e3, *_VELOCITY)
-    yield Mistake(
-        "the position is that of the link's origin, not of the centre of mass",
-        lambda p, scene: replace(p, position_m=p.position_m - _link_arm(p, scene)),
-        _VELOCITY,
-    )
-    yield Mistake(
-        "the velocity is that of the link's origin, not of the centre of mass",
-        lambda p, scene: replace(
-            p, velocity_m_s=p.velocity_m_s - np.cross(p.omega_world, _link_arm(p, scene))
-        ),
-        _VELOCITY,
-    )
+def _mistakes(path: Trajectory, scene: Scene) -> Iterator[Mistake]:
+    """Yield the wrong readings of the catalogue that a motion with these quantities may have."""
+    for one in wrong_readings():
+        if one.quantity == "q" and path.quaternion is not None:
+            yield Mistake(one.text, partial(_with_attitude, one, "quaternion"), _OF_ATTITUDE)
+        if one.quantity == "q" and path.rotation is not None:
+            text = one.text.replace("quaternion", "rotation matrix")
+            yield Mistake(text, partial(_with_attitude, one, "rotation"), _OF_ATTITUDE)
+        for axes, check in zip(("body", "world"), _OMEGA, strict=True):
+            if one.quantity == "w" and getattr(path, f"omega_{axes}_rad_s") is not None:
+                text = one.text.replace("omega", f"omega_{axes}", 1)
+                yield Mistake(text, partial(_with_omega, one, axes), (check,))
+        if one.quantity in ("x", "v"):
+            yield Mistake(one.text, partial(_with_translation, one), _VELOCITY)
+    if scene.link is not None:
+        for name in ("position", "velocity"):
+            point = WrongReading.of(f"{name}-of-another-point", scene.link.offset)
+            text = f"the {name} is that of the link's origin, not of the centre of mass"
+            yield Mistake(text, partial(_with_translation, point), _VELOCITY)
+
+
+def _reading(path: Trajectory, attitude: Array, *, world_omega: bool) -> Reading:
+    omega = path.omega_world if world_omega else path.omega_body
+    return Reading(path.position_m.T, path.velocity_m_s.T, attitude.T, omega.T)
+
+
+def _with_attitude(one: WrongReading, form: str, path: Trajectory) -> Trajectory:
+    if form == "quaternion":
+        assert path.quaternion is not None
+        read = one.undo(_reading(path, path.quaternion, world_omega=False), world_omega=False)
+        return replace(path, quaternion=read.q.T)
+    assert path.rotation is not None
+    attitude = matrix_to_quaternion(project_to_so3(path.rotation))
+    read = one.undo(_reading(path, attitude, world_omega=False), world_omega=False)
+    return replace(path, rotation=quaternion_to_matrix(read.q.T))
+
+
+def _with_omega(one: WrongReading, axes: str, path: Trajectory) -> Trajectory:
+    world = axes == "world"
+    name = f"omega_{axes}_rad_s"
+    reading = replace(_reading(path, path.attitude, world_omega=False), w=getattr(path, name).T)
+    changed: dict[str, Any] = {name: one.undo(reading, world_omega=world).w.T}
+    return replace(path, **changed)
+
+
+def _with_translation(one: WrongReading, path: Trajectory) -> Trajectory:
+    read = one.undo(_reading(path, path.attitude, world_omega=True), world_omega=True)
+    return replace(path, position_m=read.x.T, velocity_m_s=read.v.T)
 
 
 def _step_mistake(motions: Sequence[Sampled], wrong: set[str]) -> Mistake | None:
@@ -136,7 +139,7 @@ def _step_mistake(motions: Sequence[Sampled], wrong: set[str]) -> Mistake | None
     if not {*_VELOCITY} < wrong or np.ptp(found) > _SAME_SHARE * abs(share):
         return None
     text = f"the engine's step is {share:.3g} times the requested one"
-    return Mistake(text, lambda path, _: path, (*_OMEGA, *_VELOCITY))
+    return Mistake(text, lambda path: path, (*_OMEGA, *_VELOCITY))
 
 
 def _shares(path: Trajectory, dt_s: float) -> Array:
@@ -147,34 +150,6 @@ def _shares(path: Trajectory, dt_s: float) -> Array:
             pairs.append((turning(path, axes, dt_s), reading))
     means = [(rate, 0.5 * (reading[:-1] + reading[1:])) for rate, reading in pairs]
     return np.array([np.sum(rate * mean) / np.sum(mean * mean) for rate, mean in means])
-
-
-def _scaled(name: str, text: str, factor: float, *checks: str) -> Mistake:
-    def undone(path: Trajectory, scene: Scene) -> Trajectory:  # noqa: ARG001 - the signature of a correction
-        changed: dict[str, Any] = {name: factor * getattr(path, name)}
-        return replace(path, **changed)
-
-    return Mistake(text, undone, checks)
-
-
-def _required(values: Array | None) -> Array:
-    assert values is not None
-    return values
-
-
-def _in_body_axes(path: Trajectory, vectors: Array) -> Array:
-    return np.einsum("nji,nj->ni", path.rotation_matrices, vectors)
-
-
-def _in_world_axes(path: Trajectory, vectors: Array) -> Array:
-    return np.einsum("nij,nj->ni", path.rotation_matrices, vectors)
-
-
-def _link_arm(path: Trajectory, scene: Scene) -> Array:
-    """R offset (n, 3): the link's origin from the centre of mass, world axes, m; 0 without a link."""
-    return (
-        np.zeros_like(path.position_m) if scene.link is None else path.rotation_matrices @ scene.link.offset
-    )
 
 
 _FACTORS = {
@@ -209,29 +184,55 @@ def read_back_mistake(scene: Scene, dt_s: float | None, found: ReadBack) -> str:
 
 
 def _misread(scene: Scene, found: ReadBack) -> str:
-    """Return which other quantity of the scene stands in place of the right one."""
+    """Return which fault of the catalogue makes what was read back of the right quantity; "" if none does."""
     initial, state, inertia = scene.initial, found.state, scene.body.inertia
+    pairs = [*_read_wrongly(initial, state), *_changed(scene, found)]
     turn = initial.rotation
-    mistakes: list[tuple[str, Array, Array | None]] = [
-        ("the quaternion is world to body", conjugate(initial.quaternion), state.quaternion),
-        ("the quaternion is scalar last, (x, y, z, w)", np.roll(initial.quaternion, -1), state.quaternion),
-        ("the rotation matrix is world to body", turn.T, state.rotation),
-        ("omega_body is in world axes", initial.omega_world, state.omega_body),
-        ("omega_world is in body axes", initial.omega_body, state.omega_world),
-        ("the velocity is in body axes", turn.T @ initial.velocity, state.velocity),
-        ("the inertia is in world axes", turn @ inertia @ turn.T, found.inertia),
-        ("the off-diagonals of the inertia are products of inertia: their sign is reversed",
-         2.0 * np.diag(np.diag(inertia)) - inertia, found.inertia),
-        ("the off-diagonals of the inertia are lost", np.diag(np.diag(inertia)), found.inertia),
-        ("the inertia is its inverse", np.asarray(np.linalg.inv(inertia), dtype=np.float64), found.inertia),
-    ]  # fmt: skip
+    pairs.append(("the inertia is in world axes", inertia, turn @ inertia @ turn.T, found.inertia))
     if scene.link is not None:
         origin = initial.position + turn @ scene.link.offset
-        mistakes.append(("the position is that of the link's origin", origin, state.position))
-    for text, wrong, value in mistakes:
-        if value is not None and _same(wrong, value):
+        text = "the position is that of the link's origin"
+        pairs.append((text, initial.position, origin, state.position))
+    for text, right, wrong, value in pairs:
+        if value is not None and _same(wrong, value) and not _same(right, wrong):
             return text
     return ""
+
+
+_Change: TypeAlias = tuple[str, Array, Array, Array | None]
+"""A fault in words, the right value, what the fault makes of it, and the value that was read back."""
+
+
+def _read_wrongly(initial: State, state: StateReading) -> Iterator[_Change]:
+    """Yield what each wrong reading makes of the initial state."""
+    parts = (initial.position, initial.velocity, initial.quaternion)
+    x, v, q = (part[:, None] for part in parts)
+    omegas = (False, initial.omega_body, state.omega_body), (True, initial.omega_world, state.omega_world)
+    for one in wrong_readings():
+        for world, omega, value in omegas:
+            read = one.apply(Reading(x, v, q, omega[:, None]), world_omega=world)
+            if one.quantity == "w":
+                text = one.text.replace("omega", "omega_world" if world else "omega_body", 1)
+                yield text, omega, read.w[:, 0], value
+        if one.quantity == "q":
+            yield one.text, initial.quaternion, read.q[:, 0], state.quaternion
+            text = one.text.replace("quaternion", "rotation matrix")
+            yield text, initial.rotation, quaternion_to_matrix(read.q[:, 0]), state.rotation
+        elif one.quantity == "v":
+            yield one.text, initial.velocity, read.v[:, 0], state.velocity
+        elif one.quantity == "x":
+            yield one.text, initial.position, read.x[:, 0], state.position
+
+
+def _changed(scene: Scene, found: ReadBack) -> Iterator[_Change]:
+    """Yield what each fault of the body or of gravity makes of its tensor, or of gravity."""
+    for fault in FAULTS:
+        if not isinstance(fault.plant, Changed) or fault.plant.name not in ("inertia", "gravity"):
+            continue
+        of_body = fault.plant.name == "inertia"
+        right, value = (scene.body.inertia, found.inertia) if of_body else (scene.gravity, found.gravity)
+        for values, text in fault.particular:
+            yield text, right, np.asarray(fault.plant.change(right, values), dtype=np.float64), value
 
 
 def _same(wrong: Array, value: Array | float) -> bool:

@@ -17,9 +17,12 @@ from bodycheck.reference_impl.rotations import (
     conjugate,
     exp_quaternion,
     matrix_to_quaternion,
+    project_to_so3,
     quaternion_product,
     quaternion_to_matrix,
 )
+from bodycheck.reports.diagnosis.derived_rates import derived_rates
+from bodycheck.reports.diagnosis.quantity_resolution import Resolution
 from bodycheck.reports.recordings.column_map import (
     ATTITUDES,
     EULER,
@@ -59,11 +62,27 @@ class RecordedMotion:
     arrays: t_s (n,) and quantities, as an npz of bodycheck has them. resolution: name of each array -> the
     spacing of the numbers that the file can state, in the unit of the array: () for t_s, (3,) for a vector,
     (4,) for a quaternion, (3, 3) for a matrix. computed: the arrays that the file has in another form.
+    has_derived_omega: whether omega is the derivative of the attitudes, as the file has none.
     """
 
     arrays: dict[str, Array]
     resolution: dict[str, Array]
     computed: frozenset[str] = frozenset()
+    has_derived_omega: bool = False
+
+    def with_omega(self) -> RecordedMotion | None:
+        """Return the recording with omega derived from its attitudes; None where it has too few."""
+        arrays, spacings = dict(self.arrays), dict(self.resolution)
+        if "quaternion" not in arrays and "rotation" not in arrays:
+            return None
+        attitude = arrays.get("quaternion")
+        if attitude is None:
+            attitude = matrix_to_quaternion(project_to_so3(arrays["rotation"]))
+        derived = derived_rates(arrays["t_s"], attitude, Resolution.of(spacings).attitude)
+        if derived is None:
+            return None
+        arrays["omega_body_rad_s"], spacings["omega_body_rad_s"] = derived[0], np.full(3, derived[1])
+        return RecordedMotion(arrays, spacings, self.computed, has_derived_omega=True)
 
 
 def recorded_motion(path: Path, column_map: ColumnMap, dt_s: float | None = None) -> RecordedMotion:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.diagnosis.diagnosis import Diagnosis
@@ -29,7 +30,11 @@ def diagnosis_of(case: str, file: str, scenario: str, dt_s: float | None = None)
     [
         ("same.toml", None, ""),
         ("start-off.toml", 0.1, ""),
-        ("start-in-world-axes.toml", 5.06, "its omega in body axes is the scenario's omega in world axes"),
+        (
+            "start-in-world-axes.toml",
+            5.06,
+            "as if omega is read in the other axes, world for body or body for world",
+        ),
     ],
 )
 def test_the_start_is_a_finding_of_its_own(scenario: str, size: float | None, meaning: str) -> None:
@@ -221,7 +226,7 @@ def test_a_log_of_gyro_rates_alone_is_examined(reversed_axis: str | None, tmp_pa
     else:
         assert ("omega-y-reversed",) in listed(found)
         assert found.start is not None
-        assert found.start.meaning == "its omega about y has the opposite sign"
+        assert found.start.meaning == "as if omega about y is read with the opposite sign"
     assert "attitude" not in " ".join(fault.sentence for fault in found.faults)
 
 
@@ -296,3 +301,76 @@ def test_the_errors_of_a_coarse_solver_hide_no_fault(solver: str, fault: str, tm
     assert found.verdict != "healthy"
     named = {one.name for one in (*found.faults, *found.nearly)}
     assert named & ({"smallest-moment"} if fault == "another moment" else {"damping-angular"})
+
+
+TORQUE = np.array([0.05, -0.04, 0.06])
+
+
+def buss_motion(factor: float, *, additive: bool) -> tuple[Array, Array]:
+    """Return R (121, 3, 3) and omega (121, 3) in world axes under a torque that is constant in body axes.
+
+    R+ = exp(h w) R or (1 + h [w]x) R, L+ = L + h factor R tau, w+ = R+ I^-1 R+^T L+ even if R+ is not
+    orthogonal.
+    """
+    h, rotation, rates = 0.01, [np.eye(3)], [np.array([1.0, -2.0, 3.0])]
+    momentum = INERTIA @ rates[0]
+    for _ in range(120):
+        turn = h * np.cross(np.eye(3), rates[-1])
+        momentum = momentum + h * factor * rotation[-1] @ TORQUE
+        rotation.append((np.eye(3) + turn if additive else expm(turn)) @ rotation[-1])
+        rates.append(rotation[-1] @ np.linalg.inv(INERTIA) @ rotation[-1].T @ momentum)
+    return np.array(rotation), np.array(rates)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("additive", "name"), [(True, "Buss 2000, order 1, additive matrix"), (False, "Buss 2000, order 1")]
+)
+def test_a_fault_is_named_in_any_map_of_the_library(additive: bool, name: str, tmp_path: Path) -> None:
+    """The maps of reference:euler and reference:lie-euler carry faults as M1 does."""
+    rotations, rates = buss_motion(1.02, additive=additive)
+    table = np.column_stack([0.01 * np.arange(121), rotations.reshape(-1, 9), rates])
+    head = ",".join(["t_s", *(f"r{i}{j}" for i in range(3) for j in range(3)),
+                     *(f"w{axis}_world_rad_s" for axis in "xyz")])  # fmt: skip
+    np.savetxt(tmp_path / "motion.csv", table, "%.17g", ",", header=head, comments="")
+    torque = f'[[forcing]]\nkind = "torque"\naxes = "body"\nvalue_n_m = {TORQUE.tolist()}\n'
+    (tmp_path / "world.toml").write_text(FREE.replace("2.0\nsamples = 201", "1.2\nsamples = 121") + torque)
+    found = runner.explain(tmp_path / "motion.csv", tmp_path / "world.toml", dt_s=0.01).diagnosis
+    assert found is not None
+    assert found.base == name
+    assert ("torque",) in listed(found)
+    assert "torques are multiplied by 1.02" in found.sentence
+
+
+def mapped_rates(steps: int, *, midpoint: bool, damping: float = 0.0) -> Array:
+    """Return the rates (201, 3) of steps of Euler's or of the midpoint method, so many per sample."""
+
+    def change(omega: Array) -> Array:
+        return np.linalg.solve(INERTIA, -np.cross(omega, INERTIA @ omega)) - damping * omega
+
+    h, omega = 0.01 / steps, [np.array([1.0, -2.0, 3.0])]
+    for _ in range(200):
+        now = omega[-1]
+        for _ in range(steps):
+            now = now + h * change(now + 0.5 * h * change(now) if midpoint else now)
+        omega.append(now)
+    return np.array(omega)
+
+
+@pytest.mark.parametrize("steps", [2, 4, 10])
+def test_several_steps_per_sample_are_found_without_the_step(steps: int, tmp_path: Path) -> None:
+    """n steps of a map leave 1 / n of the error of one; rates alone are enough to see it."""
+    found = diagnosis_of_rates(tmp_path, mapped_rates(steps, midpoint=False))
+    assert (found.verdict, found.base) == ("healthy", "M1")
+    assert found.base_words.endswith(f"with {steps} steps per sample")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("steps", [1, 3])
+def test_the_error_of_a_method_is_no_second_fault(steps: int, tmp_path: Path) -> None:
+    """Damping in the midpoint method is named alone, whether its step is found or not."""
+    found = diagnosis_of_rates(tmp_path, mapped_rates(steps, midpoint=True, damping=0.05))
+    assert ("damping-angular",) in listed(found)
+    assert len(found.faults) == 1
+    fault = next(fault for fault in found.faults if fault.name == "damping-angular")
+    assert fault.parameters[0].value == pytest.approx(0.05, rel=1e-2)

@@ -11,10 +11,10 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.diagnosis.engine_model import Model
 from bodycheck.reports.diagnosis.faults.fault import (
     FACTOR,
+    Changed,
     Fault,
     FaultContext,
     Parameter,
-    changed,
     constant,
     near,
 )
@@ -62,7 +62,7 @@ def _inertia_axes(permutation: list[int]) -> Fault:
         f"inertia-axes-{''.join(axes)}",
         "body",
         f"the axes of the inertia tensor are permuted: x, y, z as {', '.join(axes)}",
-        changed("inertia", lambda inertia, _: permuted(inertia)),
+        Changed("inertia", lambda inertia, _: permuted(inertia)),
         applies=applies,
         confirm="permute the moments in the scenario: the error must change with them",
     )
@@ -74,7 +74,7 @@ def body_faults() -> Iterator[Fault]:
         "off-diagonals",
         "body",
         "the off-diagonals of the inertia tensor are multiplied by {0}",
-        changed("inertia", _off_diagonals),
+        Changed("inertia", _off_diagonals),
         (FACTOR,),
         near(0.0, -1.0, 1.0),
         _has_off_diagonals,
@@ -89,14 +89,14 @@ def body_faults() -> Iterator[Fault]:
         "inertia-sphere",
         "body",
         "the inertia is that of a sphere: trace(I) / 3 about every axis",
-        changed("inertia", lambda inertia, _: np.eye(3) * np.trace(inertia) / 3.0),
+        Changed("inertia", lambda inertia, _: np.eye(3) * np.trace(inertia) / 3.0),
         confirm="a sphere must move correctly",
     )
     yield Fault(
         "inertia-inverted",
         "body",
         "the inertia tensor is replaced by its inverse",
-        changed("inertia", lambda inertia, _: np.linalg.inv(inertia)),
+        Changed("inertia", lambda inertia, _: np.linalg.inv(inertia)),
         confirm="read the inertia back from the engine",
     )
     yield Fault(
@@ -111,7 +111,7 @@ def body_faults() -> Iterator[Fault]:
         "inertia-scaled",
         "body",
         "the inertia is multiplied by {0}",
-        changed("inertia", lambda inertia, s: s[0] * inertia),
+        Changed("inertia", lambda inertia, s: s[0] * inertia),
         (_POSITIVE_FACTOR,),
         near(1.0),
         lambda at: at.has_torque or at.has_moment or bool(at.scene.continuous_loads) or not at.is_free,
@@ -122,7 +122,7 @@ def body_faults() -> Iterator[Fault]:
             f"{word}-moment",
             "body",
             f"the {word} principal moment of inertia is multiplied by {{0}}",
-            changed("inertia", _moment_scaled(which)),
+            Changed("inertia", _moment_scaled(which)),
             (Parameter("factor", low=1e-3, high=1e3),),
             near(1.0),
             confirm="spin the body up about this axis by a known torque",
@@ -131,7 +131,7 @@ def body_faults() -> Iterator[Fault]:
         "mass-scaled",
         "body",
         "the mass is multiplied by {0} where a force acts",
-        changed("mass", lambda mass, s: s[0] * mass),
+        Changed("mass", lambda mass, s: s[0] * mass),
         (_POSITIVE_FACTOR,),
         near(1.0),
         lambda at: at.has_force or bool(at.scene.continuous_loads) or not at.is_free,
@@ -159,7 +159,7 @@ def _gravity_axes(permutation: list[int]) -> Fault:
         f"gravity-axes-{''.join(axes)}",
         "gravity",
         f"the axes of gravity are permuted: x, y, z as {', '.join(axes)}",
-        changed("gravity", lambda gravity, _: gravity[permutation]),
+        Changed("gravity", lambda gravity, _: gravity[permutation]),
         applies=lambda at: bool(np.any(at.scene.gravity[permutation] != at.scene.gravity)),
         confirm="drop the body from rest",
     )
@@ -171,7 +171,7 @@ def gravity_faults() -> Iterator[Fault]:
         "gravity",
         "gravity",
         "gravity is multiplied by {0}",
-        changed("gravity", lambda g, s: s[0] * g),
+        Changed("gravity", lambda g, s: s[0] * g),
         (FACTOR,),
         near(1.0),
         lambda at: at.has_gravity,

@@ -130,6 +130,13 @@ class Fault:
         missing = _NAMED.keys() - at.transitions.known
         return self.applies(at) and not any(_NAMED[name].search(self.sentence) for name in missing)
 
+    @property
+    def particular(self) -> list[tuple[Array, str]]:
+        """The values that leave no parameter open, with their sentences."""
+        if not self.parameters:
+            return [(np.zeros(0), self.sentence)]
+        return [(np.array([value]), text) for value, text in self.special]
+
     def special_text(self, values: Sequence[float] | Array) -> str:
         """Return the sentence of a particular value of the first parameter; "" for any other value."""
         for value, sentence in self.special:
@@ -192,9 +199,16 @@ def constant_and_first(changes: Mapping[str, Any], name: str) -> Plant:
     return plant
 
 
-def changed(name: str, change: Callable[[Any, Array], Any]) -> Plant:
-    """Return what changes an attribute of the model; change: of its value and the parameters."""
-    return lambda model, values, _: setattr(model, name, change(getattr(model, name), values))
+@dataclass(frozen=True)
+class Changed:
+    """Changes an attribute of the model; change: of its value and the parameters."""
+
+    name: str
+    change: Callable[[Any, Array], Any]
+
+    def __call__(self, model: Model, values: Array, _: FaultContext) -> None:
+        """Change the model."""
+        setattr(model, self.name, self.change(getattr(model, self.name), values))
 
 
 def changed_loads(change: Callable[[Loads, Array, FaultContext], dict[str, Array]]) -> Plant:
@@ -211,14 +225,24 @@ def near(*values: float) -> Starts:
     return lambda _: [(value,) for value in values]
 
 
-_Misread: TypeAlias = Callable[[Reading, Array, FaultContext], Reading]
+_Read: TypeAlias = Callable[[Reading, Array, bool], Reading]
+"""Of a reading, the parameters, and whether omega is read in world axes."""
 
 
-def misread(apply: _Misread, undo: _Misread) -> Plant:
-    """Return what adds a misreading to the model."""
+@dataclass(frozen=True)
+class Misread:
+    """A wrong reading of right states, and how it is undone.
 
-    def plant(model: Model, values: Array, at: FaultContext) -> None:
-        misreading = Misreading(lambda r: apply(r, values, at), lambda r: undo(r, values, at))
+    as_set: what becomes of a quaternion that is set.
+    """
+
+    apply: _Read
+    undo: _Read
+    as_set: Callable[[Array], Array] | None = None
+
+    def __call__(self, model: Model, values: Array, at: FaultContext) -> None:
+        """Add the misreading to the model."""
+        world = at.transitions.world_omega
+        misreading = Misreading(lambda r: self.apply(r, values, world), lambda r: self.undo(r, values, world))
         model.misreadings = (*model.misreadings, misreading)
-
-    return plant
+        model.start = model.start if self.as_set is None else self.as_set

@@ -12,13 +12,13 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import exp_matrix
 from bodycheck.reports.diagnosis.engine_model import Loads, Reading, cross, matrix_of, times
 from bodycheck.reports.diagnosis.faults.fault import (
+    Changed,
     Fault,
     FaultContext,
+    Misread,
     Parameter,
     Plant,
-    changed,
     changed_loads,
-    misread,
 )
 
 
@@ -30,18 +30,18 @@ def _from_zero(_: FaultContext) -> list[tuple[float, float, float]]:
     return [(0.0, 0.0, 0.0)]
 
 
-def _at_point(r: Reading, point: Array, at: FaultContext, *, position: bool, velocity: bool) -> Reading:
+def _at_point(r: Reading, point: Array, world: bool, *, position: bool, velocity: bool) -> Reading:
     """Return the reading with position or velocity of a point (3,) of the body, relative to those read."""
     rotation = matrix_of(r.q)
     arm = times(rotation, np.broadcast_to(point[:, None], r.x.shape))
-    spin = r.w if at.transitions.world_omega else times(rotation, r.w)
+    spin = r.w if world else times(rotation, r.w)
     return replace(r, x=r.x + arm if position else r.x, v=r.v + cross(spin, arm) if velocity else r.v)
 
 
 def _other_point(*, position: bool, velocity: bool) -> Plant:
-    return misread(
-        lambda r, point, at: _at_point(r, point, at, position=position, velocity=velocity),
-        lambda r, point, at: _at_point(r, -point, at, position=position, velocity=velocity),
+    return Misread(
+        lambda r, point, world: _at_point(r, point, world, position=position, velocity=velocity),
+        lambda r, point, world: _at_point(r, -point, world, position=position, velocity=velocity),
     )
 
 
@@ -123,7 +123,7 @@ def general_faults() -> Iterator[Fault]:
         "inertia-axes-rotated",
         "body",
         "the principal axes are rotated by ({0}, {1}, {2}) rad",
-        changed("inertia", _rotated),
+        Changed("inertia", _rotated),
         tuple(Parameter(axis, "rad", 0.0, -math.pi, math.pi) for axis in "xyz"),
         _from_zero,
         is_general=True,
@@ -133,7 +133,7 @@ def general_faults() -> Iterator[Fault]:
         "gravity-vector",
         "gravity",
         "gravity is off by ({0}, {1}, {2}) m/s^2",
-        changed("gravity", lambda g, d: g + d),
+        Changed("gravity", lambda g, d: g + d),
         _vector("m/s^2"),
         _from_zero,
         lambda at: at.has_gravity,
@@ -146,7 +146,7 @@ def general_faults() -> Iterator[Fault]:
                 f"spurious-{noun}-{axes}",
                 "loads",
                 f"a spurious constant {noun} of ({{0}}, {{1}}, {{2}}) {unit} in {axes} axes acts",
-                changed(f"spurious_{noun}_{axes}", lambda _, values: values),
+                Changed(f"spurious_{noun}_{axes}", lambda _, values: values),
                 _vector(unit),
                 _from_zero,
                 (lambda _: True) if noun == "torque" else (lambda at: at.shows_translation),
@@ -157,7 +157,7 @@ def general_faults() -> Iterator[Fault]:
         "inertia-tensor",
         "body",
         "the inertia tensor is off by xx {0}, yy {1}, zz {2}, xy {3}, xz {4}, yz {5} of its mean moment",
-        changed("inertia", _any_inertia),
+        Changed("inertia", _any_inertia),
         tuple(Parameter(name, "", 0.0, -2.0, 2.0) for name in ("xx", "yy", "zz", "xy", "xz", "yz")),
         lambda _: [(0.0,) * 6],
         _is_scaled_by_loads,
@@ -169,7 +169,7 @@ def general_faults() -> Iterator[Fault]:
         "body",
         "the inertia tensor is another one, up to a factor that a free motion does not determine: at the "
         "same trace, off by xx {0}, yy {1}, xy {2}, xz {3}, yz {4} of its mean moment",
-        changed("inertia", _inertia_of_same_trace),
+        Changed("inertia", _inertia_of_same_trace),
         tuple(Parameter(name, "", 0.0, -2.0, 2.0) for name in ("xx", "yy", "xy", "xz", "yz")),
         lambda _: [(0.0,) * 5],
         lambda at: at.rotates and not _is_scaled_by_loads(at),

@@ -13,11 +13,11 @@ from bodycheck.reference_impl.scene import PointForce
 from bodycheck.reports.diagnosis.engine_model import Loads, Model
 from bodycheck.reports.diagnosis.faults.fault import (
     FACTOR,
+    Changed,
     Fault,
     FaultContext,
     Plant,
     assigned,
-    changed,
     changed_loads,
     constant,
     near,
@@ -332,7 +332,7 @@ def load_faults() -> Iterator[Fault]:
         "load-early",
         "loads",
         "each load begins and ends one step early",
-        changed("timeline", lambda line, _: np.concatenate([line[1:], line[-1:]])),
+        Changed("timeline", lambda line, _: np.concatenate([line[1:], line[-1:]])),
         applies=lambda at: at.stepped and at.switches,
         confirm="halve the step: the lead must halve",
     )

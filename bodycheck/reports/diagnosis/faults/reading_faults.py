@@ -22,11 +22,11 @@ from bodycheck.reports.diagnosis.faults.fault import (
     FACTOR,
     Fault,
     FaultContext,
+    Misread,
     Parameter,
     Plant,
     assigned,
     constant,
-    misread,
     near,
 )
 
@@ -34,17 +34,16 @@ from bodycheck.reports.diagnosis.faults.fault import (
 def _quaternions(
     given: Callable[[Array], Array],
     back: Callable[[Array], Array],
-    taken: Callable[[Array], Array] | None = None,
-) -> Plant:
-    """Return what changes quaternions that are read; back: undoes it; taken: changes those that are set."""
-    reading = misread(lambda r, _, __: replace(r, q=given(r.q)), lambda r, _, __: replace(r, q=back(r.q)))
+    as_set: Callable[[Array], Array] | None = None,
+) -> Misread:
+    """Return what changes quaternions that are read; back: undoes it; as_set: changes those that are set."""
+    return Misread(
+        lambda r, _, __: replace(r, q=given(r.q)), lambda r, _, __: replace(r, q=back(r.q)), as_set
+    )
 
-    def plant(model: Model, values: Array, at: FaultContext) -> None:
-        if taken is not None:
-            model.start = taken
-        reading(model, values, at)
 
-    return plant
+def _as_read(q: Array) -> Array:
+    return q
 
 
 def _rolled(places: int) -> Callable[[Array], Array]:
@@ -52,7 +51,7 @@ def _rolled(places: int) -> Callable[[Array], Array]:
 
 
 def _scaled_reading(name: str) -> Plant:
-    return misread(
+    return Misread(
         lambda r, s, _: replace(r, **{name: s[0] * getattr(r, name)}),
         lambda r, s, _: replace(r, **{name: getattr(r, name) / s[0]}),
     )
@@ -78,7 +77,7 @@ def _omega_matrix(name: str, sentence: str, matrix: Array) -> Fault:
         name,
         "reading",
         sentence,
-        misread(
+        Misread(
             lambda r, _, __: replace(r, w=np.einsum("ij,j...->i...", matrix, r.w)),
             lambda r, _, __: replace(r, w=np.einsum("ji,j...->i...", matrix, r.w)),
         ),
@@ -138,7 +137,7 @@ def reading_faults() -> Iterator[Fault]:
         "quaternion-conjugated",
         "reading",
         "the quaternion is world to body, conjugated in and out",
-        _quaternions(conjugated, conjugated, taken=conjugated),
+        _quaternions(conjugated, conjugated, as_set=conjugated),
         confirm="start from an attitude other than identity",
     )
     yield Fault(
@@ -152,7 +151,7 @@ def reading_faults() -> Iterator[Fault]:
         "quaternion-order",
         "reading",
         "the quaternion is scalar last, (x, y, z, w), in and out",
-        _quaternions(_rolled(-1), _rolled(1), taken=_rolled(1)),
+        _quaternions(_rolled(-1), _rolled(1), as_set=_rolled(1)),
         confirm="start from a rotation by 90 degrees about one axis",
     )
     yield Fault(
@@ -166,23 +165,23 @@ def reading_faults() -> Iterator[Fault]:
         "quaternion-order-when-set",
         "reading",
         "the quaternion that is set is taken as scalar last, (x, y, z, w)",
-        constant(start=_rolled(1)),
+        _quaternions(_as_read, _as_read, as_set=_rolled(1)),
         confirm="read the attitude at t = 0",
     )
     yield Fault(
         "quaternion-conjugated-when-set",
         "reading",
         "the quaternion that is set is taken as world to body",
-        constant(start=conjugated),
+        _quaternions(_as_read, _as_read, as_set=conjugated),
         confirm="read the attitude at t = 0",
     )
     yield Fault(
         "omega-read-in-wrong-axes",
         "reading",
         "omega is read in the other axes, world for body or body for world",
-        misread(
-            lambda r, _, at: _with_omega(r, in_world=not at.transitions.world_omega),
-            lambda r, _, at: _with_omega(r, in_world=at.transitions.world_omega),
+        Misread(
+            lambda r, _, world: _with_omega(r, in_world=not world),
+            lambda r, _, world: _with_omega(r, in_world=world),
         ),
         applies=lambda at: at.rotates,
         confirm="compare omega with the derivative of the attitude",
@@ -244,7 +243,7 @@ def reading_faults() -> Iterator[Fault]:
         "velocity-read-in-body-axes",
         "reading",
         "the velocity is read in body axes",
-        misread(
+        Misread(
             lambda r, _, __: replace(r, v=transposed_times(matrix_of(r.q), r.v)),
             lambda r, _, __: replace(r, v=times(matrix_of(r.q), r.v)),
         ),
