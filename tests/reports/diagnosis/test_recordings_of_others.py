@@ -14,6 +14,7 @@ from bodycheck.reports.diagnosis.diagnosis import Diagnosis
 from bodycheck.runs import runner
 from tests.helpers.expected_messages import ExpectedMessage
 
+IN_OTHER_AXES = "as if omega is read in the other axes, world for body or body for world"
 CASES = Path(__file__).parent / "cases"
 
 
