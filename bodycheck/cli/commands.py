@@ -309,7 +309,7 @@ def judge(
         write_file(html, judgement_page(ranking, cases).encode())
     data = ranking.data
     if cases:
-        from bodycheck.reports.diagnosis.explanation_document import explanation_data
+        from bodycheck.reports.explanation.explanation_document import explanation_data
 
         sentences = [
             conclusion(motion, case).text for motion, case in zip(ranking.motions, cases, strict=True)

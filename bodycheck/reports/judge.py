@@ -19,8 +19,8 @@ from bodycheck.reference_impl.wrench import plan_steps
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.diagnosis.attitude_readings import attitude_diagnosis, conserving_reading
 from bodycheck.reports.diagnosis.diagnosis import Diagnosis, obstacle
-from bodycheck.reports.diagnosis.explain import ExplainedCase
 from bodycheck.reports.diagnosis.recorded import diagnosed_recording
+from bodycheck.reports.explanation.explain import ExplainedCase
 from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion
 from bodycheck.reports.measurement.convergence import Convergence, Criteria, Point, convergence_of
 from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 
 from bodycheck._util.formatting import count, names, number, scientific, step
 from bodycheck.reports.diagnosis.diagnosis import Diagnosis
-from bodycheck.reports.diagnosis.explain import ExplainedCase
-from bodycheck.reports.diagnosis.explanation_document import explanation_document
 from bodycheck.reports.diagnosis.flow import EXACT
 from bodycheck.reports.document import Column, Document, Part, Sentence, Table
+from bodycheck.reports.explanation.explain import ExplainedCase
+from bodycheck.reports.explanation.explanation_document import explanation_document
 from bodycheck.reports.judge import Ranking
 from bodycheck.reports.measurement.convergence import Convergence
 from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from bodycheck.reports.diagnosis.explain import ExplainedCase
-from bodycheck.reports.diagnosis.explanation_document import drawn_explanations
 from bodycheck.reports.document import page
+from bodycheck.reports.explanation.explain import ExplainedCase
+from bodycheck.reports.explanation.explanation_document import drawn_explanations
 from bodycheck.reports.judge import Ranking
 from bodycheck.reports.judge_document import judgement_document
 from bodycheck.reports.measurement.problem import Problem

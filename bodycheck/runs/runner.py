@@ -21,7 +21,12 @@ from bodycheck.reports.cache.answers import Answers
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.reports.cache.truths import is_known, known_truth
-from bodycheck.reports.diagnosis.explain import ExplainedCase, diagnosis_row, explained_cases, wrong_verdicts
+from bodycheck.reports.explanation.explain import (
+    ExplainedCase,
+    diagnosis_row,
+    explained_cases,
+    wrong_verdicts,
+)
 from bodycheck.reports.judge import Ranking, explained_motion, judge_files, of_given_body, read_files
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem

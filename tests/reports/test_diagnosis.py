@@ -22,12 +22,6 @@ from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.diagnosis.diagnosis import Diagnosis, bases_for, diagnosed
 from bodycheck.reports.diagnosis.engine_model import Grid
-from bodycheck.reports.diagnosis.explain import explain_run
-from bodycheck.reports.diagnosis.explanation_document import (
-    explanation_document,
-    similar_issues,
-    upstream_issues,
-)
 from bodycheck.reports.diagnosis.faults import FAULTS
 from bodycheck.reports.diagnosis.faults.fault import FaultContext
 from bodycheck.reports.diagnosis.fit import planted
@@ -35,6 +29,12 @@ from bodycheck.reports.diagnosis.flow import BASES
 from bodycheck.reports.diagnosis.transitions import Transitions
 from bodycheck.reports.document import Document, Span, Table
 from bodycheck.reports.document import markdown as as_markdown
+from bodycheck.reports.explanation.explain import explain_run
+from bodycheck.reports.explanation.explanation_document import (
+    explanation_document,
+    similar_issues,
+    upstream_issues,
+)
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import Run

@@ -17,11 +17,11 @@ from markupsafe import Markup
 from bodycheck._util.formatting import number, vector
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.diagnosis.diagnosis import Diagnosis, FittedParameter
-from bodycheck.reports.diagnosis.explain import ExplainedCase
 from bodycheck.reports.diagnosis.fit import planted
 from bodycheck.reports.diagnosis.flow import BASES
 from bodycheck.reports.diagnosis.transitions import QUANTITIES
 from bodycheck.reports.document import Cell, Column, Command, Document, Part, Sentence, Span, Table, page
+from bodycheck.reports.explanation.explain import ExplainedCase
 from bodycheck.reports.measurement.verdicts import FAULTS
 
 _HOLDS = 30.0  # multiples of the round-off
@@ -41,7 +41,7 @@ class Issue:
 @cache
 def upstream_issues() -> tuple[Issue, ...]:
     """Return the issues of upstream_issues.toml."""
-    text = files("bodycheck.reports.diagnosis").joinpath("upstream_issues.toml").read_text(encoding="utf-8")
+    text = files("bodycheck.reports.explanation").joinpath("upstream_issues.toml").read_text(encoding="utf-8")
     return tuple(
         Issue(tuple(entry["faults"]), entry["url"], entry["what"]) for entry in tomllib.loads(text)["issue"]
     )

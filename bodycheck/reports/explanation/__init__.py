@@ -1,0 +1,1 @@
+"""Which cases of a run are diagnosed, and the explanations as documents."""
