@@ -163,6 +163,8 @@ FORCING_TABLES: dict[str, type[ForcingTable]] = {
 }
 
 FORCING_KINDS = tuple(FORCING_TABLES)
+JOINT_FORCINGS = {"joint-torque": "value", "joint-sine-torque": "amplitude"}
+"""Kinds that act on the joints of trees, with their key, to which a unit is added."""
 
 
 def _known_kind(value: Any) -> Any:

@@ -8,13 +8,15 @@ from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import nearest, suggestion
 from bodycheck.scenarios.model import Scenario
 from bodycheck.scenarios.reader import Members, parse_members, parse_trees, read_members, read_trees
-from bodycheck.scenarios.tree_model import TreeScenario
+
+if TYPE_CHECKING:
+    from bodycheck.scenarios.tree_model import TreeScenario
 
 _LIBRARY = files("bodycheck.scenarios") / "library"
 _TREES = _LIBRARY / "trees"

@@ -8,21 +8,23 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, TypeVar
 
 from pydantic import Field, PlainValidator, StrictStr, ValidationError, field_validator
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import count
 from bodycheck._util.untrusted import parse_toml, read_text
+from bodycheck.reference_impl.trees.joint_kinds import joint_kinds
 from bodycheck.scenarios.body import BODY_FORMS
 from bodycheck.scenarios.fields import Table, finite_numbers
-from bodycheck.scenarios.forcings import FORCING_KINDS
+from bodycheck.scenarios.forcings import FORCING_KINDS, JOINT_FORCINGS
 from bodycheck.scenarios.model import Scenario, ScenarioTable
-from bodycheck.scenarios.tree_model import TreeScenario, as_single_body
-from bodycheck.scenarios.tree_tables import JOINT_KINDS, TREE_FORCINGS
 
-_FORCINGS = {*FORCING_KINDS, *TREE_FORCINGS}
+if TYPE_CHECKING:
+    from bodycheck.scenarios.tree_model import TreeScenario
+
+_FORCINGS = {*FORCING_KINDS, *JOINT_FORCINGS}
 _STEP = re.compile(r"(?:^|\.)([A-Za-z_]\w*)|\[(\d+)\]")
 
 
@@ -125,7 +127,7 @@ def parse_members(text: str, where: str, folder: Traversable, *, allow_code: boo
     return _members(text, where, folder, _single, allow_code=allow_code)
 
 
-TreeMembers: TypeAlias = dict[str | None, TreeScenario]
+TreeMembers: TypeAlias = "dict[str | None, TreeScenario]"
 """The same as Members, of a file with trees."""
 
 
@@ -165,6 +167,8 @@ def _single(data: dict[str, Any], context: dict[str, Any]) -> Scenario:
     """Return the scenario of one body. Raises InputError for a tree that is none."""
     if not isinstance(data.get("body"), list):
         return Scenario.model_validate(data, context=context)
+    from bodycheck.scenarios.tree_model import as_single_body  # makes the tables of every kind of joint
+
     single = as_single_body(data, _tree(data, context))
     if single is None:
         hint = "'bodycheck dynamics' compares engines with it"
@@ -176,6 +180,8 @@ def _tree(data: dict[str, Any], context: dict[str, Any]) -> TreeScenario:
     """Return the tree. Raises InputError for a file with one [body]."""
     if isinstance(data.get("body"), dict):
         raise InputError(f"{context['file']}: has one [body]; a tree of bodies has [[body]] tables")
+    from bodycheck.scenarios.tree_model import TreeScenario  # makes the tables of every kind of joint
+
     return TreeScenario.model_validate(data, context=context)
 
 
@@ -256,7 +262,7 @@ def _path(location: tuple[int | str, ...]) -> str:
     for before, part in zip((None, *location), location, strict=False):
         if part in BODY_FORMS or (isinstance(before, int) and part in _FORCINGS):
             continue
-        if before == "joint" and part in JOINT_KINDS:
+        if before == "joint" and part in joint_kinds():
             continue  # pydantic's name of the union's member, not a key of the file
         path += f"[{part}]" if isinstance(part, int) else f".{part}"
     return path.lstrip(".")

@@ -16,10 +16,9 @@ from bodycheck.reference_impl.loads.kinds.force import PointForce
 from bodycheck.reference_impl.loads.kinds.torque import Torque
 from bodycheck.reference_impl.rotations import quaternion_product, rotate
 from bodycheck.reference_impl.trees.tree_scene import WORLD, BodyLoad, Joint, TreeBody, TreeLoad, TreeScene
-from bodycheck.scenarios.forcings import LoadTable, gravity_of
+from bodycheck.scenarios.forcings import JOINT_FORCINGS, LoadTable, gravity_of
 from bodycheck.scenarios.model import Initial, ScenarioTable
 from bodycheck.scenarios.tree_tables import (
-    JOINT_FORCINGS,
     JOINT_KINDS,
     WORLD_NAME,
     JointSineTorqueTable,

@@ -242,7 +242,6 @@ class JointSineTorqueTable(ForcingTable):
         return JointSineTorque(body, amplitude, self.rate_rad_s, self.phase_rad)
 
 
-JOINT_FORCINGS = {"joint-torque": "value", "joint-sine-torque": "amplitude"}
 TREE_FORCINGS: dict[str, type[ForcingTable]] = {
     "torque": _on_a_body(FORCING_TABLES["torque"]),
     "force": _on_a_body(FORCING_TABLES["force"]),
