@@ -52,4 +52,7 @@ def matrices_once(
 
 
 def _links_of(answer: Message) -> list[ImportedLink]:
-    return [imported_link(plain) for plain in answer["links"]]
+    links = [imported_link(plain) for plain in answer["links"]]
+    if not all(-1 <= link.parent < index for index, link in enumerate(links)):
+        raise ValueError("a link stands before its parent")
+    return links

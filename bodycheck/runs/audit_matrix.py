@@ -106,8 +106,8 @@ def _mass_matrix(tree: ModelTree, displacement: Array) -> Array:
             q[at] = moved if len(moved) == 1 else exp_quaternion(moved)
     try:
         return tree_dynamics(scene, q, np.zeros(len(scene.u0))).mass_matrix
-    except FloatingPointError:
-        raise InputError("the tree is singular at a random configuration") from None
+    except ArithmeticError:
+        raise InputError("its M is singular or out of range at a random configuration") from None
 
 
 def _pair(
@@ -154,7 +154,10 @@ def _of_joints(M: Array, joints: list[int], base: list[int]) -> Iterator[Array]:
     yield own
     if base:
         across = M[np.ix_(base, joints)]
-        yield own - across.T @ np.linalg.solve(M[np.ix_(base, base)], across)
+        try:
+            yield own - across.T @ np.linalg.solve(M[np.ix_(base, base)], across)
+        except np.linalg.LinAlgError:
+            raise InputError("the base has no inertia") from None
 
 
 def _cause(model: ModelFile, pairs: Sequence[_Pair], held: HeldJoints, found: Sequence[MassMatrices]) -> str:

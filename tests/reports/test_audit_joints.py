@@ -83,6 +83,15 @@ _URDF = """<robot name="r">
 </robot>"""
 
 
+def _chain(count: int) -> str:
+    links = "".join(f"<link name='l{k}'/>" for k in range(count + 1))
+    joints = "".join(
+        f"<joint name='j{k}' type='continuous'><parent link='l{k}'/><child link='l{k + 1}'/></joint>"
+        for k in range(count)
+    )
+    return f"<robot name='chain'>{links}{joints}</robot>"
+
+
 def _read(text: str, folder: Path, name: str = "model.xml") -> ModelFile:
     (folder / name).write_text(text)
     return read_model(folder / name)
@@ -184,6 +193,7 @@ def _from_jacobians(turn: float, push: float, wrist: float) -> Array:
         (_URDF.replace('type="continuous"', 'type="planar"'), "'planar'"),
         (_URDF.replace('type="continuous"', 'type="floating"'), "'floating'"),
         (_URDF.replace('axis xyz="0 1 0"', 'axis xyz="0 0 0"'), "axis"),
+        (_chain(160), "more than 150 moving bodies"),
     ],
 )  # fmt: skip
 def test_trees_without_exact_dynamics_are_refused(text: str, why: str, tmp_path: Path) -> None:

@@ -16,6 +16,8 @@ from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink
 
 _RATES = {"hinge": 1, "slide": 1, "ball": 3}
 _DURATION_S, _SAMPLES = 1.0, 2
+_MOST_BODIES = 150
+"""Beyond, one mass matrix takes seconds, and a chain is too deep for recursion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +56,8 @@ class _Builder:
     def tree(self) -> ModelTree:
         try:
             scene = TreeScene(tuple(self.bodies), (), np.zeros(3), _DURATION_S, _SAMPLES)
-        except ValueError as error:
-            raise InputError(f"{self.model.path}: {str(error).splitlines()[0]}") from None
+        except (ArithmeticError, ValueError) as error:
+            raise InputError(f"{self.model.path}: has no exact tree: {str(error).splitlines()[0]}") from None
         return ModelTree(scene, tuple(self.joints))
 
     def add_root(self, root: ModelLink) -> None:
@@ -91,6 +93,8 @@ class _Builder:
         self, link: ModelLink, joint: Joint, carried: ModelLink | None, parent: int, pose: Frame, number: int
     ) -> None:
         kind = joint.motion
+        if len(self.bodies) >= _MOST_BODIES:
+            raise InputError(f"{link.file}:{link.line}: more than {_MOST_BODIES} moving bodies")
         if kind not in _RATES and (kind != "free" or parent >= 0):
             raise InputError(f"{link.file}:{joint.line}: joint {joint.name!r:.60} is {joint.kind!r:.30}")
         if kind in ("hinge", "slide") and (joint.axis is None or not any(joint.axis)):
