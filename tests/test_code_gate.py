@@ -50,6 +50,7 @@ PLACES = {
     ("reference_impl/integrators/__init__.py", "", "importlib.import_module"): OWN,
     ("reference_impl/kernels/cache_files.py", "_content", "pickle.loads"): "the user's cache folder",
     ("reference_impl/loads/__init__.py", "load_kinds", "importlib.import_module"): OWN,
+    ("reference_impl/trees/joint_kinds/__init__.py", "joint_kinds", "importlib.import_module"): OWN,
     ("reference_impl/precompile.py", "_second_process", "subprocess.Popen"): CONSTANT,
     ("runs/cluster.py", "_client", "importlib.import_module"): CONSTANT,
     ("runs/manifest.py", "_git", "subprocess.run"): CONSTANT,
