@@ -21,7 +21,7 @@ from tests.helpers.in_process_cli import run_bodycheck
 
 jsonschema = pytest.importorskip("jsonschema")
 STORED = Path(__file__).parent / "expected_schemas.json"
-LIBRARY = sorted((ROOT / "bodycheck/scenarios/library").glob("*.toml"))
+LIBRARY = sorted((ROOT / "bodycheck/scenarios/library").rglob("*.toml"))
 
 
 def faults(name: str, data: Any) -> list[str]:

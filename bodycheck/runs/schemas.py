@@ -27,6 +27,7 @@ from bodycheck.reports.run_files.tables import TABLES, column_type
 from bodycheck.scenarios.fields import Table
 from bodycheck.scenarios.model import Scenario
 from bodycheck.scenarios.reader import Sweep
+from bodycheck.scenarios.tree_model import TreeScenario
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -59,9 +60,12 @@ def address(schema: Schema) -> str:
 
 
 def _scenario() -> dict[str, Any]:
-    sweep = Annotated[tuple[Sweep, ...], Field(min_length=1, max_length=1)]
-    file = create_model("ScenarioFile", __base__=Scenario, sweep=(sweep, Field(default=())))
-    return file.model_json_schema()
+    """Return the schema of a file with one body, or with a tree of bodies."""
+    sweep: Any = (Annotated[tuple[Sweep, ...], Field(min_length=1, max_length=1)], Field(default=()))
+    one = create_model("ScenarioFile", __base__=Scenario, sweep=sweep)
+    tree = create_model("TreeFile", __base__=TreeScenario, sweep=sweep)
+    files: Any = one | tree
+    return TypeAdapter(files).json_schema()
 
 
 def _tolerances(needed: str) -> dict[str, Any]:
