@@ -14,7 +14,8 @@ project = "bodycheck"
 author = "The bodycheck developers"
 version = release = version_of("bodycheck")
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "plain_docstrings"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "formulas", "generated_pages", "plain_docstrings"]
+html_math_renderer = "mathml"
 # little, because the pages are read in the repository too, where a viewer knows no more
 myst_enable_extensions = ["dollarmath", "amsmath"]
 myst_heading_anchors = 3
@@ -22,7 +23,6 @@ exclude_patterns = ["_build"]
 
 html_theme = "furo"
 html_title = "bodycheck"
-# MathJax comes from its network when a page with formulas is looked at; building needs no network
 
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"

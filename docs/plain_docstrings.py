@@ -1,11 +1,14 @@
 """A Sphinx extension: the project's docstrings are plain text with formulas, and are shown as they stand.
 
-Without it |v|, R^T*, x_ and the like would be taken for markup, and Array | None have no name.
+Without it |v|, R^T*, x_ and the like would be taken for markup, and Array | None have no name. A paragraph
+that explains arguments or fields, "name: text. other: text.", becomes a list with one entry each.
 """
 
 from __future__ import annotations
 
+import inspect
 import re
+from collections.abc import Collection
 from typing import Any
 
 from sphinx.application import Sphinx
@@ -32,11 +35,51 @@ def paragraphs(lines: list[str]) -> list[str]:
     return shown
 
 
+def entries(lines: list[str], names: Collection[str]) -> list[str]:
+    """Return the lines with an entry ":param name: text" for each of these names that a paragraph explains.
+
+    A name begins an entry at the start of a paragraph or after a sentence; several may share one.
+    """
+    if not names:
+        return lines
+    one = "|".join(map(re.escape, sorted(names, key=len, reverse=True)))
+    begin = re.compile(rf"(?:^|(?<=[.\])] ))((?:{one})(?:(?:, | and )(?:{one}))*): ")
+    shown: list[str] = []
+    for text in "\n".join(lines).strip("\n").split("\n\n"):
+        flat = " ".join(text.split())
+        found = list(begin.finditer(flat))
+        if text.startswith((" ", "::")) or not found:
+            shown += [*text.split("\n"), ""]
+            continue
+        if before := flat[: found[0].start()].strip():
+            shown += [before, ""]
+        ends = [*(next_one.start() for next_one in found[1:]), len(flat)]
+        explained = [
+            (match[1], flat[match.end() : end].strip()) for match, end in zip(found, ends, strict=True)
+        ]
+        last, sentence, rest = explained[-1][1].partition(" Raises ")
+        explained[-1] = (explained[-1][0], last)
+        shown += [*(f":param {name}: {what}" for name, what in explained), ""]
+        if sentence:
+            shown += [f"Raises {rest}", ""]
+    return shown
+
+
+def _arguments(of: object) -> list[str]:
+    """Return the names of the arguments of a function, or of the fields of a class."""
+    if inspect.isclass(of):
+        return list(getattr(of, "__dataclass_fields__", getattr(of, "model_fields", {})))
+    try:
+        return list(inspect.signature(of).parameters)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return []
+
+
 def _show_as_it_stands(
     app: Sphinx, what: str, name: str, of: object, options: object, lines: list[str]
 ) -> None:
-    del app, what, name, of, options
-    lines[:] = paragraphs(lines)
+    del app, what, name, options
+    lines[:] = entries(paragraphs(lines), _arguments(of))
 
 
 def _name_aliases(

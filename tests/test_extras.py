@@ -8,9 +8,11 @@ import re
 import subprocess
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from bodycheck._util import distributions
 from bodycheck._util.compiled_cache import KERNELS_FOR_NOW, cache_directory
 from bodycheck.adapters.registry import optional_engines
 from tests.helpers.bare_environment import make_environment
@@ -36,6 +38,23 @@ def test_named_extras_exist() -> None:
     named = [names for text in texts for names in re.findall(r"(?:bodycheck|\.)\[([a-z,-]+)\]", text)]
     found = {name for names in named for name in names.split(",")}
     assert {"engines", "history", "plot", "mcap", "test"} <= found <= set(EXTRAS)
+
+
+def test_requirements_of_every_notation_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A requirement may have an extra, a marker, both or neither, in the notation of any build backend."""
+    lines = [
+        "numpy>=2.1",
+        'platformdirs>=4.0; sys_platform != "linux"',
+        "mujoco>=4.0; extra == 'engines'",
+        'pybullet>=3.2.7; (python_version < "3.12") and extra == "engines"',
+        "bodycheck[engines,history]; extra == 'all'",
+    ]
+    monkeypatch.setattr(distributions, "distribution", lambda _: SimpleNamespace(requires=lines))
+    assert distributions.requirements() == {
+        "": ["numpy", "platformdirs"],
+        "engines": ["mujoco", "pybullet"],
+        "all": ["bodycheck"],
+    }
 
 
 def test_all_is_what_users_want_and_test_what_tests_need() -> None:

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.helpers.doc_pages import pages
+
 ROOT = Path(__file__).parents[1]
 IDIOMS = {
     r"unless (they are |it is )?told": "[default: ...]",
@@ -36,7 +38,7 @@ def prose() -> list[tuple[str, str]]:
 
 
 def _prose() -> Iterator[tuple[str, str]]:
-    for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))):
+    for page in map(ROOT.joinpath, pages()):
         if page.name == "naming.md":  # this page quotes the idioms
             continue
         text = re.sub(r"```.*?```|`[^`\n]*`", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)

@@ -15,6 +15,7 @@ Exit status 1 if a ratio exceeds 1.
 from __future__ import annotations
 
 import argparse
+import itertools
 import sys
 import time
 from collections.abc import Iterator
@@ -38,6 +39,7 @@ from tests.helpers.random_motions import (
 )
 
 _TIMES = [0.0, 0.3, 1.0]
+_LARGEST_RATIO = 12.0  # of the moments of a body whose motion is enclosed
 
 
 def _trials(free: int, forced: int) -> Iterator[tuple[str, int, Scene, list[float]]]:
@@ -52,9 +54,13 @@ def _trials(free: int, forced: int) -> Iterator[tuple[str, int, Scene, list[floa
 
 
 def _enclosed_trials(free: int, forced: int) -> Iterator[tuple[str, int, Scene, list[float]]]:
-    """Yield the same for motions that can be enclosed, as many of each kind."""
-    for seed in range(free):
-        scene, times = free_scene(seed)
+    """Yield the same for motions that can be enclosed, as many of each kind.
+
+    Needles are left out: boxes of their states grow with the ratio of their moments.
+    """
+    tried = ((seed, *free_scene(seed)) for seed in itertools.count())
+    round_enough = (one for one in tried if np.linalg.cond(one[1].body.inertia) < _LARGEST_RATIO)
+    for seed, scene, times in itertools.islice(round_enough, free):
         yield "free", seed, scene, short_times(scene, times)
     for number in range(forced):
         kind = ENCLOSED[number % len(ENCLOSED)]

@@ -14,7 +14,7 @@ def installed(name: str) -> Distribution | None:
         return None
 
 
-_REQUIREMENT = re.compile(r"([A-Za-z0-9._-]+)[^;]*(?:;.*extra == ['\"]([\w-]+)['\"])?")
+_REQUIREMENT = re.compile(r"([A-Za-z0-9._-]+)[^;]*(?:;(?:.*extra == ['\"]([\w-]+)['\"])?.*)?")
 
 
 def requirements() -> dict[str, list[str]]:

@@ -58,7 +58,7 @@ class MachineReport:
 def diagnosis() -> MachineReport:
     """Start every engine and look at the cache and at the optional programs."""
     versions = {"bodycheck": version("bodycheck"), "Python": platform.python_version()}
-    versions |= {name: _version(name) for name in requirements()[""]}
+    versions |= {name: _version(name) for name in requirements()[""] if installed(name) is not None}
     versions |= {
         "system": platform.platform(),
         "processor": f"{cpu_model()}, {usable_cores()} of {os.cpu_count()} cores",

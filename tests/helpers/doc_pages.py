@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
+GENERATED = {"_build", "commands", "notebooks"}
+"""Folders of docs/ whose pages are made by docs/generated_pages.py, or are no sources."""
 _FENCED = re.compile(r"^```([^\n]*)\n(.*?)^```$", flags=re.DOTALL | re.MULTILINE)
 
 
@@ -29,7 +31,7 @@ class Command:
 
 def pages() -> list[str]:
     """Return the pages whose blocks are run, as paths within the repository."""
-    docs = (page for page in sorted((ROOT / "docs").rglob("*.md")) if "_build" not in page.parts)
+    docs = (page for page in sorted((ROOT / "docs").rglob("*.md")) if not GENERATED & set(page.parts))
     return ["README.md", "CONTRIBUTING.md", *(page.relative_to(ROOT).as_posix() for page in docs)]
 
 
