@@ -108,9 +108,8 @@ def table_of_measures() -> str:
     for one in MEASURES.values():
         columns = "<br>".join(f"`{column}`" for column in one.columns)
         judged = {"limit": "its limit", "property": "property", None: "not judged"}[one.judged]
-        lines.append(
-            f"| `{one.name}` | `{one.formula.replace('|', chr(92) + '|')}` | {columns} | {one.unit or '1'} | {judged} |"
-        )
+        formula = one.formula.replace("|", "\\|")
+        lines.append(f"| `{one.name}` | `{formula}` | {columns} | {one.unit or '1'} | {judged} |")
     return "\n".join([*lines, ""])
 
 

@@ -166,6 +166,7 @@ def check_version(name: str, levels: tuple[str, ...]) -> None:
     )
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", SCHEMAS)
 def test_schema_refuses_no_more_than_its_version_did(name: str) -> None:
     """A schema that refuses what it accepted has a new major version."""
