@@ -100,6 +100,7 @@ FILES = {
 }
 """The files that pages mention and show, by page, language and position of the block."""
 
+OWN_ACTION = r"bodycheck/bodycheck@v\d+\.\d+\.\d+"
 LANGUAGES = {
     "xml": "a model file: read by bodycheck",
     "sh": "its lines are run, and end with status 0",
@@ -370,10 +371,10 @@ def test_steps_of_a_workflow_are_steps(block: Block) -> None:
     steps = (
         content
         if isinstance(content, list)
-        else [s for job in content["jobs"].values() for s in job["steps"]]
+        else [s for job in content.get("jobs", {}).values() for s in job["steps"]]
     )
     for step in steps:
-        assert "run" in step or re.fullmatch(r"[\w-]+/[\w-]+@[0-9a-f]{40}", step["uses"])
+        assert "run" in step or re.fullmatch(rf"[\w-]+/[\w-]+@[0-9a-f]{{40}}|{OWN_ACTION}", step["uses"])
         for line in step.get("run", "").splitlines():
             if line.strip().startswith("bodycheck "):
                 check_options(re.split(r">>|\|\|", line)[0])

@@ -28,10 +28,11 @@ from bodycheck.reference_impl.scene import (
 )
 from bodycheck.reference_impl.truth.truth import Truth
 
-BITS = 160
+BITS = 240
 _ORDER = 22
 _STEP = 0.25  # of the shortest time scale
-_SMALL = arb(10) ** -21
+_DIGITS = (21, 33, 48)
+_NARROW = 1e-18
 _RETRIES = 12
 
 State = list[Any]
@@ -41,21 +42,25 @@ State = list[Any]
 def enclosures(scene: Scene, times: Sequence[float]) -> list[State]:
     """Return balls that contain the state at ascending times from 0 on.
 
-    Raises ArithmeticError if none are found.
+    Remainders are made smaller until every radius is below 1e-18; raises ArithmeticError if that is no help.
     """
     before, flint.ctx.prec = flint.ctx.prec, BITS
     try:
-        return _enclosures(scene, times)
+        for digits in _DIGITS:
+            found = _enclosures(scene, times, arb(10) ** -digits)
+            if all(part.rad() < _NARROW for state in found for part in state):
+                return found
     finally:
         flint.ctx.prec = before
+    raise ArithmeticError("the enclosures are too wide")
 
 
-def _enclosures(scene: Scene, times: Sequence[float]) -> list[State]:
+def _enclosures(scene: Scene, times: Sequence[float], smallest: Any) -> list[State]:
     switches = {0.0, *(t for load in scene.loads for t in _ends(load) if 0.0 < t < times[-1])}
     state, now, found = _start(scene), 0.0, {0.0: _start(scene)}
     for end in sorted({*switches, *times} - {0.0}):
         active = [load for load in scene.loads if _ends(load)[0] <= now < _ends(load)[1]]
-        motion = _Motion(scene, active)
+        motion = _Motion(scene, active, smallest)
         count = max(math.ceil((end - now) * motion.rate(state) / _STEP), 1)
         length = (arb(end) - arb(now)) / count
         for index in range(count):
@@ -83,8 +88,8 @@ def _start(scene: Scene) -> State:
 class _Motion:
     """The equations of motion under some loads, y' = f(t, y), and steps along them."""
 
-    def __init__(self, scene: Scene, loads: Sequence[Any]) -> None:
-        self._loads = loads
+    def __init__(self, scene: Scene, loads: Sequence[Any], remainder: Any) -> None:
+        self._loads, self._remainder = loads, remainder
         self._mass = arb(scene.body.mass)
         self._gravity = list(map(arb, scene.gravity.tolist()))
         self._inertia = [list(map(arb, row)) for row in scene.body.inertia.tolist()]
@@ -124,7 +129,7 @@ class _Motion:
             remainders = [
                 c * length**_ORDER for c in self._coefficients(t + length.union(arb(0)), box, _ORDER)
             ]
-            if all(remainder.rad() + abs(remainder) < _SMALL for remainder in remainders):
+            if all(remainder.rad() + abs(remainder) < self._remainder for remainder in remainders):
                 series = self._series(t, state, _ORDER)
                 return [_value(one, length) + rest for one, rest in zip(series, remainders, strict=True)]
         if retries == 0:
