@@ -110,7 +110,7 @@ def audit(
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Compare mass, centre of mass and inertia of each link in a file with those of the imported bodies.
+    """Compare each link and each joint in a file with those that engines import, and the mass matrix.
 
     bodycheck reads the file in 40-digit arithmetic; each engine imports it in a separate process. Each link
     is then spun freely, and its motion compared with the exact motion of the body in the file.
