@@ -1,19 +1,19 @@
 #!/usr/bin/env bash
-# One night from cron: scripts/nightly.sh HISTORY [SCENARIO ...]; the status is that of `bodycheck nightly`.
-# What it says goes to HISTORY.log; cron mails what is printed, so that only what needs a look is: not a quiet night.
+# A nightly run from cron: scripts/nightly.sh HISTORY [SCENARIO ...]; the status is that of `bodycheck nightly`.
+# Its output is appended to HISTORY.log, and printed only if the status is not 0, because cron mails what is printed.
 set -uo pipefail
 
 history=${1:?"usage: nightly.sh HISTORY [SCENARIO ...]"}
-history=${history%/} # the log stands beside the folder
+history=${history%/} # the log is next to the folder
 shift
 bodycheck=${BODYCHECK:-$(dirname "$0")/../.venv/bin/bodycheck}
-told=$(mktemp)
-trap 'rm -f "$told"' EXIT
+output=$(mktemp)
+trap 'rm -f "$output"' EXIT
 
-"$bodycheck" nightly "$@" --history "$history" > "$told" 2>&1
+"$bodycheck" nightly "$@" --history "$history" > "$output" 2>&1
 status=$?
-{ date --utc --iso-8601=seconds && cat "$told"; } >> "$history.log"
+{ date --utc --iso-8601=seconds && cat "$output"; } >> "$history.log"
 if [ "$status" != 0 ]; then
-    cat "$told"
+    cat "$output"
 fi
 exit "$status"

@@ -33,7 +33,7 @@ IDIOMS = {
 
 @cache
 def prose() -> list[tuple[str, str]]:
-    """Return places and their texts: docs without code, HTML templates, strings that are not docstrings."""
+    """Return places and their texts: docs without code, templates, scripts, strings but docstrings."""
     return list(_prose())
 
 
@@ -47,6 +47,11 @@ def _prose() -> Iterator[tuple[str, str]]:
     for template in sorted((ROOT / "bodycheck/reports/templates").glob("*.html")):
         text = re.sub(r"\{[{%].*?[%}]\}", "", template.read_text(encoding="utf-8"), flags=re.DOTALL)
         yield str(template.relative_to(ROOT)), text
+    scripts = (*(ROOT / ".github").rglob("*.yml"), *(ROOT / "bodycheck/reports/templates").glob("*.js"))
+    others = (ROOT / "pyproject.toml", ROOT / ".ci/run", ROOT / "scripts/nightly.sh")
+    for script in sorted((*scripts, *others)):
+        for number, line in enumerate(script.read_text(encoding="utf-8").splitlines(), 1):
+            yield f"{script.relative_to(ROOT)}, line {number}", line
     for module in sorted((ROOT / "bodycheck").rglob("*.py")):
         tree = ast.parse(module.read_text(encoding="utf-8"))
         documentation = {

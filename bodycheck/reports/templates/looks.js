@@ -94,7 +94,7 @@ const sideStrip = (faults, title = "failed") => faults.length ? {
   xaxis2: { ...strip(title), side: "top", domain: [0.9, 1], anchor: "y2" },
   yaxis2: { ...strip(""), anchor: "x2" },
 } : {};
-const beside = faults => (faults.length ? { domain: [0, 0.88] } : {});
+const roomForStrip = faults => (faults.length ? { domain: [0, 0.88] } : {});
 function besideMarks(faults) {
   const lane = lanes(faults);
   return marks(faults, fault => ({ x: [0.5], y: [lane(fault.m)], xaxis: "x2", yaxis: "y2" }));

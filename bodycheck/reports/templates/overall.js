@@ -22,7 +22,7 @@ plots.overall = (data, chosen) => {
     lines,
     traces: [frontOf(drawn), ...traces, ...besideMarks(missing)],
     layout: layout({
-      xaxis: logAxis("CPU seconds per simulated second", drawn.map(p => p.x), beside(missing)),
+      xaxis: logAxis("CPU seconds per simulated second", drawn.map(p => p.x), roomForStrip(missing)),
       yaxis: axis(`tolerance: ${title}`, { type: "log", ...heightOf(lines) }),
       ...sideStrip(missing, "unmet"),
     }),

@@ -65,7 +65,7 @@ const plots = {
       lines,
       traces: [front, ...traces, ...besideMarks(faults)],
       layout: layout({
-        xaxis: logAxis("CPU time, s", points.map(p => p.cpu[1]), beside(faults)),
+        xaxis: logAxis("CPU time, s", points.map(p => p.cpu[1]), roomForStrip(faults)),
         yaxis: axis(error.title, { type: "log", ...heightOf(lines) }),
         ...sideStrip(faults),
         ...withFloor(error.floor),
@@ -129,7 +129,7 @@ const plots = {
       lines,
       traces: [...traces, ...besideMarks(missing)],
       layout: layout({
-        xaxis: axis("time, s", beside(missing)),
+        xaxis: axis("time, s", roomForStrip(missing)),
         yaxis: axis(drift ? drift.title : "", { type: "log", ...heightOf(lines) }),
         ...sideStrip(missing),
       }),
