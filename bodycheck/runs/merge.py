@@ -201,7 +201,7 @@ def _request_faults(one: _Manifest, first: _Manifest) -> Iterator[str]:
 
 def _requested(manifest: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a shard was requested to do; the manifests of earlier versions have less of it."""
-    return {**{key: manifest[key] for key in _REQUESTED}, **manifest.get("request", {})}
+    return {**manifest.get("request", {}), **{key: manifest[key] for key in _REQUESTED}}
 
 
 def _selection(parts: Sequence[_Part]) -> Selection:
