@@ -64,7 +64,9 @@ from tests.helpers.file_mutations import (
     any_bytes,
     csv_cell,
     json_value,
+    mcap_message,
     npz_member,
+    parquet_column,
     passes,
     token,
     toml_line,
@@ -72,6 +74,7 @@ from tests.helpers.file_mutations import (
 from tests.helpers.html_page import report_page
 from tests.helpers.nightly_runs import store_nightly_runs, unchanged
 from tests.helpers.scenario_texts import SCENARIO
+from tests.reports.recordings.test_conversion import write_mcap
 from tests.scenarios.test_mesh_files import ascii_ply, ascii_stl, binary_ply, binary_stl, obj
 from tests.scenarios.test_mesh_inputs import ascii_cube
 from tests.scenarios.test_mesh_scenes import dae, glb, model_3mf, packed
@@ -200,7 +203,13 @@ def _recordings(sound: Path) -> list[Reader]:
     table = pd.read_csv(sound / "judged.csv")
     (sound / "judged.parquet").write_bytes(as_parquet(table))
     (sound / "judged.jsonl").write_text(json.dumps(table.to_dict("records")[0]) + "\n")
+    mcap = write_mcap({name: table[name].to_numpy() for name in table}, sound / "judged")
     (sound / "map.toml").write_text('t_s = "2*t_s"\nqw = "-qw"\nworld = "NED to ENU"\nignore = ["a*"]\n')
+
+    (sound / "mcap.toml").write_text('ignore = ["log_time_s"]\n')
+
+    def without_log_times(path: Path) -> None:
+        recorded_motion(path, read_map([sound / "mcap.toml"]))
 
     def mapped(path: Path) -> None:
         recorded_motion(sound / "judged.csv", read_map([path]))
@@ -208,7 +217,8 @@ def _recordings(sound: Path) -> list[Reader]:
     return [
         Reader("recording .csv", sound / "judged.csv", _recorded, "csv", csv_cell, 2.0),
         Reader("recording .jsonl", sound / "judged.jsonl", _recorded, "json", json_value),
-        Reader("recording .parquet", sound / "judged.parquet", _recorded, "parquet", any_bytes, 0.5),
+        Reader("recording .parquet", sound / "judged.parquet", _recorded, "parquet", parquet_column),
+        Reader("recording .mcap", mcap, without_log_times, "mcap", mcap_message),
         Reader("column map", sound / "map.toml", mapped, "toml", toml_line),
     ]
 
@@ -272,12 +282,12 @@ def _night_files(sound: Path, manifest: dict[str, Any]) -> list[Reader]:
     parquet = Path(name, "results.parquet")
     return [
         Reader("night.json", sound / "history" / name / "night.json", damaged, "json", json_value, 0.07),
-        Reader("results.parquet", sound / "history" / parquet, damaged, "parquet", any_bytes, 0.5),
+        Reader("results.parquet", sound / "history" / parquet, damaged, "parquet", parquet_column, 0.5),
         Reader("night.json, no sums", unsealed / name / "night.json", damaged, "json", json_value, 0.07),
         Reader(
             "manifest.json, no sums", unsealed / name / "manifest.json", damaged, "json", json_value, 0.07
         ),
-        Reader("results.parquet, no sums", unsealed / parquet, damaged, "parquet", any_bytes, 0.5),
+        Reader("results.parquet, no sums", unsealed / parquet, damaged, "parquet", parquet_column, 0.5),
     ]
 
 

@@ -209,11 +209,11 @@ def query(
     """
     from bodycheck.reports.history.archive import History
     from bodycheck.reports.history.baseline import readable_runs
-    from bodycheck.reports.history.queries import TABLES
     from bodycheck.reports.history.queries import query as run_query
+    from bodycheck.reports.history.queries import tables_in
     from bodycheck.reports.run_files.tables import FORMATS
 
-    runs, left_out = readable_runs(History.existing(folder).runs(), TABLES)
+    runs, left_out = readable_runs(History.existing(folder).runs(), tables_in(sql))
     sys.stdout.write(FORMATS[as_](run_query(runs, sql)).decode())
     _report_left_out(left_out)
 

@@ -111,7 +111,8 @@ def store_nightly(
         raise fault
     with history.locked():
         remove_old_motions(history.runs())
-        stored = [folder for folder in history.runs() if folder not in history.dated_in_future(run.run_id)]
+        future = set(history.dated_in_future(run.run_id))
+        stored = [folder for folder in history.runs() if folder not in future]
         readable, _ = readable_runs(stored)
         try:
             write_feed(history.folder, _reports(readable), read_acceptances(history))

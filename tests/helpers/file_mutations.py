@@ -7,12 +7,16 @@ import io
 import json
 import random
 import re
+import tempfile
 import tomllib
 import zipfile
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
+
+from bodycheck._util.pinned_libraries import duckdb_connection, read_parquet
 
 Mutation: TypeAlias = Callable[[bytes, random.Random], bytes]
 """Valid content and a random generator -> damaged content."""
@@ -322,6 +326,86 @@ def token(content: bytes, dice: random.Random) -> bytes:
     return b"".join(words)
 
 
+_TYPES = (
+    "VARCHAR",
+    "BLOB",
+    "FLOAT",
+    "BIGINT",
+    "BOOLEAN",
+    "DOUBLE[]",
+    "STRUCT(x DOUBLE)",
+    "TIMESTAMP",
+    "HUGEINT",
+)
+_VALUES = (
+    *("NULL", "'nan'::DOUBLE", "'inf'::DOUBLE", "1e308", "-1", "0", "'x'", "repeat('x', 5000)"),
+    *("'\x1b[31m'", "[1.0]", "{'x': 1.0}", "'2020-01-01'::DATE", "12345678901234567890"),
+)
+
+
+def parquet_column(content: bytes, dice: random.Random) -> bytes:
+    """Change a column, a row or the order of a Parquet file; what follows is valid Parquet."""
+    with tempfile.TemporaryDirectory() as folder, duckdb_connection() as database:
+        path = Path(folder, "table.parquet")
+        path.write_bytes(content)
+        table = read_parquet(database, [path])
+        name = dice.choice(table.columns)
+        cast = f'TRY_CAST("{name}" AS {dice.choice(_TYPES)}) AS "{name}"'
+        value = dice.choice(_VALUES)
+        found = {
+            0: lambda: table.project(f"* EXCLUDE ({name})" if len(table.columns) > 1 else "1 AS x"),
+            1: lambda: table.project(f"* REPLACE ({cast})"),
+            2: lambda: table.project(f"* REPLACE ({value} AS {name})"),
+            3: lambda: table.project(f"* RENAME ({name} AS {name}x)"),
+            4: lambda: table.limit(dice.randrange(3)),
+            5: lambda: table.order("random()"),
+            6: lambda: table.union(table),
+            7: lambda: table.project(f"*, {value} AS more"),
+        }[dice.randrange(8)]()
+        found.write_parquet(str(Path(folder, "changed.parquet")))
+        return Path(folder, "changed.parquet").read_bytes()
+
+
+def mcap_message(content: bytes, dice: random.Random) -> bytes:
+    """Change a message, a stamp, a topic or an encoding in an MCAP file; its records and sums are valid."""
+    from mcap.reader import make_reader
+    from mcap.writer import CompressionType, Writer
+
+    found = [
+        (channel.topic, json.loads(message.data), message.log_time)
+        for _, channel, message in make_reader(io.BytesIO(content)).iter_messages()
+    ]
+    place, encoding, schema = dice.randrange(len(found)), "json", b'{"type": "object"}'
+    topic, row, stamp = found[place]
+    data: dict[int, bytes] = {}
+    match dice.randrange(8):
+        case 0:
+            data[place] = dice.choice([b"", b"{", b"[" * 100_000, b"\xff\xfe", b"null", b'{"a": 1e999}'])
+        case 1:
+            found[place] = topic, row, dice.choice([0, 1, 2**63, 2**64 - 1])
+        case 2:
+            found[place] = dice.choice(["", "/other", "\x1b[31m", "x" * 5000]), row, stamp
+        case 3:
+            encoding = dice.choice(["", "cdr", "protobuf", "\x1b[31m"])
+        case 4:
+            schema = dice.choice([b"", b"{", b"\xff"])
+        case 5:
+            found = found[:place]
+        case _:
+            found[place] = topic, changed(row, dice), stamp
+    whole = io.BytesIO()
+    writer = Writer(whole, compression=dice.choice(list(CompressionType)))
+    writer.start()
+    channels: dict[str, int] = {}
+    for number, (name, message, at) in enumerate(found):
+        if name not in channels:
+            kind = writer.register_schema("state", "jsonschema", schema)
+            channels[name] = writer.register_channel(name, encoding, kind)
+        writer.add_message(channels[name], at, data.get(number, json.dumps(message).encode()), at)
+    writer.finish()
+    return whole.getvalue()
+
+
 def any_bytes(content: bytes, dice: random.Random) -> bytes:
     """Flip, cut off, remove, double, insert or replace bytes, whatever the format."""
     place = dice.randrange(len(content) + 1)
@@ -349,7 +433,8 @@ def any_bytes(content: bytes, dice: random.Random) -> bytes:
 def passes(kind: str, content: bytes) -> bool:
     """Return whether the first parser of a format accepts the content.
 
-    The parsers are json, tomllib, csv with rows of equal length, and the magic of numpy's files.
+    The parsers are json, tomllib, csv with rows of equal length, the magic of numpy's files, DuckDB's of
+    Parquet, and mcap's of records and summary.
     """
     try:
         match kind:
@@ -365,16 +450,32 @@ def passes(kind: str, content: bytes) -> bool:
                     for name in archive.namelist():
                         with archive.open(name) as member:
                             np.lib.format.read_magic(member)
+            case "parquet":
+                with tempfile.NamedTemporaryFile(suffix=".parquet") as file, duckdb_connection() as database:
+                    Path(file.name).write_bytes(content)
+                    read_parquet(database, [Path(file.name)])
+            case "mcap":
+                from mcap.reader import make_reader
+
+                return make_reader(io.BytesIO(content)).get_summary() is not None
             case _:
                 return False
-    except (
-        ValueError,
-        RecursionError,
-        RuntimeError,
-        NotImplementedError,
-        OSError,
-        csv.Error,
-        zipfile.BadZipFile,
-    ):
+    except Exception as error:
+        if kind in ("parquet", "mcap"):
+            return False
+        if not isinstance(error, _REFUSALS):
+            raise
         return False
     return True
+
+
+_REFUSALS = (
+    ValueError,
+    RecursionError,
+    RuntimeError,
+    NotImplementedError,
+    OSError,
+    csv.Error,
+    zipfile.BadZipFile,
+)
+"""The errors of the parsers in the standard library and numpy."""

@@ -56,6 +56,11 @@ def recorded(runs: Sequence[Path], table: str) -> pd.DataFrame:
         return rows.project("*, run_id AS run").df()
 
 
+def tables_in(sql: str) -> list[str]:
+    """Return the tables that a statement may name: of thousands of runs, reading all takes seconds."""
+    return [table for table in TABLES if table in sql.lower()]
+
+
 def query(runs: Sequence[Path], sql: str) -> pd.DataFrame:
     """Run one SELECT over the views nights, results, methods, stability and changes.
 
@@ -66,8 +71,9 @@ def query(runs: Sequence[Path], sql: str) -> pd.DataFrame:
         kinds = [statement.type for statement in database.extract_statements(sql)]
         if kinds != [duckdb().StatementType.SELECT]:
             raise InputError(f"{sql!r}: must be one SELECT")
-        database.register("nights", history_table(runs))
-        for table in TABLES:
+        if "nights" in sql.lower():
+            database.register("nights", history_table(runs))
+        for table in tables_in(sql):
             read_parquet(database, _files(runs, table), union_by_name=True).create_view(table)
         table = database.sql(sql).df()
     for name in table.columns:
