@@ -91,6 +91,7 @@ FILES = {
     "plate.toml": ("docs/start.md", "toml", 0),
     "arm.urdf": ("docs/audit.md", "xml", 0),
     "arm.usda": ("docs/audit.md", "text", 0),
+    "finger.urdf": ("docs/audit.md", "xml", 1),
     "steady.csv": ("docs/questions.md", "text", 0),
     "sim.csv": ("docs/recordings.md", "text", 0),
     "log.csv": ("docs/recordings.md", "text", 1),
