@@ -101,6 +101,7 @@ COMMANDS: dict[str, list[str]] = {
     "body": ["body", "part.obj", "--density-kg-m3", "1000"],
     "list": ["list", "methods"],
     "audit": ["audit", "part.urdf"],
+    "dynamics": ["dynamics", "mujoco", "cart-pole"],
     "compare": ["compare", "made/run", "made/run", "--html", "made/compare.html"],
     "advise": ["advise", "--run", "made/run", "--error", "1e-9", "--search"],
     "report": ["report", "made/run", "--markdown", "made/report.md"],

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import dartpy
 import numpy as np
@@ -21,6 +21,9 @@ from bodycheck.adapters.frames import EngineAxes, LinkFrame, link_frame, pivot_p
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
+
+if TYPE_CHECKING:
+    from bodycheck.adapters.tree_contract import TreeModel
 
 _SEMI_IMPLICIT = Method(
     name="semi-implicit",
@@ -42,6 +45,13 @@ class Dart:
     name = "dart"
     version: str = dartpy.__version__
     methods: Mapping[str, Method] = {method.name: method for method in (_SEMI_IMPLICIT, _WITH_DEFAULTS)}
+
+    @property
+    def tree_model(self) -> type[TreeModel]:
+        """What builds trees."""
+        from bodycheck.adapters.dart_tree import DartTree
+
+        return DartTree
 
     def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
         """Return None: every scene is supported."""

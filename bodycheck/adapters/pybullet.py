@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pybullet
@@ -25,6 +26,9 @@ from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.rotations import hat, matrix_to_quaternion
 from bodycheck.reference_impl.scene import ConstantLoad, PointForce, Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
+
+if TYPE_CHECKING:
+    from bodycheck.adapters.tree_contract import TreeModel
 
 _REFRESHED = "one step at rest before the start, to refresh the world inertia"
 
@@ -101,6 +105,13 @@ class PyBullet:
 
     def __init__(self) -> None:
         self._idle_clients: list[int] = []  # connecting costs a hundred times as much as building a body
+
+    @property
+    def tree_model(self) -> type[TreeModel]:
+        """What builds trees."""
+        from bodycheck.adapters.pybullet_tree import PyBulletTree
+
+        return PyBulletTree
 
     def unsupported(self, scene: Scene, method: str) -> str | None:
         """Refuse some pivots.

@@ -12,6 +12,7 @@ import typer
 from bodycheck._util.errors import InputError
 from bodycheck.cli._app import run_app
 from bodycheck.cli.audit_command import auditing
+from bodycheck.cli.dynamics_command import dynamics_commands
 from bodycheck.cli.engine_commands import adapter_commands, identity_commands
 from bodycheck.cli.ensemble_commands import ensemble_commands
 from bodycheck.cli.gate_command import gating
@@ -430,6 +431,7 @@ def list_(
 
 
 app.add_typer(auditing)
+app.add_typer(dynamics_commands)
 app.add_typer(questions)
 
 

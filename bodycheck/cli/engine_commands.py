@@ -67,7 +67,10 @@ def check(
     name="new-adapter",
     short_help="Write a new adapter in Python, C or Rust.",
     **described(
-        ADAPTERS, "bodycheck new-adapter my-engine", "bodycheck new-adapter my-engine --language rust"
+        ADAPTERS,
+        "bodycheck new-adapter my-engine",
+        "bodycheck new-adapter my-engine --language rust",
+        "bodycheck new-adapter my-engine --tree",
     ),
 )
 def new(
@@ -79,13 +82,16 @@ def new(
             "that speaks the worker protocol."
         ),
     ] = "python",
+    tree: Annotated[
+        bool, typer.Option("--tree", help="Also write what the engine reports of trees, in Python.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Write a working example of an adapter into ./bodycheck-NAME, and print how to build and check it."""
     from bodycheck.reports.document import Command, Document, Sentence, answer
     from bodycheck.runs.new_adapter import new_adapter
 
-    folder, commands = new_adapter(name, language)
+    folder, commands = new_adapter(name, language, tree=tree)
     sentence = Sentence(f"{folder} is written: replace the example by calls of the engine, then")
     document = Document("bodycheck new-adapter", (sentence, *(Command(command) for command in commands)))
     answer(document, {"folder": folder, "commands": commands}, as_json=json)

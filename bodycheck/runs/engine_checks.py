@@ -12,9 +12,11 @@ from typing import Any
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import count
 from bodycheck.adapters.contract import Engine, Method
+from bodycheck.adapters.engine_names import is_program
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reports.cache.answers import Answers, EngineClient
 from bodycheck.reports.document import Column, Command, Document, Sentence, Span, Table
+from bodycheck.reports.dynamics.engine_dynamics import LABELS
 from bodycheck.reports.probes.conformance import CHECKS, Check, CheckBench
 from bodycheck.reports.probes.examination import map_and_laws, replayed
 from bodycheck.reports.probes.finding import Finding
@@ -24,8 +26,13 @@ from bodycheck.reports.probes.fingerprint import (
     fingerprint_of,
     fingerprint_row,
 )
+from bodycheck.runs.dynamics_run import DynamicsOptions, dynamics
 from bodycheck.runs.selection import select
 from bodycheck.scenarios.library import PROBES
+
+_OF_TREES = "what the engine reports of trees is right"
+_TREES = 4
+"""Random trees of which an adapter is checked."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +80,26 @@ def check_adapter(name: str, *, timeout_s: float, allow_code: bool = False) -> C
             for result in _results(CheckBench(engine, method, client.ask, client.replay), check)
         ]
     engine = methods[0][0]
+    results += _of_trees(engine.name, timeout_s)
     return Conformance(engine.name, engine.version, tuple(results))
+
+
+def _of_trees(engine: str, timeout_s: float) -> Iterator[CheckResult]:
+    """Yield a result per reading of an adapter that builds trees."""
+    if is_program(engine):
+        return
+    found = dynamics(engine, (), DynamicsOptions(random=_TREES, timeout_s=timeout_s))
+    for one in found.readings:
+        if all(other.verdict == "unsupported" for other in found.readings):
+            return
+        causes = [cause.text for cause in found.causes if one.reading in cause.readings]
+        text = "; ".join(causes) or f"off by {one.worst or 0.0:.2g} of its size in {one.at}"
+        verdict = {"right": "consistent", "unsupported": "not-measured"}.get(one.verdict, "inconsistent")
+        message = text if verdict == "inconsistent" else "; ".join(one.reasons)
+        label = LABELS[one.reading]
+        yield CheckResult(
+            "(trees)", label, "what the engine reports of trees is right", label, verdict, message
+        )
 
 
 def _results(bench: CheckBench, check: Check) -> Iterator[CheckResult]:
@@ -112,7 +138,7 @@ def conformance_document(found: Conformance) -> Document:
                 continue
         rows += _rows(method, check, results, messages)
     failures = sum(map(len, failed.values()))
-    total = len({result.method for result in found.results}) * len(CHECKS)
+    total = len({(result.method, result.check) for result in found.results})
     summary = f"{found.engine} {found.version}: " + (
         f"{failures} of {total} checks fail" if failures else f"all {total} checks pass or do not apply"
     )

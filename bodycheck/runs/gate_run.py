@@ -8,13 +8,16 @@ from pathlib import Path
 
 from bodycheck.adapters.engine_names import is_program
 from bodycheck.adapters.registry import default_engines, engine_names, optional_engines
+from bodycheck.reports.dynamics.engine_dynamics import dynamics_rows
 from bodycheck.reports.gates.gate import Gate
 from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.runs.dynamics_run import DynamicsOptions, dynamics
 from bodycheck.runs.manifest import Identity
 from bodycheck.runs.request import Request
 from bodycheck.runs.run_progress import ProgressFactory
 from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import select
+from bodycheck.scenarios.library import tree_names
 
 
 def run_for_gates(
@@ -59,4 +62,13 @@ def run_for_gates(
         stable_steps=any(gate.target.source == "stability" for gate in gates),
     )
     with make_progress(selection.cases_listed()) as progress:
-        return run_selection(selection, options, Identity.new(), journal=None, progress=progress)
+        run = run_selection(selection, options, Identity.new(), journal=None, progress=progress)
+    of_trees = [gate for gate in gates if gate.target.source == "dynamics"]
+    measured = dict.fromkeys(engine.name for engine, _ in selection.methods)
+    rows = [
+        row
+        for name in measured
+        if any(gate.matches_engine(name) for gate in of_trees)
+        for row in dynamics_rows(dynamics(name, tree_names(), DynamicsOptions()))
+    ]
+    return run.with_rows(dynamics=rows)

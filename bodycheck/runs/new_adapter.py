@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 from bodycheck._util.errors import InputError
-from bodycheck.adapters import example
+from bodycheck.adapters import example, example_trees
 from bodycheck.adapters.registry import engine_names
 
 Language: TypeAlias = Literal["python", "c", "rust"]
@@ -75,12 +75,16 @@ edition = "2021"
 """
 
 
-def new_adapter(name: str, language: Language = "python") -> tuple[Path, tuple[str, ...]]:
+def new_adapter(
+    name: str, language: Language = "python", *, tree: bool = False
+) -> tuple[Path, tuple[str, ...]]:
     """Write a package in Python, or a worker in C or Rust, into ./bodycheck-NAME.
 
-    Returns that folder, and the commands that build and check the adapter. Raises InputError if the name is
-    invalid or taken, or the folder exists or cannot be written.
+    tree: also write a model of trees, in Python. Returns that folder, and the commands that build and check
+    the adapter. Raises InputError if the name is invalid or taken, or the folder exists or cannot be written.
     """
+    if tree and language != "python":
+        raise InputError(f"--tree: a worker in {language} reports nothing of trees; use --language python")
     if _NAME.fullmatch(name) is None:
         raise InputError(f"{name}: not a name of an engine (expected lower case, like my-engine)")
     if name in engine_names():
@@ -92,7 +96,7 @@ def new_adapter(name: str, language: Language = "python") -> tuple[Path, tuple[s
         unfinished = Path(tempfile.mkdtemp(prefix=f".{folder}-", dir="."))
         try:
             unfinished.chmod(0o755)
-            for file_name, text in _files(name, language).items():
+            for file_name, text in _files(name, language, tree=tree).items():
                 path = unfinished / file_name
                 path.parent.mkdir(exist_ok=True)
                 path.write_text(text, encoding="utf-8")
@@ -116,7 +120,7 @@ def _commands(name: str, folder: Path, language: Language) -> tuple[str, ...]:
     return build, f"bodycheck check-adapter cmd:{program}"
 
 
-def _files(name: str, language: Language) -> Mapping[str, str]:
+def _files(name: str, language: Language, *, tree: bool) -> Mapping[str, str]:
     """Return the texts of an adapter by their places."""
     if language == "c":
         return {f"{name}.c": _worker("worker.c", name)}
@@ -128,10 +132,27 @@ def _files(name: str, language: Language) -> Mapping[str, str]:
         "class_name": "".join(part.capitalize() for part in name.split("-")),
         "bodycheck": version("bodycheck"),
     }
-    return {
+    written = {
         "pyproject.toml": _PYPROJECT.format(**values),
         f"{values['module']}/__init__.py": _adapter(values["name"], values["class_name"]),
         "tests/test_adapter.py": _TEST.format(**values),
+    }
+    return {**written, **_of_trees(values, written)} if tree else written
+
+
+def _of_trees(values: Mapping[str, str], written: Mapping[str, str]) -> Mapping[str, str]:
+    """Return the file of the model of trees, and the adapter that has it."""
+    module, model = values["module"], f"{values['class_name']}Tree"
+    _, _, rest = Path(example_trees.__file__).read_text(encoding="utf-8").partition("\n")
+    head = f'"""Trees in {values["name"]}: replace the exact dynamics by calls of the engine."""\n'
+    adapter = written[f"{module}/__init__.py"].replace(
+        "\n\n\nclass", f"\nfrom {module}.trees import {model}\n\n\nclass", 1
+    )
+    methods = "    methods = "
+    adapter = adapter.replace(methods, f"    tree_model = {model}\n{methods}", 1)
+    return {
+        f"{module}/__init__.py": adapter,
+        f"{module}/trees.py": head + rest.replace("ExampleTree", model),
     }
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib.metadata import version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
+
+if TYPE_CHECKING:
+    from bodycheck.adapters.tree_contract import TreeModel
 
 
 @dataclass(frozen=True)
@@ -90,6 +93,13 @@ class Drake:
         import pydrake.all  # noqa: F401 - before any case, as it takes a second
 
         self.version = version(self.distribution)
+
+    @property
+    def tree_model(self) -> type[TreeModel]:
+        """What builds trees."""
+        from bodycheck.adapters.optional.drake_tree import DrakeTree
+
+        return DrakeTree
 
     def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
         """Refuse pivots: Drake's ball joint has angles with a singularity."""

@@ -19,6 +19,8 @@ from bodycheck.reference_impl.scene import Scene
 if TYPE_CHECKING:
     import mujoco
 
+    from bodycheck.adapters.tree_contract import TreeModel
+
 _FLOAT64 = f"{VARIANT}float64"
 _M1 = "omega += h I^-1 (tau - omega x I omega); q = q exp(h omega)"
 _EULER = Method(
@@ -72,6 +74,13 @@ class Mjx(FreeBodiesOnly):
         from mujoco import mjx  # noqa: F401 - before any case, as it takes seconds
 
         self.version = version(self.distribution)
+
+    @property
+    def tree_model(self) -> type[TreeModel]:
+        """What builds trees."""
+        from bodycheck.adapters.optional.port_trees import MjxTree
+
+        return MjxTree
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Put MuJoCo's model of one body into JAX."""

@@ -19,6 +19,8 @@ from bodycheck.reference_impl.scene import Scene
 if TYPE_CHECKING:
     import mujoco
 
+    from bodycheck.adapters.tree_contract import TreeModel
+
 _EULER = Method(
     name="euler",
     formula="omega += h I^-1 (tau - omega x I omega); q = q exp(h omega)",
@@ -68,6 +70,13 @@ class MuJoCoWarp(FreeBodiesOnly):
 
         warp.config.quiet = True
         self.version = version(self.distribution)
+
+    @property
+    def tree_model(self) -> type[TreeModel]:
+        """What builds trees."""
+        from bodycheck.adapters.optional.port_trees import WarpTree
+
+        return WarpTree
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Put MuJoCo's model of one body into Warp."""

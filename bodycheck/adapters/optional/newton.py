@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib.metadata import version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from bodycheck.adapters.optional.between_steps import (
 )
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene, State
+
+if TYPE_CHECKING:
+    from bodycheck.adapters.tree_contract import TreeModel
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,13 @@ class Newton(FreeBodiesOnly):
         warp.config.quiet = True
         self._newton: Any = newton
         self.version = version(self.distribution)
+
+    @property
+    def tree_model(self) -> type[TreeModel]:
+        """What builds trees."""
+        from bodycheck.adapters.optional.newton_tree import NewtonTree
+
+        return NewtonTree
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Build a model of one body."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib.metadata import version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
+
+if TYPE_CHECKING:
+    from bodycheck.adapters.tree_contract import TreeModel
 
 _SEMI_IMPLICIT = Method(
     name="semi-implicit",
@@ -56,6 +59,13 @@ class Pinocchio:
         import pinocchio  # noqa: F401 - fails here where it is missing
 
         self.version = version(self.distribution)
+
+    @property
+    def tree_model(self) -> type[TreeModel]:
+        """What builds trees."""
+        from bodycheck.adapters.optional.pinocchio_tree import PinocchioTree
+
+        return PinocchioTree
 
     def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
         """Refuse pivots."""

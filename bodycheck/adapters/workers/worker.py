@@ -69,6 +69,10 @@ class RequestHandler:
                 return protocol.stable_step_message(search_result)
             case "import":
                 return answered(self._adapter.name, request)
+            case "dynamics":
+                from bodycheck.adapters.workers.tree_readings import answered_dynamics
+
+                return answered_dynamics(self._adapter, request)
             case "lap" if self._stopwatch is not None:
                 return {"outcome": "ok", "cpu_s": self._stopwatch.lap()}
             case unknown:

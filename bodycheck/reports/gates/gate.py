@@ -18,6 +18,7 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import number, step
 from bodycheck._util.untrusted import parse_toml, read_text
 from bodycheck.adapters.engine_names import split_method
+from bodycheck.adapters.reading_names import READINGS
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.measurement.measures import MEASURES, QUANTITIES
 from bodycheck.reports.measurement.verdicts import STATES
@@ -25,7 +26,7 @@ from bodycheck.reports.probes.laws import LAW_NAMES
 from bodycheck.scenarios.fields import NotNegative, Number, Positive, Table
 from bodycheck.scenarios.reader import fault_lines
 
-Source: TypeAlias = Literal["results", "methods", "stability", "laws"]
+Source: TypeAlias = Literal["results", "methods", "stability", "laws", "dynamics"]
 
 _SPEEDS = ("cpu_s", "ns_per_step", "relative_cpu")
 _COUNTS = ("steps", "rhs_evaluations")
@@ -70,6 +71,8 @@ def measure_of(name: str) -> GateMeasure:
             return GateMeasure("stability", "dt_stable_s")
         case "law", _ if quantity in LAW_NAMES:
             return GateMeasure("laws", "size", quantity)
+        case "dynamics", _ if quantity in READINGS:
+            return GateMeasure("dynamics", "worst", quantity)
         case "verdict", "":
             return GateMeasure("methods", "verdict", choices=_VERDICTS)
         case "verdict", _ if quantity in QUANTITIES:
@@ -81,7 +84,8 @@ def measure_of(name: str) -> GateMeasure:
     raise ValueError(
         f"unknown measure {name!r} (available: the columns that bodycheck list measures shows, "
         f"{', '.join(_SPEEDS)}, outcome, verdict, stability.dt_stable_s, order., verdict. or growth. "
-        f"followed by one of {', '.join(QUANTITIES)}, and law. followed by one of {', '.join(LAW_NAMES)})"
+        f"followed by one of {', '.join(QUANTITIES)}, law. followed by one of {', '.join(LAW_NAMES)}, and "
+        f"dynamics. followed by one of {', '.join(READINGS)})"
     )
 
 

@@ -46,6 +46,8 @@ def rows_of(gate: Gate, run: Tables) -> list[GateRow]:
         return [_row_of_case(gate, case.columns) for case in run.cases if _matches(gate, case.columns)]
     if measure.source == "laws":
         return list(_rows_of_law(gate, run))
+    if measure.source == "dynamics":
+        return list(_rows_of_dynamics(gate, run))
     rows = run.rows(measure.source)
     found: Mapping[StudyKey, Mapping[str, Any]] = (
         _worst_verdicts(rows)
@@ -71,6 +73,16 @@ def _rows_of_law(gate: Gate, run: Tables) -> Iterator[GateRow]:
         why = "" if size is not None else f"no {gate.measure}: {row.get('message') or 'not checked'}"
         command = row.get("reproduce", columns["reproduce"])
         yield GateRow("(its own)", *key, at="", obtained=size, why=why, reproduce=command)
+
+
+def _rows_of_dynamics(gate: Gate, run: Tables) -> Iterator[GateRow]:
+    """Yield one row per engine: its readings of trees, whatever the gate's scenario and method."""
+    for row in run.rows("dynamics"):
+        if row["reading"] == gate.target.quantity and gate.matches_engine(row["engine"]):
+            value = row.get("worst")
+            why = "" if value is not None else f"no {gate.measure}: {row['verdict']}: {row['message']}"
+            reproduce = f"bodycheck dynamics {row['engine']}"
+            yield GateRow("(trees)", row["engine"], "", at="", obtained=value, why=why, reproduce=reproduce)
 
 
 def _worst_verdicts(rows: Iterable[Mapping[str, Any]]) -> dict[StudyKey, Mapping[str, Any]]:

@@ -146,7 +146,7 @@ class Fault:
 
     def text(self, values: Sequence[float] | Array) -> str:
         """Return the sentence with these values of the parameters."""
-        return self.special_text(values) or self.sentence.format(*(_number(value) for value in values))
+        return self.special_text(values) or self.sentence.format(*(number_text(value) for value in values))
 
 
 _NAMED = {
@@ -158,7 +158,8 @@ _NAMED = {
 """Quantity -> how a sentence names it."""
 
 
-def _number(value: float) -> str:
+def number_text(value: float) -> str:
+    """Return a parameter in five digits; one close to 1 as its difference from 1."""
     shown = f"{value:.5g}"
     if shown != "1" or value == 1.0:
         return shown

@@ -1,0 +1,206 @@
+"""The contract for trees: what an engine reports of the equations of a tree, without a step.
+
+An adapter that builds trees has the attribute `tree_model`, a subclass of `TreeModel`. The model takes and
+returns everything in the conventions of `reference_impl.trees`: bodies in the order of the scene, u with the
+velocity of a free body in world axes and its omega in body axes, rates of a ball in the child's axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from bodycheck.adapters.contract import Adapter, Precision
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.rotations import matrix_to_quaternion, quaternion_to_matrix
+from bodycheck.reference_impl.trees.tree_scene import TreeScene
+
+
+class UnreportedError(Exception):
+    """The engine or its adapter does not report a quantity, or cannot build a tree; the text says why."""
+
+
+class TreeModel:
+    """One tree in one engine: override what the engine reports; the rest is `unsupported`.
+
+    Each reading is that of the engine's present state. After `set_state` it holds for this state: the adapter
+    calls what the engine needs for that. After `step` it is what the engine returns without further calls.
+    A quantity that the engine only reports after a step takes one of at most 1e-7 s, which is then undone.
+    """
+
+    precision: Precision = "float64"
+    native: ClassVar[Mapping[str, str]] = {}
+    """Reading -> the engine's own call, axes and order, for people to read."""
+    resolution: ClassVar[Mapping[str, float]] = {}
+    """Reading -> its relative accuracy, where the engine gives it only approximately."""
+
+    def __init__(self, scene: TreeScene, masses_were: float = 1.0) -> None:  # noqa: ARG002
+        """Build the tree; raise UnreportedError if the engine cannot represent it.
+
+        masses_were: build all masses and inertias this many times as large, and change them to those of the
+        scene afterwards, as a program does that changes a load while it runs.
+        """
+        raise UnreportedError("the adapter builds no trees")
+
+    def set_state(self, q: Array, u: Array) -> None:
+        """Set coordinates (nq,) and rates (nu,)."""
+        raise NotImplementedError
+
+    def mass_matrix(self) -> Array:
+        """Return M (nu, nu)."""
+        raise UnreportedError(_NOT_READ)
+
+    def bias(self) -> Array:
+        """Return c (nu,) of M u' + c = tau, gravity included."""
+        raise UnreportedError(_NOT_READ)
+
+    def gravity_bias(self) -> Array:
+        """Return the part of the bias (nu,) that gravity causes."""
+        raise UnreportedError(_NOT_READ)
+
+    def accelerations(self) -> Array:
+        """Return u' (nu,) without joint forces."""
+        raise UnreportedError(_NOT_READ)
+
+    def wrenches(self) -> Array:
+        """Return force and moment (n, 6) of each joint on its child, without joint forces.
+
+        The moment is about the joint's point, both in the child's axes; zero for a free body.
+        """
+        raise UnreportedError(_NOT_READ)
+
+    def energy(self) -> Array:
+        """Return kinetic and potential energy (2,) in J, the potential zero at the world's origin."""
+        raise UnreportedError(_NOT_READ)
+
+    def momenta(self) -> Array:
+        """Return momentum and angular momentum about the world's origin (6,), in world axes."""
+        raise UnreportedError(_NOT_READ)
+
+    def poses(self) -> Array:
+        """Return position of the centre of mass and quaternion, body to world, of each body (n, 7)."""
+        raise UnreportedError(_NOT_READ)
+
+    def step(self, dt_s: float) -> tuple[Array, Array]:  # noqa: ARG002
+        """Make one step by the engine's default method; return q (nq,) and u (nu,) after it."""
+        raise UnreportedError("the engine has no step of its own")
+
+
+_NOT_READ = "the adapter does not read it"
+
+
+def tree_model_of(adapter: Adapter) -> type[TreeModel] | None:
+    """Return what builds trees with an engine; None if its adapter does not."""
+    return getattr(adapter, "tree_model", None)
+
+
+# ------------------------------------------------------------------------------------- what adapters share
+
+
+@dataclass(frozen=True, eq=False)
+class JointedLink:
+    """A body as engines build it: its link frame lies at its joint's point, along the body axes.
+
+    A free body's link frame is at its centre of mass. centre (3,): of mass, in the link frame. place (3,),
+    zero (4,): the link frame in that of the parent at coordinate 0. axis (3,): unit, in link axes.
+    """
+
+    name: str
+    kind: str
+    parent: int
+    mass: float
+    inertia: Array
+    centre: Array
+    place: Array
+    zero: Array
+    axis: Array
+
+
+def jointed_links(scene: TreeScene, factor: float = 1.0) -> tuple[JointedLink, ...]:
+    """Return the bodies of a tree in its order, with all masses and inertias multiplied by a factor."""
+    found: list[JointedLink] = []
+    for body in scene.bodies:
+        joint = body.joint
+        free = joint.kind == "free"
+        before = -1 if free else joint.parent
+        found.append(
+            JointedLink(
+                body.name,
+                joint.kind,
+                before,
+                factor * body.mass,
+                factor * body.inertia,
+                np.zeros(3) if free else -joint.at_body,
+                np.zeros(3) if free else joint.at_parent + (found[before].centre if before >= 0 else 0.0),
+                np.array([1.0, 0.0, 0.0, 0.0]) if free else joint.zero / np.linalg.norm(joint.zero),
+                joint.axis / (np.linalg.norm(joint.axis) or 1.0),
+            )
+        )
+    return tuple(found)
+
+
+def depth_first(links: Sequence[JointedLink]) -> list[int]:
+    """Return the order in which most engines number the bodies of a tree."""
+
+    def below(parent: int) -> list[int]:
+        children = (k for k, link in enumerate(links) if link.parent == parent)
+        return [k for child in children for k in (child, *below(child))]
+
+    return below(-1)
+
+
+def link_poses(links: Sequence[JointedLink], places: Sequence[Array], rotations: Sequence[Array]) -> Array:
+    """Return the poses (n, 7) of bodies whose link frames have these places (3,) and rotations (3, 3)."""
+    rows = zip(links, places, rotations, strict=True)
+    return np.array([np.concatenate([x + R @ one.centre, matrix_to_quaternion(R)]) for one, x, R in rows])
+
+
+class RateMap:
+    """Rates of an engine in its own order and axes: u_e = T u with an orthogonal T.
+
+    starts: the index of each body's first rate in the engine's vector.
+    """
+
+    def __init__(self, scene: TreeScene, starts: Sequence[int]) -> None:
+        self._slices, self._starts = scene.rate_slices, starts
+        self._kinds = [body.joint.kind for body in scene.bodies]
+        self.matrix = np.zeros((self._slices[-1].stop,) * 2)
+        self.drift = np.zeros(self._slices[-1].stop)
+        for k, part in enumerate(self._slices):
+            self.turn(k, np.eye(part.stop - part.start))
+
+    def turn(self, body: int, block: Array, drift: Array | float = 0.0) -> None:
+        """Set the block of T of a body, and (dT/dt) u of its rates in the engine's order."""
+        part, start = self._slices[body], self._starts[body]
+        rows = slice(start, start + len(block))
+        self.matrix[rows, part], self.drift[rows] = block, drift
+
+    def rates(self, u: Array) -> Array:
+        """T u."""
+        return np.asarray(self.matrix @ u)
+
+    def own_rates(self, rates: Array) -> Array:
+        """T^T u_e."""
+        return np.asarray(rates @ self.matrix)
+
+    def mass_matrix(self, mass_matrix: Array) -> Array:
+        """T^T M_e T."""
+        return np.asarray(self.matrix.T @ mass_matrix @ self.matrix)
+
+    def bias(self, bias: Array, mass_matrix: Array | None = None) -> Array:
+        """T^T (c_e + M_e (dT/dt) u); the matrix is only needed where T changes."""
+        return self.own_rates(bias if mass_matrix is None else bias + mass_matrix @ self.drift)
+
+    def accelerations(self, accelerations: Array) -> Array:
+        """T^T (u_e' - (dT/dt) u)."""
+        return self.own_rates(accelerations - self.drift)
+
+
+def swapped_in_world(quaternion: Array) -> Array:
+    """T (6, 6) of a free body whose engine has omega, then the velocity, both in world axes."""
+    block = np.zeros((6, 6))
+    block[:3, 3:], block[3:, :3] = quaternion_to_matrix(quaternion), np.eye(3)
+    return block
