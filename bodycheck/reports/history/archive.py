@@ -19,6 +19,7 @@ from bodycheck._util.untrusted import check_regular
 
 _RUN_ID = re.compile(r"\d{8}T\d{6}Z-[0-9a-f]{6}")
 _STAMP, _STAMP_LENGTH = "%Y%m%dT%H%M%SZ", 16  # the beginning of a run id
+_SETTLED = ("accepted", "report-files")  # folders of a run
 _LOCK = ".lock"
 TRAJECTORIES = "trajectories"
 """The folder of the trajectories in a run."""
@@ -137,7 +138,7 @@ def _settle(folder: Path) -> None:
     Motions are left out: there are many, and each is checked against its row when it is read.
     """
     inside = [entry for entry in folder.iterdir() if not entry.name.startswith(".")]
-    folders = (entry for entry in inside if entry.is_dir() and entry.name != TRAJECTORIES)
+    folders = (entry for entry in inside if entry.name in _SETTLED)
     deeper = [path for entry in folders for path in (*entry.iterdir(), entry)]
     for path in (*(entry for entry in inside if entry.is_file()), *deeper, folder):
         descriptor = os.open(path, os.O_RDONLY)

@@ -176,3 +176,26 @@ def test_empty_history_cannot_be_queried(tmp_path: Path, expected_message: Expec
     for folder in (tmp_path, tmp_path / "absent"):
         with expected_message.raises(InputError):
             History.existing(folder)
+
+
+def test_storing_a_run_settles_its_files_and_not_those_of_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else the time to store a run grows with the history."""
+    history = History.at(tmp_path)
+    settled: list[str] = []
+
+    def fsync(descriptor: int) -> None:
+        settled.append(Path(f"/proc/self/fd/{descriptor}").readlink().name)
+
+    monkeypatch.setattr("bodycheck.reports.history.archive.os.fsync", fsync)
+    for hour in range(3):
+        settled.clear()
+        with history.new_run(f"20260101T{hour:02d}0000Z-000000") as folder:
+            for place in ("accepted", "report-files", "trajectories"):
+                (folder / place).mkdir()
+                (folder / place / f"in-{place}").touch()
+            (folder / "night.json").touch()
+    within = ["accepted", "in-accepted", "in-report-files", "night.json", "report-files"]
+    folders = [".unfinished-20260101T020000Z-000000", tmp_path.name]
+    assert sorted(settled) == sorted([*within, *folders])
