@@ -105,3 +105,20 @@ def test_what_changes_a_result_is_no_matter_of_execution() -> None:
         *("scenarios", "engines", "dt_s", "tolerances", "speed", "shard", "commit"),
         *("speed_passes", "stable_steps", "laws"),
     }
+
+
+def test_a_shard_in_python_is_that_of_the_command(tmp_path: Path) -> None:
+    """Its cases are those of one part, and the manifest says which."""
+    (tmp_path / "mine.toml").write_text(tumbling())
+    parts = [
+        bodycheck.run(
+            [tmp_path / "mine.toml"],
+            engines=["reference:m1", "reference:rk4"],
+            dt_s=[0.1],
+            speed=False,
+            shard=f"{k}/2",
+        )
+        for k in (1, 2)
+    ]
+    assert sorted(row["method"] for part in parts for row in part.rows("results")) == ["m1", "rk4"]
+    assert [part.manifest["shard"]["shard"] for part in parts] == ["1/2", "2/2"]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import reduce
 from operator import or_
 from pathlib import Path
@@ -32,7 +32,7 @@ from bodycheck.reports.run_files.writer import check_output, write_files
 from bodycheck.runs.manifest import Identity
 from bodycheck.runs.request import Request, stored_fields
 from bodycheck.runs.run_progress import ProgressFactory
-from bodycheck.runs.runner import run_selection
+from bodycheck.runs.runner import connected_to_cluster, run_selection
 from bodycheck.runs.selection import Selection, select
 from bodycheck.scenarios.reader import fault_lines
 from bodycheck.scenarios.serialization import serialized
@@ -74,26 +74,6 @@ def selected(request: Request, file: Path | None = None) -> Selection:
         file=file,
     )
     return selection if shard is None else selection.of_shard(shard)
-
-
-@contextmanager
-def _connected(request: Request) -> Iterator[Request]:
-    """Return the request with the cluster's executors, if there is one, for a with block.
-
-    Raises InputError if an option is wrong or the cluster cannot be used.
-    """
-    files = [request.tls_ca_file, request.tls_cert, request.tls_key]
-    given = [file for file in files if file is not None]
-    if given and (len(given) < len(files) or request.cluster is None):
-        raise InputError("--tls-ca-file, --tls-cert, --tls-key: give all three, with --cluster")
-    if request.cluster is None:
-        yield request
-        return
-    from bodycheck.runs.cluster import TlsFiles, connected
-
-    tls = TlsFiles(*given) if given else None
-    with connected(request.cluster, tls, speed=request.speed, insecure=request.insecure) as cluster:
-        yield replace(request, executor=cluster.executor, timing=cluster.timing)
 
 
 class _Description(BaseModel):
@@ -161,7 +141,7 @@ def begin(
         selection = selected(request)
     except KeyboardInterrupt:
         raise StoppedError("stopped before anything was measured") from None
-    with _connected(request) as request:
+    with connected_to_cluster(request) as request:
         _describe(partial, request, identity, selection, out)
         return _run_journaled(request, selection, identity, out, make_progress, storage)
 
@@ -225,7 +205,7 @@ def proceed(
         raise InputError(
             f"--resume {out}: changed since the run began: {names(changed)}; restore it, or remove {partial}"
         )
-    with _connected(request) as request:
+    with connected_to_cluster(request) as request:
         return _run_journaled(request, selection, identity, out, make_progress, storage)
 
 

@@ -287,7 +287,7 @@ def with_options_of(
             f"{name}: {one.about[:-1]}{f' [default: {one.otherwise}]' if one.otherwise else ''}."
             for name, (_, one) in options().items()
         )
-        with_options.__doc__ = f"{function.__doc__}\n\n{texts}\n"
+        with_options.__doc__ = f"{inspect.cleandoc(function.__doc__ or '')}\n\n{texts}\n"
         return with_options
 
     return decorate

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Sequence
-from contextlib import closing
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.shard import Shard
+from bodycheck._util.source_commit import source_commit
 from bodycheck.adapters.engine_names import admit, admit_file
 from bodycheck.reference_impl.precompile import compile_kernels, interprets_closed_forms
 from bodycheck.reference_impl.truth.truth import Truth
@@ -56,6 +58,7 @@ def run(request: Request) -> Run:
         values: Any = getattr(request, name)
         if values is not None and np.size(values) == 0:
             raise InputError(f"{name}: name at least one")
+    source_commit(request.commit)  # checks it
     engines = request.engines
     if request.engines_file is not None:
         admit_file(Path(request.engines_file), allow_code=request.allow_code)
@@ -68,7 +71,30 @@ def run(request: Request) -> Run:
     if engines is not None:
         for why in selection.unavailable.values():
             warnings.warn(f"not measured: {why}", stacklevel=3)
-    return run_selection(selection, request, Identity.new(), journal=None, progress=NULL_PROGRESS)
+    if request.shard is not None:
+        selection = selection.of_shard(Shard.parse(request.shard))
+    with connected_to_cluster(request) as request:
+        return run_selection(selection, request, Identity.new(), journal=None, progress=NULL_PROGRESS)
+
+
+@contextmanager
+def connected_to_cluster(request: Request) -> Iterator[Request]:
+    """Return the request with the cluster's executors, if there is one, for a with block.
+
+    Raises InputError if an option is wrong or the cluster cannot be used.
+    """
+    files = [request.tls_ca_file, request.tls_cert, request.tls_key]
+    given = [file for file in files if file is not None]
+    if given and (len(given) < len(files) or request.cluster is None):
+        raise InputError("--tls-ca-file, --tls-cert, --tls-key: give all three, with --cluster")
+    if request.cluster is None:
+        yield request
+        return
+    from bodycheck.runs.cluster import TlsFiles, connected
+
+    tls = TlsFiles(*given) if given else None
+    with connected(request.cluster, tls, speed=request.speed, insecure=request.insecure) as cluster:
+        yield replace(request, executor=cluster.executor, timing=cluster.timing)
 
 
 def run_selection(
