@@ -216,7 +216,7 @@ SEARCHED = ("toy", "1", None, "intermediate-axis", None, "orientation_error_rad"
 @pytest.mark.parametrize("every", [None, False, True])
 def test_releases_are_bisected_unless_every_one_is_requested(every: bool | None, reported: list[str]) -> None:
     """Each release is run once, both ends first, and each finding is the value in its release."""
-    requested = version_search.Search(*SEARCHED, **({} if every is None else {"every": every}))
+    requested = version_search.ReleaseSearch(*SEARCHED, **({} if every is None else {"every": every}))
     assert not requested.allow_code
     found = version_search.search(requested, Request(), reported.append)
     assert reported[:2] == ["toy==1", "toy==7"]
@@ -288,7 +288,7 @@ def searched(**requested: Any) -> tuple[Found, list[str]]:
         yield name
 
     words = dict(zip(SEARCH_FIELDS, SEARCHED, strict=True)) | {"dt_s": None, **requested}
-    request = version_search.Search(**words)
+    request = version_search.ReleaseSearch(**words)
     return search(request, Request(jobs=1), lambda _: None, lambda name: partial(progress, name)), shown
 
 
