@@ -82,6 +82,10 @@ class MjxTree(_PortTree):
         """Nothing."""
         raise UnreportedError("MJX computes no energy")
 
+    def wrenches(self) -> Array:
+        """Nothing."""
+        raise UnreportedError("MJX's force and torque sensors were 0 in a trial of the adapter")
+
 
 class WarpTree(_PortTree):
     """A tree in Warp, in one world."""
