@@ -71,13 +71,18 @@ def _compared(link: ModelLink, mesh: WeighedMesh) -> Iterator[Finding]:
 
 
 def _remedy(mesh: WeighedMesh) -> str:
-    """Return how MuJoCo gets the solid's inertia; it refuses `exact` where faces do not bound it outward."""
+    """Return how MuJoCo gets the solid's inertia.
+
+    It refuses `exact` for faces that point inward, or that share an edge in the same direction; for the
+    latter only if the corners are one vertex there, too, which in an OBJ depends on texture and normal.
+    """
     a, b, c = mesh.triangles[np.diff(np.sort(mesh.triangles), axis=1).all(axis=1)].T
     edges = np.concatenate([np.stack(pair, axis=1) for pair in ((a, b), (b, c), (c, a))])
     if len(np.unique(edges, axis=0)) < len(edges):
         return (
-            "mass and inertia of the part in <inertial>, if it is solid: two faces share an edge in the same "
-            'direction, for which MuJoCo refuses inertia="exact"'
+            f'inertia="exact" in <mesh name="{mesh.name}">, if the part is solid; MuJoCo may refuse it, '
+            "because two faces share an edge in the same direction: then mass and inertia of the part in "
+            "<inertial>"
         )
     x, y, z = (mesh.vertices[corner] for corner in mesh.triangles.T)
     turned = ", with all faces turned outward" if np.sum(x * np.cross(y, z)) < 0.0 else ""
