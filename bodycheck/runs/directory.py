@@ -72,6 +72,7 @@ def selected(request: Request, file: Path | None = None) -> Selection:
         *(request.scenarios, request.engines, request.dt_s, request.tolerances),
         allow_code=request.allow_code,
         file=file,
+        partial=True,
     )
     return selection if shard is None else selection.of_shard(shard)
 
