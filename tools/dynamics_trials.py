@@ -71,7 +71,7 @@ def main() -> int:
     parser.add_argument("trial", choices=("faults", "healthy"))
     parser.add_argument("names", nargs="*")
     parser.add_argument("--trees", type=int)
-    given = parser.parse_args()
+    given = parser.parse_intermixed_args()
     if given.trial == "faults":
         return int(bool(faults(given.names, given.trees or 8)))
     return int(bool(healthy(given.names, given.trees or 100)))
