@@ -36,7 +36,7 @@ OPENERS = {
     "reports/alerts.py": "the summary of a job of GitHub Actions",
     "reports/cache/disk_cache.py": "the user's cache",
     "reports/cache/journal.py": "a file that was checked",
-    "reports/diagnosis/explanation_document.py": "package data",
+    "reports/explanation/explanation_document.py": "package data",
     "reports/history/archive.py": "locks and folders",
     "reports/history/baseline.py": "a run that this command has written",
     "reports/recordings/column_map.py": "package data",
