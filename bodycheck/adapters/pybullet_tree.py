@@ -51,6 +51,7 @@ class PyBulletTree(TreeModel):
         "wrenches": "getJointState; principal axes, about the centre of mass",
         "poses": "getLinkState; principal axes",
     }
+    known_faults: ClassVar[Mapping[str, str]] = {"wrenches": "Bullet's joint wrenches are wrong in motion"}
     resolution: ClassVar[Mapping[str, float]] = {"accelerations": 1e-5}
 
     _client: int | None = None

@@ -36,6 +36,8 @@ class TreeModel:
     """Reading -> the engine's own call, axes and order, for people to read."""
     resolution: ClassVar[Mapping[str, float]] = {}
     """Reading -> its relative accuracy, where the engine gives it only approximately."""
+    known_faults: ClassVar[Mapping[str, str]] = {}
+    """Reading -> a fault of the engine itself, for which `check-adapter` does not blame the adapter."""
 
     def __init__(self, scene: TreeScene, masses_were: float = 1.0) -> None:  # noqa: ARG002
         """Build the tree; raise UnreportedError if the engine cannot represent it.

@@ -27,7 +27,8 @@ class TreeReadings:
     values: reading -> (k, ...) at the k states. after: reading -> its value after two steps from the last
     state. q, u: the states (3, ...) before these, between them and after them. reasons: reading, or "build"
     or "step" -> why it is not reported. native: reading -> the engine's own axes and order. resolution:
-    reading -> its relative accuracy where the engine only gives it approximately.
+    reading -> its relative accuracy where the engine only gives it approximately. known_faults: reading ->
+    a fault of the engine itself.
     """
 
     values: Mapping[str, Array]
@@ -37,6 +38,7 @@ class TreeReadings:
     reasons: Mapping[str, str]
     native: Mapping[str, str]
     resolution: Mapping[str, float]
+    known_faults: Mapping[str, str]
     precision: Precision
 
 
@@ -112,6 +114,7 @@ def answered_dynamics(adapter: Adapter, request: Message) -> Message:
         "reasons": reasons,
         "native": dict(model_class.native),
         "resolution": dict(model_class.resolution),
+        "known_faults": dict(model_class.known_faults),
         "precision": model_class.precision,
     }
 
@@ -162,5 +165,6 @@ def readings_of(answer: Message) -> TreeReadings:
         texts("reasons"),
         texts("native"),
         {str(key): float(value) for key, value in answer["resolution"].items()},
+        texts("known_faults"),
         answer["precision"],
     )

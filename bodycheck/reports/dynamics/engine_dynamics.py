@@ -83,7 +83,7 @@ class ReadingResult:
     median, worst: of the relative deviations of the trees; None if nothing was read. at: the worst tree.
     right, read: numbers of trees. at_rest: the worst deviation in states of rest. stage: of the state that
     the reading belongs to after a step. native: the engine's call, axes and order. reasons: why some trees
-    have no such reading.
+    have no such reading. known_fault: of the engine itself, as its adapter states it.
     """
 
     reading: str
@@ -97,6 +97,7 @@ class ReadingResult:
     stage: Stage
     native: str
     reasons: tuple[str, ...]
+    known_fault: str = ""
 
 
 @dataclass(frozen=True)
@@ -173,10 +174,11 @@ def _reading_result(reading: str, trees: Sequence[ReadTree]) -> ReadingResult:
     deviations: dict[str, float] = {}
     resting: list[float] = []
     right, reasons = 0, Counter[str]()
-    native, stages = "", Counter[Stage]()
+    native, known_fault, stages = "", "", Counter[Stage]()
     for tree in trees:
         assert tree.readings is not None
         native = tree.readings.native.get(reading, native)
+        known_fault = tree.readings.known_faults.get(reading, known_fault)
         if (found := tree.readings.values.get(reading)) is None:
             reasons[tree.readings.reasons.get(reading, "not read")] += 1
             continue
@@ -203,6 +205,7 @@ def _reading_result(reading: str, trees: Sequence[ReadTree]) -> ReadingResult:
         clear[0] if clear else "unclear" if stages else "",
         native,
         tuple(reason for reason, _ in reasons.most_common()),
+        known_fault,
     )
 
 
