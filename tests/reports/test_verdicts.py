@@ -214,7 +214,7 @@ def test_what_the_state_holds_is_a_property_and_no_fault() -> None:
 
 def test_an_error_without_a_step_has_no_step_in_its_words() -> None:
     """A method without steps is off by an amount alone; one with a tolerance has that."""
-    off = {"verdict": "off", "finest_dt_s": math.nan, "finest_error": 0.1}
+    off = {"verdict": "off", "finest_dt_s": None, "finest_error": 0.1}
     assert verdict(**off).text == "orientation_error_rad is off: 0.1 rad"
     assert verdict(**off, finest_tolerance=1e-6).amount == "0.1 rad at tolerance 1e-6"
 

@@ -94,7 +94,8 @@ def measure_names() -> list[str]:
     heads = ("verdict", "growth", "order")
     of_methods = [f"{head}.{quantity}" for head in heads for quantity in QUANTITIES]
     laws = [f"law.{name}" for name in LAW_NAMES]
-    return [*_COLUMNS, "outcome", "verdict", "stability.dt_stable_s", *of_methods, *laws]
+    dynamics = [f"dynamics.{reading}" for reading in READINGS]
+    return [*_COLUMNS, "outcome", "verdict", "stability.dt_stable_s", *of_methods, *laws, *dynamics]
 
 
 _Pattern = Annotated[StrictStr, Field(min_length=1)]

@@ -140,7 +140,7 @@ def test_a_floor_that_rose_hides_nothing(tables: Tables) -> None:
     methods = tables.methods.copy()
     mine = (methods["scenario"] == "free") & (methods["method"] == "rk4")
     methods.loc[mine, "floor"] = 1e-10
-    after = replace(planted(before, where, orientation_error_rad=9e-11), methods=methods)
+    after = planted(before, where, orientation_error_rad=9e-11).with_rows(methods=methods.to_dict("records"))
     assert [change.status for change in compare(before, after).changes] == ["worse"]
     assert [change.status for change in compare(after, before).changes] == ["improved"]
 
@@ -151,11 +151,13 @@ def test_a_floor_of_both_runs_hides_what_is_below_it(tables: Tables) -> None:
     methods = tables.methods.copy()
     mine = (methods["scenario"] == "free") & (methods["method"] == "rk4")
     methods.loc[mine & (methods["quantity"] == "orientation_error_rad"), "floor"] = 1e-10
-    low = replace(
-        with_rows(tables, where, lambda row: row | {"orientation_error_rad": 1e-13}), methods=methods
+    low = with_rows(
+        tables.with_rows(methods=methods.to_dict("records")),
+        where,
+        lambda row: row | {"orientation_error_rad": 1e-13},
     )
     for error, reported in ((9e-11, []), (2.9e-10, []), (4.1e-10, ["worse"])):
-        high = replace(planted(low, where, orientation_error_rad=error), methods=methods)
+        high = planted(low, where, orientation_error_rad=error)
         assert [change.status for change in compare(low, high).changes] == reported
 
 
