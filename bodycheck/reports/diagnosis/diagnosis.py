@@ -360,7 +360,9 @@ class Search:
         return next(base for cost, (base, _) in pairs if cost <= 1.2 * lowest), False
 
     def _library_base(self, nearest: Base, order: int | None) -> Base | None:
-        """Return the map of the library with which a single fault leaves round-off; None if there is none.
+        """Return the map of the library with which a single fault leaves round-off.
+
+        None if there is none, or if a general fault of the nearest map does.
 
         A fault changes a step of all maps nearly alike. What it changes in the nearest map, taken off the
         differences from every other map, leaves least with the right one. This is repeated from there.
@@ -376,6 +378,8 @@ class Search:
             if starts is None:
                 fits = sorted([*fits, *self._first_look(base, None, general=True)], key=lambda fit: fit.cost)
             if fits[0].cost <= limit:
+                if base not in maps:  # the nearest common map, with a general fault
+                    return None
                 # of maps that are equal here, the first one
                 equal = (whole.cost_of(own - sound[maps.index(base)]) <= whole.least for own in sound)
                 return next(one for one, is_equal in zip(maps, equal, strict=True) if is_equal)
