@@ -65,12 +65,12 @@ def command(*words: str) -> str:
 
 
 RELEASES = """
-from bodycheck.reports.comparison.release_results import Finding
+from bodycheck.reports.comparison.release_results import ReleaseFinding
 from bodycheck.reports.comparison.release_results import Found, Track, found_document
 from bodycheck.reports.document import print_document
 
 versions = tuple(f"3.{k}.0" for k in range(4))
-findings = {v: Finding(2.0 if v < "3.2" else 4.0, "") for v in versions}
+findings = {v: ReleaseFinding(2.0 if v < "3.2" else 4.0, "") for v in versions}
 methods = ("euler", "implicitfast", "implicit", "rk4", "discrete@defaults", "implicitfast@defaults")
 tracks = tuple(Track(name, findings, (("3.1.0", "3.2.0"),)) for name in methods)
 failed = {"3.4.0": "toy==3.4.0 cannot be installed: no wheel for this system"}
