@@ -43,6 +43,7 @@ NOT_RUN = {
         "installs; tools/release_trials.py does that"
     ),
     ". .venv/bin/activate": "needs the line before",
+    'pip install "bodycheck[engines,history]"': "installs what a release publishes",
     '.venv/bin/pip install -e ".[bench]" && .venv/bin/python -m benchmarks '
     "&& .venv/bin/python -m benchmarks.readme": "installs, and measures speed for a quarter of an hour",
     "bodycheck nightly --history nights": "takes minutes",
