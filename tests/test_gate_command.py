@@ -20,6 +20,7 @@ from bodycheck.reports.gates.gate import parse_gates
 from bodycheck.reports.gates.gate_output import as_junit, results_data
 from bodycheck.reports.gates.verdict import check_gates
 from bodycheck.reports.run_files.run_reader import read_tables
+from bodycheck.reports.run_files.run_tables import Tables
 from bodycheck.runs import gate_run
 from bodycheck.runs.request import Request
 from bodycheck.runs.run_progress import NULL_PROGRESS
@@ -278,7 +279,12 @@ def test_new_run_is_compared_with_the_gates(folder: Path) -> None:
 def test_only_scenarios_and_methods_of_gates_are_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Other scenarios and methods are left out, and times are measured only if a gate needs them."""
     requested: list[tuple[Selection, Request]] = []
-    monkeypatch.setattr(gate_run, "run_selection", lambda *reported, **_: requested.append(reported[:2]))
+
+    def run_selection(selection: Selection, request: Request, *_: object, **__: object) -> Tables:
+        requested.append((selection, request))
+        return Tables(run_id="none", manifest={}, cases=())
+
+    monkeypatch.setattr(gate_run, "run_selection", run_selection)
     text = '[[gate]]\nengine = "reference"\nmethod = "m[12]"\nscenario = "mine"\nreason = "r"\n'
     defaults = '[[gate]]\nengine = "mujoco"\nmethod = "euler@defaults"\nreason = "r"\n'
     for measure in ("energy_drift", "relative_cpu"):
