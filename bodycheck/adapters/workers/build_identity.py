@@ -35,7 +35,15 @@ from bodycheck.adapters.registry import distribution_of, own_code
 _BEGIN_NS = time.time_ns()
 _MAPS = Path("/proc/self/maps")
 _DELETED = " (deleted)"  # Linux appends it to the path of a replaced file
-_WITHOUT_EFFECT = ("charset_normalizer", "coverage", "yaml")
+_WITHOUT_EFFECT = (
+    "_cffi_backend.",
+    "cffi/",
+    "cffi.libs/",
+    "charset_normalizer/",
+    "coverage/",
+    "pycparser/",
+    "yaml/",
+)
 _SYSTEM = ("/usr/lib/", "/lib/", "/usr/lib64/", "/lib64/")
 
 
@@ -188,8 +196,8 @@ def _site_packages() -> tuple[str, ...]:
 
 
 def _packages_without_effect() -> tuple[str, ...]:
-    """Return the folders of packages that numba imports if installed, but that change no result."""
-    return tuple(f"{site}{name}{os.sep}" for site in _site_packages() for name in _WITHOUT_EFFECT)
+    """Return how the paths of packages begin that numba imports if installed, but that change no result."""
+    return tuple(f"{site}{name}" for site in _site_packages() for name in _WITHOUT_EFFECT)
 
 
 def _loaded_count() -> tuple[int, int]:
