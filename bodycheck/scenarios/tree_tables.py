@@ -183,14 +183,17 @@ def _body_table(base: type[Any]) -> Any:
     return made
 
 
-_FORMS = {GIVEN: GivenBody, MESH: MeshBody, SHAPE: ShapeBody, FILE: FileBody}
+_FORMS = {
+    form: _body_table(base)
+    for form, base in {GIVEN: GivenBody, MESH: MeshBody, SHAPE: ShapeBody, FILE: FileBody}.items()
+}
 
 
 class _OneOfTheForms:
     """What tells pydantic to read a body by its keys."""
 
     def __get_pydantic_core_schema__(self, _: Any, handler: GetCoreSchemaHandler) -> Any:
-        tables: Any = Union[tuple(Annotated[_body_table(base), Tag(form)] for form, base in _FORMS.items())]  # noqa: UP007
+        tables: Any = Union[tuple(Annotated[table, Tag(form)] for form, table in _FORMS.items())]  # noqa: UP007
         return handler.generate_schema(Annotated[tables, Discriminator(form_of)])
 
 

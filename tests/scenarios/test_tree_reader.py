@@ -15,6 +15,7 @@ from bodycheck.reference_impl.loads.kinds.force import PointForce
 from bodycheck.reference_impl.trees.tree_dynamics import pivot_ratios
 from bodycheck.reference_impl.trees.tree_scene import BodyLoad, JointSineTorque, JointTorque
 from bodycheck.reports.summary.catalogue import catalogue
+from bodycheck.runs.schemas import SCHEMAS
 from bodycheck.scenarios.library import load_scenario, load_trees, scenario_names, tree_names
 from bodycheck.scenarios.reader import parse_members, parse_trees
 from bodycheck.scenarios.tree_model import TreeScenario
@@ -210,8 +211,9 @@ def test_a_free_first_body_starts_from_the_initial_state() -> None:
 
 
 def test_a_tree_is_the_same_after_pickling() -> None:
-    """Workers get trees by pickle."""
+    """Workers get trees by pickle, also where the schema of scenarios was made in between."""
     tree = parsed(CART + POLE + LOADS)
+    assert SCHEMAS["scenario"].document
     assert pickle.loads(pickle.dumps(tree)) == tree
 
 
