@@ -31,7 +31,7 @@ import numpy as np
 from bodycheck._util.errors import InputError
 from bodycheck.adapters.importers import importer
 from bodycheck.adapters.workers.engine_pool import EnginePool
-from bodycheck.reports.audit.audit import SINGLE, Body, Difference, Finding
+from bodycheck.reports.audit.audit import SINGLE, Body, Difference, LintFinding
 from bodycheck.reports.audit.lint import lint
 from bodycheck.runs.audit_against import audit_against
 from bodycheck.runs.audit_imports import import_once, import_request
@@ -428,7 +428,7 @@ def healthy(count: int, seed: int) -> None:
     print(f"{count} healthy links: {accused} accused; {dict(found)}")
 
 
-def _linted(link: Link, written: np.ndarray, rng: np.random.Generator, folder: Path) -> list[Finding]:
+def _linted(link: Link, written: np.ndarray, rng: np.random.Generator, folder: Path) -> list[LintFinding]:
     path = folder / "robot.urdf"
     path.write_text(f'<robot name="r">{link.text("part", written, bool(rng.integers(2)))}</robot>')
     return list(lint(read_model(path)))

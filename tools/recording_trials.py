@@ -41,7 +41,7 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import wrench_between
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.diagnosis.diagnosis import Diagnosis
-from bodycheck.reports.diagnosis.engine_model import Grid, Reading, matrix_of
+from bodycheck.reports.diagnosis.engine_model import Grid, ReportedStates, matrix_of
 from bodycheck.reports.diagnosis.faults import FAULTS
 from bodycheck.reports.diagnosis.faults.fault import Fault, FaultContext
 from bodycheck.reports.diagnosis.fit import planted
@@ -292,7 +292,7 @@ def faulty_motion(
             name: getattr(late if late is not None and name in model.stale else now, name)[:, 0]
             for name in "xvqw"
         }
-        reading = Reading(parts["x"], parts["v"], parts["q"], parts["w"])
+        reading = ReportedStates(parts["x"], parts["v"], parts["q"], parts["w"])
         if sample or reads:
             for misreading in model.misreadings:
                 reading = misreading.apply(reading)

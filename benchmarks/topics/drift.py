@@ -17,11 +17,11 @@ from bodycheck.reference_impl.dynamics import angular_momentum, rotational_energ
 from bodycheck.reference_impl.pivot import rotational_inertia
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene
-from bodycheck.reference_impl.taylor.solution import Resolution, forcings_of, solve
+from bodycheck.reference_impl.taylor.solution import SeriesAccuracy, forcings_of, solve
 
 # a tolerance of 1e-17 would leave a remainder that pulls |q| one way: 2e-15 over the steps, in proportion
-_RESOLUTION = Resolution(20, 1e-20, 6)
-_PLAIN = Resolution(18, 1e-17)
+_RESOLUTION = SeriesAccuracy(20, 1e-20, 6)
+_PLAIN = SeriesAccuracy(18, 1e-17)
 _PILOT_S = 200.0  # enough steps to know their mean length
 _SHARES = np.array([1e-2, 1e-1, 1.0])
 _SEED = 1
@@ -75,7 +75,7 @@ def _growth(name: str, sizes: Array, orbits: int) -> Measured:
     return Measured(f"drift.{name}.growth", low, low, high, f"fitted p = {power:.2f}")
 
 
-def _drifts(keeping: _Keeping, scene: Scene, resolution: Resolution, steps: int) -> Array:
+def _drifts(keeping: _Keeping, scene: Scene, resolution: SeriesAccuracy, steps: int) -> Array:
     """(kept quantities, shares): how far each is from its start after those shares of the steps."""
     pilot = solve(forcings_of(scene, _PILOT_S), scene.initial, np.array([_PILOT_S]), resolution)
     t_s = np.concatenate([[0.0], steps / pilot.steps * _PILOT_S * _SHARES])

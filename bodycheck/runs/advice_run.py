@@ -21,7 +21,7 @@ from bodycheck.adapters.contract import Method
 from bodycheck.adapters.engine_names import admit, is_named, with_method
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.case import CaseResult, measured_by, scenario_spec
-from bodycheck.reports.measurement.measures import Motion
+from bodycheck.reports.measurement.measures import EnergyAndMomentum
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.study import method_rows
 from bodycheck.reports.run_files.run_reader import MANIFEST, read_manifest, read_run, read_tables
@@ -76,7 +76,7 @@ def _cut(problem: Problem, horizon_s: float) -> Problem:
 def _measured_until(case: CaseResult, problem: Problem) -> CaseResult:
     if not case.ok or case.trajectory is None:
         return case
-    motion = Motion.of(problem.scenario.scene, case.trajectory)
+    motion = EnergyAndMomentum.of(problem.scenario.scene, case.trajectory)
     measured, moved = measured_by(problem, case.trajectory, motion)
     return CaseResult(case.columns | problem.columns | measured, moved)
 

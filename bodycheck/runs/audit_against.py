@@ -19,10 +19,10 @@ from bodycheck.reports.audit.audit import (
     SINGLE,
     Audit,
     Body,
-    Column,
-    Comparison,
     Difference,
+    ImporterColumn,
     JointAudit,
+    LinkImport,
     State,
 )
 from bodycheck.reports.audit.causes import body_causes, with_issue
@@ -52,7 +52,7 @@ def audit_against(path: Path, other_path: Path) -> Audit:
     every = _as_held(model)
     place = {link.name: index for index, link in enumerate(model.links)}
     held = {name: replace(every[place[link.name]], name=name) for name, link in links.items()}
-    column = Column(path.name, "", "", f"as the {model.format.upper()} file states them", "ok")
+    column = ImporterColumn(path.name, "", "", f"as the {model.format.upper()} file states them", "ok")
     imported = Imported(column, held)
     moved = _moved(model, other, links)
     audited = []
@@ -60,7 +60,7 @@ def audit_against(path: Path, other_path: Path) -> Audit:
         one = link_audit(other, link, [])
         twin = links.get(link.name)
         if twin is not None and twin.unread:
-            comparison = Comparison("not computed", causes=(twin.unread,))
+            comparison = LinkImport("not computed", causes=(twin.unread,))
         else:
             comparison = _explained(other, link, imported, moved.get(link.name), twin, model.format)
         audited.append(replace(one, held={column.name: comparison}))
@@ -131,7 +131,7 @@ def _explained(
     moved: Frame | None,
     twin: ModelLink | None,
     form: Format,
-) -> Comparison:
+) -> LinkImport:
     """Return the comparison of a link, with causes of differences between files."""
     found = compared(other, link, imported)
     expected, held, difference = found.expected, found.held, found.difference

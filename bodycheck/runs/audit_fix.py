@@ -10,7 +10,7 @@ import numpy as np
 from bodycheck._util.errors import InputError
 from bodycheck._util.files import write_file
 from bodycheck._util.formatting import names
-from bodycheck.reports.audit.audit import Audit, Finding
+from bodycheck.reports.audit.audit import Audit, LintFinding
 from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.model_files.exact import doubles
 from bodycheck.scenarios.model_files.urdf_text import Inertial, with_inertials
@@ -45,7 +45,7 @@ def with_fix(audit: Audit, model: Path, out: Path) -> Audit:
     return replace(audit, notes=(*audit.notes, note))
 
 
-def _check(model: Path, out: Path, certain: dict[str, Finding]) -> None:
+def _check(model: Path, out: Path, certain: dict[str, LintFinding]) -> None:
     """Raise InputError unless the new file states the corrected numbers, and the old ones of other links."""
     before, after = read_model(model), read_model(out)
     for old, new in zip(before.links, after.links, strict=True):

@@ -14,7 +14,7 @@ from bodycheck.reports.audit.audit import JointAudit, JointComparison
 from bodycheck.reports.audit.causes import with_issue
 from bodycheck.reports.audit.joint_causes import JointFacts, Placement, joint_causes, not_held
 from bodycheck.scenarios.model_files.exact import Frame, doubles
-from bodycheck.scenarios.model_files.joint import Joint
+from bodycheck.scenarios.model_files.joint import StatedJoint
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink
 
 
@@ -23,7 +23,7 @@ class HeldJoint:
     """A joint of an importer: the indices of its link and of it there, in the axes of the file's link."""
 
     place: tuple[int, int]
-    joint: Joint
+    joint: StatedJoint
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class HeldJoints:
                 found.append(HeldJoint((index, k), self._in_axes_of(chain[0], index, joint)))
         return found
 
-    def _in_axes_of(self, link: int, of: int, joint: Joint) -> Joint:
+    def _in_axes_of(self, link: int, of: int, joint: StatedJoint) -> StatedJoint:
         to, own = self.pose(link), self.pose(of)
         R = to.rotation.T @ own.rotation
         at = to.rotation.T @ (own.rotation @ np.array(joint.at_m) + own.position_m - to.position_m)
@@ -138,7 +138,7 @@ def audited_joints(
 def _compared(facts: JointFacts, one: HeldJoint | None, at: Placement | None, engine: str) -> JointComparison:
     stated = facts.joint
     if one is None and stated.motion == "fixed":
-        one = HeldJoint((-1, 0), Joint(stated.name, "fixed", 0))
+        one = HeldJoint((-1, 0), StatedJoint(stated.name, "fixed", 0))
     if one is None:
         return JointComparison("absent", causes=("lost: the import has no such joint",))
     causes = tuple(with_issue(engine, cause) for cause in joint_causes(facts, one.joint, at))

@@ -18,7 +18,7 @@ from bodycheck.reference_impl.trees.tree_dynamics import tree_dynamics
 from bodycheck.reports.audit.audit import FOLLOWS, SINGLE, MatrixComparison
 from bodycheck.runs.audit_joints import HeldJoints, matched_joints
 from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, exact, mp
-from bodycheck.scenarios.model_files.joint import Joint
+from bodycheck.scenarios.model_files.joint import StatedJoint
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, StatedInertia
 from bodycheck.scenarios.model_files.model_tree import ModelTree, model_trees
 
@@ -191,7 +191,7 @@ def _explained_by_held(path: Path, held: HeldJoints, found: Sequence[MassMatrice
         here = frames[index] if link.parent < 0 else frames[link.parent].inverse() @ frames[index]
         body = ExactInertia(mp.mpf(link.mass), exact(link.centre_m), exact(link.inertia_kg_m2))
         parent = None if link.parent < 0 else str(link.parent)
-        joints = link.joints or (Joint("", "fixed", 0),)
+        joints = link.joints or (StatedJoint("", "fixed", 0),)
         links.append(
             ModelLink(
                 str(index),

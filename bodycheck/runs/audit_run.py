@@ -29,10 +29,10 @@ from bodycheck.reports.audit.audit import (
     SINGLE,
     Audit,
     Body,
-    Column,
-    Comparison,
     Difference,
+    ImporterColumn,
     LinkAudit,
+    LinkImport,
     MatrixComparison,
     State,
 )
@@ -75,7 +75,7 @@ def spins_in(shard: Shard, link: str) -> bool:
 class Imported:
     """One importer's links by name, or how its import ended."""
 
-    column: Column
+    column: ImporterColumn
     links: Mapping[str, ImportedLink] = field(default_factory=dict)
     joints: HeldJoints | None = None
     matrix: MatrixComparison | None = None
@@ -163,14 +163,16 @@ def _imports(pool: EnginePool, engine: str, model: ModelFile, options: AuditOpti
     assert reads is not None
     variants = reads.FLAGS.get(model.format)
     if variants is None:
-        yield Imported(Column(engine, "", "default", "", "unsupported", f"does not read {model.format}"))
+        yield Imported(
+            ImporterColumn(engine, "", "default", "", "unsupported", f"does not read {model.format}")
+        )
         return
     timeout_s = max(options.timeout_s, _IMPORT_S * len(model.links))
     for flags, settings in variants.items():
         request = import_request(model.path, model.format, flags)
         found, outcome, message = import_once(pool, engine, request, timeout_s)
         version = _version(pool, engine)
-        column = Column(engine, version, flags, settings, outcome, message)
+        column = ImporterColumn(engine, version, flags, settings, outcome, message)
         if outcome != "ok":
             yield Imported(column)
             continue
@@ -268,24 +270,24 @@ def link_audit(model: ModelFile, link: ModelLink, imported: Sequence[Imported]) 
     return LinkAudit(link.name, link.line, stated, derived, link.unread, comparisons)
 
 
-def compared(model: ModelFile, link: ModelLink, imported: Imported) -> Comparison:
+def compared(model: ModelFile, link: ModelLink, imported: Imported) -> LinkImport:
     """Return what one importer holds of a link, with the causes of differences."""
     link_read = imported.links.get(link.name)
     absent = frozenset(one.name for one in model.links if one.name not in imported.links)
     if link_read is None:
         into = _merged_into(model, link, absent)
         if not into:
-            return Comparison("absent", causes=("the import has no link of this name",))
+            return LinkImport("absent", causes=("the import has no link of this name",))
         cause = f"links merged: part of {into}"
         if into == "the world":
             cause = "links merged into the world: the base is fixed and its mass is not held"
-        return Comparison("merged", causes=(cause,), into=into)
+        return LinkImport("merged", causes=(cause,), into=into)
     members = model.members(link.name, absent)
     merged = tuple(one.name for one, _ in members[1:])
     combined = model.merged(link.name, absent)
     body = _body(link_read)
     if combined is None:
-        return Comparison("not computed", held=body, merged=merged)
+        return LinkImport("not computed", held=body, merged=merged)
     has_inertia = link.stated is not None or any(model.by_name[name].stated for name in merged)
     expected = Body.of(combined) if has_inertia else None
     nothing = Body(0.0, np.zeros(3), np.zeros((3, 3)))
@@ -298,7 +300,7 @@ def compared(model: ModelFile, link: ModelLink, imported: Imported) -> Compariso
             model, members, expected, body, difference, imported.discarded.get(link.name, "")
         )
     causes = tuple(with_issue(imported.column.engine, cause) for cause in causes)
-    return Comparison(_state(difference), expected, body, difference, causes, merged)
+    return LinkImport(_state(difference), expected, body, difference, causes, merged)
 
 
 def _state(difference: Difference) -> State:

@@ -21,7 +21,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import log_matrix
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 from bodycheck.reference_impl.truth.certification import solve_truth
-from bodycheck.reports.audit.audit import Body, Column, LinkAudit, Spin
+from bodycheck.reports.audit.audit import Body, ImporterColumn, LinkAudit, Spin
 from bodycheck.runs.audit_imports import import_request
 from bodycheck.scenarios.model_files.model_file import ModelFile
 from bodycheck.scenarios.model_files.rewriting import excerpt
@@ -34,7 +34,7 @@ METHODS = {"mujoco": "rk4", "pybullet": "multibody", "dart": "semi-implicit"}
 
 
 def with_spins(
-    pool: EnginePool, model: ModelFile, link: LinkAudit, columns: Sequence[Column], timeout_s: float
+    pool: EnginePool, model: ModelFile, link: LinkAudit, columns: Sequence[ImporterColumn], timeout_s: float
 ) -> LinkAudit:
     """Return a link with its spins in every importer that read the file."""
     if link.stated is None or not link.stated.possible:
@@ -89,7 +89,7 @@ def error_of_numbers(
 
 
 def _error_of_excerpt(
-    pool: EnginePool, column: Column, model: ModelFile, name: str, truth: Array, timeout_s: float
+    pool: EnginePool, column: ImporterColumn, model: ModelFile, name: str, truth: Array, timeout_s: float
 ) -> tuple[float | None, str]:
     """Return the error of a link imported alone, and why there is none."""
     try:

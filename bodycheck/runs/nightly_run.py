@@ -23,7 +23,7 @@ from bodycheck.reports.history.nightly_files import (
     write_nightly_tables,
     write_unjudged,
 )
-from bodycheck.reports.history.open_regressions import State, read_state
+from bodycheck.reports.history.open_regressions import NightlyState, read_state
 from bodycheck.reports.history.regression import Judgement, judge_run
 from bodycheck.reports.history.trends import FILE as TRENDS
 from bodycheck.reports.history.trends import trends_page
@@ -122,7 +122,7 @@ def store_nightly(
     return judged, stored_folder
 
 
-def _reports(runs: Iterable[Path]) -> Iterator[tuple[dict[str, Any], State]]:
+def _reports(runs: Iterable[Path]) -> Iterator[tuple[dict[str, Any], NightlyState]]:
     """Yield night.json and what is open after each nightly run, without those of which it is damaged."""
     for folder in runs:
         try:

@@ -24,7 +24,7 @@ from bodycheck.reports.gates.gate import ChangeThreshold, Gate, measure_names
 from bodycheck.reports.measurement.measures import MEASURES
 from bodycheck.reports.run_files.run_reader import ManifestFile
 from bodycheck.reports.run_files.tables import TABLES, column_type
-from bodycheck.scenarios.fields import Table
+from bodycheck.scenarios.fields import TomlTable
 from bodycheck.scenarios.model import Scenario
 from bodycheck.scenarios.reader import Sweep
 from bodycheck.scenarios.tree_model import TreeScenario
@@ -72,7 +72,7 @@ def _tolerances(needed: str) -> dict[str, Any]:
     """Return the schema of a file of [[gate]] and [[change]] tables, which needs one of the two."""
     tables = {"gate": (tuple[Gate, ...], ()), "change": (tuple[ChangeThreshold, ...], ())}
     fields: Any = {**tables, needed: (Annotated[tables[needed][0], Field(min_length=1)], ...)}
-    found = create_model("TolerancesFile", __base__=Table, **fields).model_json_schema()
+    found = create_model("TolerancesFile", __base__=TomlTable, **fields).model_json_schema()
     found["$defs"]["Gate"]["properties"]["measure"]["enum"] = measure_names()
     return found
 

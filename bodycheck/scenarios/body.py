@@ -44,7 +44,7 @@ from bodycheck.scenarios.fields import (
     ZERO,
     Matrix,
     Positive,
-    Table,
+    TomlTable,
     UnitQuaternion,
     Vector,
     finite_numbers,
@@ -78,7 +78,7 @@ def _physical_tensor(inertia: Array) -> Matrix:
     return rows(inertia)
 
 
-class _BodyTable(Table):
+class _BodyTable(TomlTable):
     link_offset_m: Vector | None = None
     link_quaternion: UnitQuaternion | None = None
 

@@ -70,7 +70,7 @@ def rows(matrix: Array) -> Matrix:
     return tuple(tuple(row) for row in matrix.tolist())  # type: ignore[return-value]
 
 
-class Table(BaseModel):
+class TomlTable(BaseModel):
     """A table of a scenario file: immutable, and without unknown keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)

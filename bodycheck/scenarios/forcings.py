@@ -25,7 +25,7 @@ from bodycheck.scenarios.fields import (
     NotNegative,
     Number,
     Positive,
-    Table,
+    TomlTable,
     Vector,
     finite_numbers,
     rows,
@@ -35,7 +35,7 @@ from bodycheck.scenarios.user_functions import UserWrench, user_function
 _Axes: TypeAlias = Literal["body", "world"]
 
 
-class ForcingTable(Table):
+class ForcingTable(TomlTable):
     """One table of [[forcing]]."""
 
     kind: str

@@ -19,7 +19,7 @@ from bodycheck.reference_impl.rotations import normalised, quaternion_to_matrix
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 from bodycheck.reference_impl.wrench import steps_per_sample
 from bodycheck.scenarios.body import Body
-from bodycheck.scenarios.fields import ALIGNED, ZERO, NearlyUnitQuaternion, Positive, Table, Vector
+from bodycheck.scenarios.fields import ALIGNED, ZERO, NearlyUnitQuaternion, Positive, TomlTable, Vector
 from bodycheck.scenarios.forcings import Forcing, check_together, gravity_of, loads_of, pivot_of
 
 _VELOCITY_TOLERANCE = 1e-9  # relative deviation of a given velocity from the one that a pivot implies
@@ -35,7 +35,7 @@ def rounded_to_unit(vector: tuple[float, ...]) -> Array:
     return array if abs(float(np.linalg.norm(array)) - 1.0) <= _UNIT else normalised(array)
 
 
-class Initial(Table):
+class Initial(TomlTable):
     """[initial]: the initial state [default: at rest at the origin, axes aligned]."""
 
     position_m: Vector = ZERO
@@ -85,7 +85,7 @@ class Initial(Table):
         )
 
 
-class ScenarioTable(Table):
+class ScenarioTable(TomlTable):
     """What every scenario file has: its name and origin, the duration, the samples and the steps."""
 
     name: Annotated[StrictStr, Field(min_length=1, max_length=200)]

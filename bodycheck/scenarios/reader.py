@@ -17,7 +17,7 @@ from bodycheck._util.formatting import count
 from bodycheck._util.untrusted import parse_toml, read_text
 from bodycheck.reference_impl.trees.joint_kinds import joint_kinds
 from bodycheck.scenarios.body import BODY_FORMS
-from bodycheck.scenarios.fields import Table, finite_numbers
+from bodycheck.scenarios.fields import TomlTable, finite_numbers
 from bodycheck.scenarios.forcings import FORCING_KINDS, JOINT_FORCINGS
 from bodycheck.scenarios.model import Scenario, ScenarioTable
 
@@ -35,7 +35,7 @@ def _number_or_text(value: Any) -> float | str:
 _Value: TypeAlias = Annotated[float | str, PlainValidator(_number_or_text)]
 
 
-class Sweep(Table):
+class Sweep(TomlTable):
     """[[sweep]]: a key, as a path in the file, and its values."""
 
     key: StrictStr
@@ -58,7 +58,7 @@ class Sweep(Table):
         return value
 
 
-class Family(Table):
+class Family(TomlTable):
     """The part of a file that makes it a family."""
 
     sweep: Annotated[tuple[Sweep, ...], Field(min_length=1, max_length=1)]

@@ -37,7 +37,7 @@ from bodycheck.scenarios.fields import (
     NearlyUnitQuaternion,
     NotNegative,
     Number,
-    Table,
+    TomlTable,
     Vector,
     finite_numbers,
 )
@@ -77,7 +77,7 @@ _Name: TypeAlias = Annotated[StrictStr, Field(pattern=r"^[\w-]+$")]
 _Angle: TypeAlias = Annotated[Number, _up_to(1e12)]  # its sine is known to double-doubles
 
 
-class JointTable(Table):
+class JointTable(TomlTable):
     """[body.joint]: how a body is connected to its parent; its points are given from the centres."""
 
     of_kind: ClassVar[JointKind]
@@ -141,7 +141,7 @@ def _joint_table(kind: JointKind) -> type[JointTable]:
 class _OfKinds:
     """What tells pydantic to read a table by its kind: one of some tables, which state it."""
 
-    def __init__(self, *tables: type[Table]) -> None:
+    def __init__(self, *tables: type[TomlTable]) -> None:
         self._tables = tables
 
     def __get_pydantic_core_schema__(self, _: Any, handler: GetCoreSchemaHandler) -> Any:

@@ -35,7 +35,7 @@ from bodycheck.reference_impl.scene import (
     State,
     Torque,
 )
-from bodycheck.reference_impl.taylor.solution import Resolution, forcings_of, solve
+from bodycheck.reference_impl.taylor.solution import SeriesAccuracy, forcings_of, solve
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reference_impl.truth.motion_distance import distances
@@ -353,7 +353,7 @@ def test_closed_forms_match_forty_digits(name: str) -> None:
 
 # ----------------------------------------------------------------------------------- the certified solver
 
-FINE = Resolution(30, 1e-32, 19)
+FINE = SeriesAccuracy(30, 1e-32, 19)
 
 
 def certified(scene: Scene, t_s: Array) -> Trajectory:

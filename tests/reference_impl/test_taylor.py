@@ -31,7 +31,13 @@ from bodycheck.reference_impl.scene import (
     Torque,
     TorsionSpring,
 )
-from bodycheck.reference_impl.taylor.solution import Resolution, Solution, forcings_of, resolution_for, solve
+from bodycheck.reference_impl.taylor.solution import (
+    SeriesAccuracy,
+    Solution,
+    forcings_of,
+    resolution_for,
+    solve,
+)
 from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reference_impl.truth.motion_distance import potential_energy
 from tests.helpers.expected_messages import ExpectedMessage
@@ -239,8 +245,8 @@ every_load = pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[pytest.mark.nightly] * (n in OWN_KERNEL)) for n in LOADS]
 )
 
-TRUE = Resolution(30, 1e-32, 19)
-FINE = Resolution(18, 1e-17)
+TRUE = SeriesAccuracy(30, 1e-32, 19)
+FINE = SeriesAccuracy(18, 1e-17)
 
 
 def distances(solution: Solution, row: int, expected: Vector) -> Array:
@@ -398,7 +404,7 @@ def test_million_steps_conserve_to_4e_15(omega: tuple[float, float, float]) -> N
     start = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array(omega))
     scene = Scene(body, start, (), np.zeros(3), 4e5, 2)
     forcings = forcings_of(scene, 4e5)
-    found = solve(forcings, start, np.array([4e5]), Resolution(18, 1e-17, 4))
+    found = solve(forcings, start, np.array([4e5]), SeriesAccuracy(18, 1e-17, 4))
     q, spin = found.high[0, 0:4], body.inertia @ found.high[0, 4:7]
     first = body.inertia @ start.omega_body
     energy = (found.high[0, 4:7] @ spin) / (start.omega_body @ first)
@@ -467,7 +473,7 @@ SHORT_MOTIONS = """
 import json, sys
 import numpy as np
 from bodycheck.reference_impl.scene import *
-from bodycheck.reference_impl.taylor.solution import Resolution, forcings_of, solve
+from bodycheck.reference_impl.taylor.solution import SeriesAccuracy, forcings_of, solve
 
 tensor = np.array([[1.3, 0.1, -0.2], [0.1, 1.7, 0.15], [-0.2, 0.15, 2.1]])
 a, b = np.array([0.7, -0.4, 0.9]), np.array([0.2, 0.35, -0.15])
@@ -478,7 +484,7 @@ start = State(b, np.array([1.0, 0.0, 0.0, 0.0]), a, np.array([0.3, 1.4, -0.2]))
 found = []
 for acting in ((), loads):
     scene = Scene(RigidBody(1.7, tensor), start, acting, np.array([0.0, 0.0, -1.5]), 0.1, 2)
-    for resolution in (Resolution(12, 1e-14), Resolution(20, 1e-30, 13)):
+    for resolution in (SeriesAccuracy(12, 1e-14), SeriesAccuracy(20, 1e-30, 13)):
         out = solve(forcings_of(scene, 0.1), start, np.array([0.05, 0.1]), resolution)
         found.append([out.high.tolist(), out.low.tolist()])
 print(json.dumps(found))

@@ -27,7 +27,7 @@ from bodycheck.reference_impl.truth.motion_distance import potential_energy
 from bodycheck.reference_impl.truth.step_halving import solve_by_halving
 from bodycheck.reference_impl.wrench import continuous_wrench_of, sum_of_wrenches, wrench_of
 from bodycheck.reports.cache.truths import known_truth
-from bodycheck.reports.measurement.measures import Motion
+from bodycheck.reports.measurement.measures import EnergyAndMomentum
 from bodycheck.reports.measurement.work import working_loads
 from tests.helpers.expected_messages import ExpectedMessage
 
@@ -69,7 +69,7 @@ CONSUMERS: dict[str, Callable[[], object]] = {
     "timed wrench": lambda: wrench_of(((cast("Torque", MAGNET), 1.0),)),
     "pivot": lambda: about_pivot(replace(SCENE, pivot=np.ones(3))),
     "potential energy": lambda: potential_energy(SCENE, MOTION),
-    "energy and momentum": lambda: Motion.of(SCENE, MOTION),
+    "energy and momentum": lambda: EnergyAndMomentum.of(SCENE, MOTION),
     "work": lambda: working_loads(SCENE, 0.0, 1.0),
     "message to a worker": lambda: scene_message(SCENE),
 }

@@ -20,11 +20,11 @@ from bodycheck.reports.alerts import sarif
 from bodycheck.reports.audit.audit import (
     Audit,
     Body,
-    Column,
-    Comparison,
     Difference,
-    Finding,
+    ImporterColumn,
     LinkAudit,
+    LinkImport,
+    LintFinding,
     Spin,
     State,
     read_audit,
@@ -349,12 +349,12 @@ def test_answer_begins_with_the_file(tmp_path: Path) -> None:
 
 def test_what_an_importer_always_does_is_said_once() -> None:
     """A tensor that is discarded for every link is a sentence, and no row; another cause is a row."""
-    discarded = Comparison(
+    discarded = LinkImport(
         "differs", _HELD, _HELD, Difference(0.0, 0.0, 1.0), (f"{DISCARDED}: a placeholder in its place",)
     )
     other = replace(discarded, causes=("off-diagonals dropped",))
-    column = Column("pybullet", "3", "default", "", "ok")
-    agrees = Comparison("agrees", _HELD, _HELD, Difference(0.0, 0.0, 0.0))
+    column = ImporterColumn("pybullet", "3", "default", "", "ok")
+    agrees = LinkImport("agrees", _HELD, _HELD, Difference(0.0, 0.0, 0.0))
     for some, said, rows in (
         ([discarded] * 3, "discards every tensor", 0),
         ([discarded, discarded, agrees], "discards the tensors of 2 of 3 links", 0),
@@ -375,10 +375,12 @@ _HELD = Body(2.0, np.zeros(3), np.diag([1.0, 2.0, 2.5]))
 
 def test_page_marks_bad_links_and_links_issues() -> None:
     """An impossible tensor that is held as written is not green, and its row header is marked."""
-    held = Comparison("agrees", _HELD, _HELD, Difference(0.0, 0.0, 0.0), ("as in a/b#12 & c",))
-    column = Column("dart", "6", "default", "", "ok")
+    held = LinkImport("agrees", _HELD, _HELD, Difference(0.0, 0.0, 0.0), ("as in a/b#12 & c",))
+    column = ImporterColumn("dart", "6", "default", "", "ok")
     links = [LinkAudit("arm", 2, _HELD, "", "", {column.name: held})]
-    finding = Finding("triangle-inequality", "error", "certain", "robot.urdf", 2, "arm", "impossible tensor")
+    finding = LintFinding(
+        "triangle-inequality", "error", "certain", "robot.urdf", 2, "arm", "impossible tensor"
+    )
     page = audit_page(Audit("robot.urdf", "urdf", "", [column], links, [finding]))
     assert '<th scope="row" class="tint-bad">arm<br><small>line 2<br>error: triangle-inequality' in page
     assert '<td class="tint-open" data-heading="dart:default"><strong>agrees, which no body has' in page
@@ -584,8 +586,10 @@ def test_file_that_no_importer_reads_counts_against_it(tmp_path: Path) -> None:
 
 def _audit_of(state: State, outcome: str = "ok", spin: Spin | None = None) -> Audit:
     """Return the audit of one link in an importer that has it in this state, next to one that agrees."""
-    columns = [Column(engine, "1", "default", "", ended) for engine, ended in (("a", "ok"), ("b", outcome))]
-    held = {"a:default": Comparison("agrees"), "b:default": Comparison(state, causes=("a cause",))}
+    columns = [
+        ImporterColumn(engine, "1", "default", "", ended) for engine, ended in (("a", "ok"), ("b", outcome))
+    ]
+    held = {"a:default": LinkImport("agrees"), "b:default": LinkImport(state, causes=("a cause",))}
     link = LinkAudit("arm", 2, None, "", "", held, {} if spin is None else {"b:default": spin})
     return Audit("robot.urdf", "urdf", "", columns, [link], [])
 
@@ -788,7 +792,7 @@ def test_release_in_which_an_audit_changed_is_named(tmp_path: Path, monkeypatch:
     path = _file(tmp_path)
     sound = audit(path, AuditOptions(["mujoco"], spins=False))
     (link,) = sound.links
-    wrong = Comparison("differs", difference=Difference(0.0, 0.0, 0.27), causes=("off-diagonals dropped",))
+    wrong = LinkImport("differs", difference=Difference(0.0, 0.0, 0.27), causes=("off-diagonals dropped",))
     fault = replace(sound, links=(replace(link, held=dict.fromkeys(link.held, wrong)),))
     versions = ["3.11.0", "3.12.0", "3.13.0", "3.14.0", "4.0.0"]
     monkeypatch.setattr(version_search, "releases", lambda *_: versions)

@@ -34,7 +34,7 @@ from bodycheck.reports.document import Sentence
 from bodycheck.runs.audit_against import audit_against
 from bodycheck.runs.audit_run import AuditOptions, imported_audit
 from bodycheck.scenarios.model_files import read_model
-from bodycheck.scenarios.model_files.joint import UNLIMITED, Joint
+from bodycheck.scenarios.model_files.joint import UNLIMITED, StatedJoint
 from bodycheck.scenarios.model_files.model_file import ModelFile
 from bodycheck.scenarios.model_files.model_tree import model_trees
 from tests.helpers.model_texts import random_mjcf, random_urdf, sdf_of
@@ -97,7 +97,7 @@ def _read(text: str, folder: Path, name: str = "model.xml") -> ModelFile:
     return read_model(folder / name)
 
 
-def _joint(model: ModelFile, name: str) -> Joint:
+def _joint(model: ModelFile, name: str) -> StatedJoint:
     (found,) = [joint for link in model.links for joint in link.joints if joint.name == name]
     return found
 
@@ -208,14 +208,16 @@ def _facts() -> JointFacts:
     turned = Rotation.from_euler("xyz", [0.5, 0.2, -0.3]).as_matrix()
     inertial = Rotation.from_euler("xyz", [0.4, 0.1, 0.9]).as_matrix()
     model = Rotation.from_euler("xyz", [-0.7, 0.3, 0.2]).as_matrix()
-    joint = Joint(
+    joint = StatedJoint(
         "j", "revolute", 1, (0.48, 0.6, 0.64), 0.5, (-1.0, 2.0), friction=0.2, armature=0.01, stiffness=4.0,
         rest=0.3, reference=0.1, effort=40.0, velocity=3.0, mimic=("k", 2.0, 0.1), gains=(100.0, 5.0),
     )  # fmt: skip
     return JointFacts(joint, Placement(turned, np.array([0.3, -0.1, 0.2])), inertial, model, 1.0)
 
 
-def _causes(change: Callable[[Joint], Joint], placement: Placement | None = None) -> tuple[str, ...]:
+def _causes(
+    change: Callable[[StatedJoint], StatedJoint], placement: Placement | None = None
+) -> tuple[str, ...]:
     facts = _facts()
     held = change(replace(facts.joint, kind="hinge", name="", line=0))
     return joint_causes(facts, held, placement or facts.placement)
@@ -286,8 +288,10 @@ def test_other_faults_of_a_joint_are_named(change: dict[str, object], cause: str
 
 def test_what_a_file_does_not_state_is_added() -> None:
     """Damping, limits and a mimic that an importer adds are named."""
-    facts = replace(_facts(), joint=Joint("j", "continuous", 1, (0.0, 0.0, 1.0), 0.0, UNLIMITED))
-    held = Joint("", "hinge", 0, (0.0, 0.0, 1.0), 0.04, (-1.0, 1.0), armature=0.1, mimic=("k", 1.0, 0.0))
+    facts = replace(_facts(), joint=StatedJoint("j", "continuous", 1, (0.0, 0.0, 1.0), 0.0, UNLIMITED))
+    held = StatedJoint(
+        "", "hinge", 0, (0.0, 0.0, 1.0), 0.04, (-1.0, 1.0), armature=0.1, mimic=("k", 1.0, 0.0)
+    )
     found = joint_causes(facts, held, facts.placement)
     assert [cause.partition(" added")[0] for cause in found] == ["limits", "damping", "armature", "mimic"]
 

@@ -12,7 +12,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Drag, GravityGradient, Scene
 from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reports.measurement.invariants import invariant_drifts, invariants_of, worst_drift
-from bodycheck.reports.measurement.measures import Motion
+from bodycheck.reports.measurement.measures import EnergyAndMomentum
 from bodycheck.reports.measurement.work import power, running_integral, working_loads
 from bodycheck.scenarios.library import load_scenario, load_scenarios
 
@@ -33,7 +33,7 @@ def imbalance(scene: Scene, working: Scene) -> float:
     middles, halves = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
     nodes = (middles[:, None] + halves[:, None] * _NODES).ravel()
     truth = solve_truth(scene, np.concatenate([edges, nodes])).trajectory
-    energy = Motion.of(scene, truth).energy[: len(edges)]
+    energy = EnergyAndMomentum.of(scene, truth).energy[: len(edges)]
     work, total = [0.0], 0.0
     for i, (begin, end) in enumerate(pairwise(edges)):
         rates = power(scene, working_loads(working, begin, end), truth)[len(edges) :].reshape(-1, 12)[i]

@@ -46,7 +46,14 @@ from bodycheck.reports.measurement.invariants import (
     worst_drift,
 )
 from bodycheck.reports.measurement.measure_bounds import TRUTH_BOUNDS, bound_of
-from bodycheck.reports.measurement.measures import SCALES, Compared, Motion, departures_of, reduced, series_of
+from bodycheck.reports.measurement.measures import (
+    SCALES,
+    Compared,
+    EnergyAndMomentum,
+    departures_of,
+    reduced,
+    series_of,
+)
 from bodycheck.reports.measurement.scales import Scales, scene_scales
 from bodycheck.reports.measurement.work import power, work_done, working_loads
 from bodycheck.reports.run_files.tables import TABLES
@@ -126,7 +133,13 @@ def series_of_motion(found: Trajectory, truth: Trajectory, made: Scene | None = 
     """Return every measure over time."""
     made = made or scene()
     compared = Compared(
-        made, truth, Motion.of(made, truth), found, Motion.of(made, found), (), len(truth.t_s)
+        made,
+        truth,
+        EnergyAndMomentum.of(made, truth),
+        found,
+        EnergyAndMomentum.of(made, found),
+        (),
+        len(truth.t_s),
     )
     return measures.series_of(compared, departures_of(compared))
 
@@ -258,7 +271,7 @@ def problem(compared: int, chaotic: bool, invariants: list[Invariant]) -> Any:
     return SimpleNamespace(
         scenario=SimpleNamespace(scene=scene()),
         truth=SimpleNamespace(trajectory=truth),
-        motion=Motion.of(scene(), truth),
+        motion=EnergyAndMomentum.of(scene(), truth),
         scales=ONES,
         columns=vars(ONES),
         compared=compared,
@@ -278,7 +291,7 @@ def test_samples_beyond_the_comparison_do_not_count() -> None:
     """Errors and invariants are those of the first three samples."""
     found = still(quaternion=turned(0.0, 0.1, 0.05, 3.0), position_m=PLACE + at(3, 9.0, 0.0, 0.0))
     x = Invariant("x", frozenset(), lambda motion: 2.0 * motion.position_m[:, 0], lambda _: 2.0)
-    columns, moved = measured_by(problem(3, False, [x]), found, Motion.of(scene(), found))
+    columns, moved = measured_by(problem(3, False, [x]), found, EnergyAndMomentum.of(scene(), found))
     series = moved.series
     assert {len(values) for values in moved.departures.values()} == {3}
     assert columns["orientation_error_rad"] == pytest.approx(0.1)
@@ -286,7 +299,7 @@ def test_samples_beyond_the_comparison_do_not_count() -> None:
     assert (columns["position_error"], columns["invariant"], columns["invariant_drift"]) == (0.0, "x", 0.0)
     assert {len(values) for values in series.values()} == {3}
     assert "horizon_s" not in columns
-    columns, moved = measured_by(problem(4, False, [x]), found, Motion.of(scene(), found))
+    columns, moved = measured_by(problem(4, False, [x]), found, EnergyAndMomentum.of(scene(), found))
     series = moved.series
     assert (columns["invariant_drift_abs"], columns["invariant_drift"]) == (18.0, 9.0)
     assert series["invariant_drift"].tolist() == [0.0, 0.0, 0.0, 9.0]
@@ -301,7 +314,7 @@ def test_horizon_is_the_last_time_before_an_error_of_0_3_rad(
 ) -> None:
     """It is the end without such an error; only a chaotic motion has one."""
     found = still(quaternion=turned(*angles))
-    columns, moved = measured_by(problem(4, True, []), found, Motion.of(scene(), found))
+    columns, moved = measured_by(problem(4, True, []), found, EnergyAndMomentum.of(scene(), found))
     series = moved.series
     assert columns["horizon_s"] == horizon
     assert "invariant" not in columns
@@ -563,9 +576,9 @@ def truth_of(name: str) -> Truth:
     return solve_truth(SCENES[name], SCENES[name].sample_times)
 
 
-def motion_of(name: str) -> Motion:
+def motion_of(name: str) -> EnergyAndMomentum:
     """Return energy and momentum along the truth of one of the scenes."""
-    return Motion.of(SCENES[name], truth_of(name).trajectory)
+    return EnergyAndMomentum.of(SCENES[name], truth_of(name).trajectory)
 
 
 Tamper = Callable[[Array], None]
@@ -661,7 +674,7 @@ def measured(name: str, trajectory: Trajectory) -> dict[str, float]:
     truth = truth_of(name)
     made, true = SCENES[name], truth.trajectory
     compared = Compared(
-        *(made, true, motion_of(name), trajectory, Motion.of(made, trajectory)),
+        *(made, true, motion_of(name), trajectory, EnergyAndMomentum.of(made, trajectory)),
         *(invariants_of(made), len(true.t_s)),
     )
     departures = departures_of(compared)
@@ -788,7 +801,7 @@ def unstable_versions() -> dict[str, Trajectory]:
 
 def why_unstable(name: str, trajectory: Trajectory) -> str | None:
     """Return the reason for which a trajectory through one of the scenes is invalid or unstable, if any."""
-    motion = Motion.of(SCENES[name], trajectory) if invalid_state(trajectory) is None else None
+    motion = EnergyAndMomentum.of(SCENES[name], trajectory) if invalid_state(trajectory) is None else None
     if motion is None:
         return invalid_state(trajectory)
     return energy_blowup(motion.kinetic, kinetic_limit(motion_of(name).kinetic), trajectory.t_s)

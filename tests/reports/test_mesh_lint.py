@@ -10,7 +10,7 @@ import pytest
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
-from bodycheck.reports.audit.audit import Finding
+from bodycheck.reports.audit.audit import LintFinding
 from bodycheck.reports.audit.lint import lint
 from bodycheck.scenarios.model_files import read_model
 from tests.helpers.expected_messages import ExpectedMessage
@@ -30,7 +30,7 @@ def written(folder: Path, mesh: str, inertia: str = "", geom: str = 'density="10
     return path
 
 
-def found(path: Path) -> list[Finding]:
+def found(path: Path) -> list[LintFinding]:
     """Return the findings about meshes."""
     return [one for one in lint(read_model(path)) if one.rule == "mesh-inertia"]
 

@@ -27,7 +27,7 @@ from bodycheck.reference_impl.rotations import exp_quaternion, quaternion_produc
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.case import CaseResult, measured_by
 from bodycheck.reports.measurement.convergence import Criteria, Point, convergence_of
-from bodycheck.reports.measurement.measures import Motion
+from bodycheck.reports.measurement.measures import EnergyAndMomentum
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.round_off import RoundOff, fitted
 from bodycheck.reports.measurement.study import Study, study
@@ -306,7 +306,7 @@ def test_a_bias_of_rounding_errors_grows_with_the_steps(name: str, bias: float) 
     for function in (step, advance):
         found = record(StepFunction(function), Case(problem.scenario.scene, "step", Setting(dt_s=dt_s)))
         assert found.trajectory is not None
-        motion = Motion.of(problem.scenario.scene, found.trajectory)
+        motion = EnergyAndMomentum.of(problem.scenario.scene, found.trajectory)
         errors.append(measured_by(problem, found.trajectory, motion)[0][ERROR])
     assert errors[1] < 0.1 * errors[0]  # the method's own error
     assert 1.0 / 3.0 < errors[0] / predicted < 3.0

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodycheck.reports.audit.audit import Finding
+from bodycheck.reports.audit.audit import LintFinding
 from bodycheck.reports.audit.lint import lint
 from bodycheck.scenarios.model_files import read_model
 from tests.helpers.slipped_links import SLIPS, changes_enough, is_right, random_link
@@ -25,7 +25,7 @@ def _shape(geometry: str, origin: str = "", tag: str = "collision") -> str:
     return f"<{tag}><origin {origin}/><geometry><{geometry}/></geometry></{tag}>"
 
 
-def _lint(content: str, folder: Path, others: str = "") -> list[Finding]:
+def _lint(content: str, folder: Path, others: str = "") -> list[LintFinding]:
     path = folder / "robot.urdf"
     path.write_text(f'<robot name="r"><link name="part">{content}</link>{others}</robot>')
     return list(lint(read_model(path)))
@@ -278,7 +278,7 @@ def test_healthy_link_is_not_accused(tmp_path: Path) -> None:
         assert _lint_link(link.text("part", link.written, visual=False), tmp_path) == []
 
 
-def _lint_link(link: str, folder: Path) -> list[Finding]:
+def _lint_link(link: str, folder: Path) -> list[LintFinding]:
     path = folder / "robot.urdf"
     path.write_text(f'<robot name="r">{link}</robot>')
     return list(lint(read_model(path)))

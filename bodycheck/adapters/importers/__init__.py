@@ -16,7 +16,7 @@ from typing import Any, Protocol, cast
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.scenarios.model_files.joint import Joint
+from bodycheck.scenarios.model_files.joint import StatedJoint
 
 DEFAULT, RECOMMENDED = "default", "recommended"
 WITHOUT_MESHES = "shapes of mesh files left out"
@@ -45,7 +45,7 @@ class ImportedLink:
     position_m: Sequence[float]
     rotation: Sequence[Sequence[float]]
     parent: int
-    joints: tuple[Joint, ...]
+    joints: tuple[StatedJoint, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +193,7 @@ def imported_link(plain: Mapping[str, Any]) -> ImportedLink:
     )
 
 
-def joint_of(plain: Mapping[str, Any]) -> Joint:
+def joint_of(plain: Mapping[str, Any]) -> StatedJoint:
     """Return the joint of plain data; raises ValueError, TypeError or KeyError if it is not one."""
     numbers = {"damping", "friction", "armature", "stiffness", "rest", "reference", "effort", "velocity"}
     found: dict[str, Any] = {name: str(plain[name]) for name in ("name", "kind")}
@@ -207,7 +207,7 @@ def joint_of(plain: Mapping[str, Any]) -> Joint:
     if plain.get("mimic") is not None:
         other, multiplier, offset = plain["mimic"]
         found["mimic"] = (str(other), float(multiplier), float(offset))
-    return Joint(line=int(plain.get("line", 0)), **found)
+    return StatedJoint(line=int(plain.get("line", 0)), **found)
 
 
 def matrices_of(plain: Mapping[str, Any]) -> MassMatrices:

@@ -23,7 +23,7 @@ from bodycheck.adapters.importers import (
     rates_of,
 )
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.scenarios.model_files.joint import Joint, limit_of
+from bodycheck.scenarios.model_files.joint import StatedJoint, limit_of
 
 FLAGS = {
     "urdf": {DEFAULT: "DartLoader().parseSkeleton(FILE)", RECOMMENDED: WITHOUT_MESHES},
@@ -122,16 +122,16 @@ def _link(node: Any, before: int) -> ImportedLink:
     )
 
 
-def _joint(joint: Any) -> Joint:
+def _joint(joint: Any) -> StatedJoint:
     kind = _KINDS.get(joint.getType(), joint.getType())
     if not joint.getNumDofs():
-        return Joint(joint.getName(), kind, 0)
+        return StatedJoint(joint.getName(), kind, 0)
     within = joint.getTransformFromChildBodyNode()
     axis = None
     if kind in ("hinge", "slide"):
         axis = tuple((np.array(within.rotation()) @ np.array(joint.getAxis())).tolist())
     follows = joint.getActuatorType().name == "MIMIC"
-    return Joint(
+    return StatedJoint(
         joint.getName(),
         kind,
         0,

@@ -19,7 +19,7 @@ from bodycheck.adapters.importers import (
     tensor_of,
 )
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.scenarios.model_files.joint import UNLIMITED, Joint
+from bodycheck.scenarios.model_files.joint import UNLIMITED, StatedJoint
 
 FLAGS = {
     "urdf": {
@@ -90,7 +90,7 @@ def _link(model: Any, data: Any, body: int) -> ImportedLink:
     )
 
 
-def _joint(model: Any, joint: int) -> Joint:
+def _joint(model: Any, joint: int) -> StatedJoint:
     import mujoco
 
     def first(values: Any) -> float:
@@ -114,7 +114,7 @@ def _joint(model: Any, joint: int) -> Joint:
         offset, factor, *others = model.eq_data[k][:5].tolist()
         if model.eq_obj1id[k] == joint and model.eq_obj2id[k] >= 0 and not any(others):
             mimic = (model.joint(model.eq_obj2id[k]).name, factor, offset)
-    return Joint(
+    return StatedJoint(
         name,
         kind,
         0,

@@ -25,7 +25,7 @@ from bodycheck.adapters.importers import (
 )
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
-from bodycheck.scenarios.model_files.joint import UNLIMITED, Joint, limit_of
+from bodycheck.scenarios.model_files.joint import UNLIMITED, StatedJoint, limit_of
 
 FLAGS = {
     "urdf": {
@@ -85,14 +85,14 @@ def _links(bullet: Any, client: int, body: int, before: int) -> list[ImportedLin
         state = bullet.getLinkState(body, k, computeForwardKinematics=1, physicsClientId=client)
         poses.append(state[4:6])
     name = bullet.getBodyInfo(body, physicsClientId=client)[0]
-    base = Joint("", "free" if held[0][0] > 0.0 else "fixed", 0)  # Bullet fixes a base without mass
+    base = StatedJoint("", "free" if held[0][0] > 0.0 else "fixed", 0)  # Bullet fixes a base without mass
     found = [_link(name, held[0], poses[0], -1, base)]
     for info, dynamics, pose in zip(infos, held[1:], poses[1:], strict=True):
         found.append(_link(info[12], dynamics, pose, before + 1 + info[16], _joint(info, dynamics)))
     return found
 
 
-def _link(name: bytes, dynamics: Any, pose: Any, parent: int, joint: Joint) -> ImportedLink:
+def _link(name: bytes, dynamics: Any, pose: Any, parent: int, joint: StatedJoint) -> ImportedLink:
     return ImportedLink(
         name.decode(errors="replace"),
         float(dynamics[0]),
@@ -110,17 +110,17 @@ def _scalar_first(quaternion: Any) -> tuple[float, ...]:
     return w, x, y, z
 
 
-def _joint(info: Any, dynamics: Any) -> Joint:
+def _joint(info: Any, dynamics: Any) -> StatedJoint:
     kind, name = _KINDS.get(info[2], "another kind"), info[1].decode(errors="replace")
     if kind == "fixed":
-        return Joint(name, kind, 0)
+        return StatedJoint(name, kind, 0)
     axis, limits = None, UNLIMITED
     if kind in ("hinge", "slide"):
         to_link = quaternion_to_matrix(np.array(_scalar_first(dynamics[4])))
         axis = tuple((to_link @ info[13]).tolist())  # held in principal axes
         if info[8] <= info[9]:  # lower > upper: no limit
             limits = (float(info[8]), float(info[9]))
-    return Joint(
+    return StatedJoint(
         name,
         kind,
         0,

@@ -14,7 +14,7 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.closed_forms.fixed_axis import FixedAxisRotation
 from bodycheck.reference_impl.closed_forms.flight import Flight, decay_means
-from bodycheck.reference_impl.closed_forms.piecewise_constant_loads import Loads, loads_of
+from bodycheck.reference_impl.closed_forms.piecewise_constant_loads import PiecewiseLoads, loads_of
 from bodycheck.reference_impl.free_rotation import FreeRotation
 from bodycheck.reference_impl.kernels import double_double as dd
 from bodycheck.reference_impl.kernels.double_double import DoubleDouble
@@ -67,7 +67,7 @@ EXACT_OMEGA_ERROR = 4e-15
 """Relative to the largest omega up to then."""
 
 
-class Rotation(Protocol):
+class ExactRotation(Protocol):
     """q(t) and omega(t)."""
 
     def at(self, t_s: Array) -> tuple[Array, Array]:
@@ -78,7 +78,7 @@ class Rotation(Protocol):
 class ExactMotion:
     """A rotation and a flight that are independent of each other."""
 
-    rotation: Rotation
+    rotation: ExactRotation
     flight: Flight
 
     def at(self, t_s: Array) -> Trajectory:
@@ -126,7 +126,7 @@ def closed_form_of(scene: Scene) -> ExactMotion | None:
     return None if flight is None or rotation is None else ExactMotion(rotation, flight)
 
 
-def _rotation_of(scene: Scene, loads: Loads) -> Rotation | None:
+def _rotation_of(scene: Scene, loads: PiecewiseLoads) -> ExactRotation | None:
     body, initial = scene.body, scene.initial
     if loads.is_torque_free:
         if not any(loads.angular_drag) or not initial.omega_body.any():

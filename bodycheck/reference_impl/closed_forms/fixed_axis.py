@@ -10,7 +10,7 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.closed_forms.flight import DecayingMotion
-from bodycheck.reference_impl.closed_forms.piecewise_constant_loads import Loads
+from bodycheck.reference_impl.closed_forms.piecewise_constant_loads import PiecewiseLoads
 from bodycheck.reference_impl.free_rotation.principal_state import phase_sine_cosine
 from bodycheck.reference_impl.free_rotation.set_up import unit
 from bodycheck.reference_impl.free_rotation.tumbling_constants import FOUR_PI
@@ -110,7 +110,7 @@ class FixedAxisRotation:
     """(k, 4): for each sine torque the angular acceleration (high and low part), rate and phase."""
 
     @classmethod
-    def of(cls, scene: Scene, loads: Loads) -> FixedAxisRotation | None:
+    def of(cls, scene: Scene, loads: PiecewiseLoads) -> FixedAxisRotation | None:
         """Set up the motion, or return None where omega, the torques and the drag share no principal axis.
 
         Also returns None for a body at rest whose torques cancel, which has no axis, and for sine torques

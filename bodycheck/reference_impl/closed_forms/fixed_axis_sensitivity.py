@@ -17,7 +17,7 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.closed_forms.fixed_axis import FixedAxisRotation
-from bodycheck.reference_impl.closed_forms.piecewise_constant_loads import Loads, loads_of
+from bodycheck.reference_impl.closed_forms.piecewise_constant_loads import PiecewiseLoads, loads_of
 from bodycheck.reference_impl.rotations import hat
 from bodycheck.reference_impl.scene import Scene
 
@@ -51,7 +51,7 @@ def _nodes(scene: Scene, t_s: Array) -> Array:
     return nodes[nodes <= end]
 
 
-def _steps(scene: Scene, loads: Loads, rotation: FixedAxisRotation, nodes: Array) -> Array:
+def _steps(scene: Scene, loads: PiecewiseLoads, rotation: FixedAxisRotation, nodes: Array) -> Array:
     """Return the matrices (n - 1, 6, 6) from each node (n,) to the next."""
     axis, inertia = rotation.axis, scene.body.inertia
     inverse = np.linalg.inv(inertia)
@@ -68,7 +68,7 @@ def _steps(scene: Scene, loads: Loads, rotation: FixedAxisRotation, nodes: Array
     return np.asarray(half_rotation @ linear_flow @ half_rotation)
 
 
-def _world_torques(scene: Scene, loads: Loads, axis: Array, nodes: Array) -> Array:
+def _world_torques(scene: Scene, loads: PiecewiseLoads, axis: Array, nodes: Array) -> Array:
     """Return the mean torque about the axis between nodes (n - 1,), of loads in world axes, N m."""
     in_world = scene.initial.rotation @ axis
     starts = np.array([piece.begin_s for piece in loads.pieces])

@@ -10,7 +10,7 @@ from fractions import Fraction
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.closed_forms.piecewise_constant_loads import Loads
+from bodycheck.reference_impl.closed_forms.piecewise_constant_loads import PiecewiseLoads
 from bodycheck.reference_impl.kernels import double_double as dd
 from bodycheck.reference_impl.kernels.double_double import DoubleDouble
 from bodycheck.reference_impl.kernels.jit import exact_kernel
@@ -166,7 +166,7 @@ class Flight:
     _motion: DecayingMotion
 
     @classmethod
-    def of(cls, scene: Scene, loads: Loads) -> Flight | None:
+    def of(cls, scene: Scene, loads: PiecewiseLoads) -> Flight | None:
         """Set up the flight, or return None if a body-fixed force rotates with the body."""
         if any(any(piece.force_body) for piece in loads.pieces):
             return None

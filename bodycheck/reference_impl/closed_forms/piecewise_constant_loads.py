@@ -33,7 +33,7 @@ class Piece:
 
 
 @dataclass(frozen=True)
-class Loads:
+class PiecewiseLoads:
     """All loads: the pieces, linear drag in N s/m, angular drag (9,) in N m s, and sine torques."""
 
     pieces: list[Piece]
@@ -49,7 +49,7 @@ class Loads:
         )
 
 
-def loads_of(scene: Scene) -> Loads | None:
+def loads_of(scene: Scene) -> PiecewiseLoads | None:
     """Sum the loads, or return None where one has no closed form: a pivot, springs, the gravity gradient."""
     if scene.pivot is not None or not all(
         isinstance(load, SineTorque | Drag) for load in scene.continuous_loads
@@ -60,7 +60,7 @@ def loads_of(scene: Scene) -> Loads | None:
     for drag in drags:
         angular = added(angular, fractions(drag.angular))
     edges = [0.0, *scene.switches_before(inf), inf]
-    return Loads(
+    return PiecewiseLoads(
         [_piece(scene, begin, end) for begin, end in pairwise(dict.fromkeys(edges))],
         sum((Fraction(drag.linear) for drag in drags), Fraction(0)),
         angular,

@@ -34,7 +34,7 @@ from bodycheck.reference_impl.free_rotation.set_up import (
     set_up_tumbling,
     unit,
 )
-from bodycheck.reference_impl.free_rotation.tensor_axes import Frame
+from bodycheck.reference_impl.free_rotation.tensor_axes import PrincipalAxes
 from bodycheck.reference_impl.free_rotation.tumbling_constants import numbered, tumbling_constants
 from bodycheck.reference_impl.kernels.jit import exact_kernel, long_exact_kernel
 from bodycheck.reference_impl.kernels.small_vectors import exact_quaternion_times as quaternion_times
@@ -260,7 +260,7 @@ def compile_frame_and_evaluation() -> None:
 
 def compile_tumbling() -> None:
     """Compile the kernels from the principal frame to a row."""
-    frame = Frame(
+    frame = PrincipalAxes(
         moments=((1.0, 0.0), (2.0, 0.0), (3.0, 0.0)),
         gaps=((1.0, 0.0), (2.0, 0.0), (1.0, 0.0)),
         omega=((0.1, 0.0), (2.0, 0.0), (0.1, 0.0)),

@@ -14,7 +14,7 @@ from bodycheck.reference_impl.free_rotation.classification import (
 )
 from bodycheck.reference_impl.free_rotation.packing import Steady, Tumbling, put_steady, put_tumbling
 from bodycheck.reference_impl.free_rotation.principal_state import TumblingConstants, state_at
-from bodycheck.reference_impl.free_rotation.tensor_axes import Frame, principal, quaternion_of
+from bodycheck.reference_impl.free_rotation.tensor_axes import PrincipalAxes, principal, quaternion_of
 from bodycheck.reference_impl.free_rotation.tumbling_constants import (
     FOUR_PI,
     NumberedAxes,
@@ -81,7 +81,7 @@ def _scaled_rest(omega: Array, rest: Array) -> Vec:
 
 
 @exact_kernel
-def frame_of(inertia: Array, omega: Array, rest: Array) -> Frame:
+def frame_of(inertia: Array, omega: Array, rest: Array) -> PrincipalAxes:
     """Return the principal frame of the scaled state: inertia (9,), omega (3,), rest (3,)."""
     spin = _without_negligible(vector_at(_scaled(omega), 0))
     return principal(matrix_at(_scaled(inertia), 0), spin, _scaled_rest(omega, rest))

@@ -70,7 +70,7 @@ _NEGLIGIBLE = 2.0**-158  # of the largest moment: smaller off-diagonal elements 
 _SWEEPS = 6  # from 2^-25: 2^-50, 2^-100, and one more; equal moments take another
 
 
-class Frame(NamedTuple):
+class PrincipalAxes(NamedTuple):
     """I = A diag(moments) A^T."""
 
     moments: Triple
@@ -221,10 +221,10 @@ def _rotate_away(r: int, bases: Array, rests: Array, offs: Array, spin: Array, a
 
 
 @exact_kernel
-def _already_principal(inertia: Mat, omega: Vec, rest: Vec) -> Frame:
+def _already_principal(inertia: Mat, omega: Vec, rest: Vec) -> PrincipalAxes:
     """Return the frame of a diagonal tensor: its axes are the body axes."""
     first, second, third = inertia[0], inertia[4], inertia[8]
-    return Frame(
+    return PrincipalAxes(
         ((first, 0.0), (second, 0.0), (third, 0.0)),
         (dd.two_sum(second, -first), dd.two_sum(third, -first), dd.two_sum(third, -second)),
         (dd.two_sum(omega[0], rest[0]), dd.two_sum(omega[1], rest[1]), dd.two_sum(omega[2], rest[2])),
@@ -233,7 +233,7 @@ def _already_principal(inertia: Mat, omega: Vec, rest: Vec) -> Frame:
 
 
 @exact_kernel
-def principal(inertia: Mat, omega: Vec, rest: Vec) -> Frame:
+def principal(inertia: Mat, omega: Vec, rest: Vec) -> PrincipalAxes:
     """Diagonalise a symmetric tensor whose largest element is of ordinary size, by cyclic Jacobi rotations.
 
     The error of the moments' rests is some 2^-150 of the largest moment, that of omega 2^-128 of itself. A
@@ -256,7 +256,7 @@ def principal(inertia: Mat, omega: Vec, rest: Vec) -> Frame:
         (bases[1], _pair(rests[1])),
         (bases[2], _pair(rests[2])),
     )
-    return Frame(
+    return PrincipalAxes(
         (rounded(first), rounded(second), rounded(third)),
         (difference(second, first), difference(third, first), difference(third, second)),
         (_pair(spin[0]), _pair(spin[1]), _pair(spin[2])),

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from bodycheck.reference_impl import elliptic
 from bodycheck.reference_impl.free_rotation.principal_state import TumblingConstants, coefficients
-from bodycheck.reference_impl.free_rotation.tensor_axes import Frame, Triple
+from bodycheck.reference_impl.free_rotation.tensor_axes import PrincipalAxes, Triple
 from bodycheck.reference_impl.kernels import double_double as dd
 from bodycheck.reference_impl.kernels.double_double import DoubleDouble
 from bodycheck.reference_impl.kernels.jit import exact_kernel, inlined_kernel
@@ -41,14 +41,14 @@ class NumberedAxes(NamedTuple):
 
 
 @inlined_kernel
-def _gap(frame: Frame, i: int, j: int) -> DoubleDouble:
+def _gap(frame: PrincipalAxes, i: int, j: int) -> DoubleDouble:
     """I_j - I_i."""
     gap = frame.gaps[i + j - 1]
     return gap if i < j else (-gap[0], -gap[1])
 
 
 @exact_kernel
-def _order(frame: Frame, descending: bool) -> tuple[int, int, int]:
+def _order(frame: PrincipalAxes, descending: bool) -> tuple[int, int, int]:
     """Return the axes sorted by their moments; axes of equal moments keep their order."""
     sign = -1.0 if descending else 1.0
     a, b, c = 0, 1, 2
@@ -67,7 +67,7 @@ def _signed(x: DoubleDouble, sign: float) -> DoubleDouble:
 
 
 @exact_kernel
-def numbered(frame: Frame, descending: bool) -> NumberedAxes:
+def numbered(frame: PrincipalAxes, descending: bool) -> NumberedAxes:
     """Number the axes by ascending or descending moments, and orient them by half turns."""
     a, b, c = _order(frame, descending)
     l1 = dd.multiply(frame.moments[a], frame.omega[a])

@@ -23,7 +23,7 @@ from bodycheck.reference_impl.taylor.forcing import ACCELERATION_WORLD
 from bodycheck.reference_impl.taylor.principal_frame import PrincipalFrame, packed_rotation
 from bodycheck.reference_impl.taylor.solution import (
     Forcings,
-    Resolution,
+    SeriesAccuracy,
     follow_scene,
     forcings_of,
     packed_state,
@@ -106,7 +106,7 @@ class _General:
 
     scene: Scene
     forcings: Forcings
-    resolution: Resolution
+    resolution: SeriesAccuracy
 
     def solve(self, t_s: Array) -> tuple[Array, int]:
         """Return the states (n, 13) at times in order, and the steps made."""
@@ -146,7 +146,7 @@ class _Principal:
     """v and x at the start, (6,), which stay constant unless is_moving."""
 
     @classmethod
-    def of(cls, scene: Scene, forcings: Forcings, resolution: Resolution) -> _Principal:
+    def of(cls, scene: Scene, forcings: Forcings, resolution: SeriesAccuracy) -> _Principal:
         """Pack a scene without springs whose centre of mass moves on parabolas."""
         frame = PrincipalFrame.of(scene.body)
         segments = []

@@ -30,7 +30,7 @@ from bodycheck.reference_impl.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
-class Resolution:
+class SeriesAccuracy:
     """The order, tolerance and precision of an integration.
 
     order: of the series. tolerance: the size of the last terms. paired_orders: the number of orders in
@@ -43,12 +43,14 @@ class Resolution:
     paired_orders: int = 0
 
 
-def resolution_for(tolerance: float) -> Resolution:
+def resolution_for(tolerance: float) -> SeriesAccuracy:
     """Return the fastest resolution with an error per step of about the tolerance, which is 1e-17 or more."""
     if not 1e-17 <= tolerance < 1.0:
         raise ValueError(f"a tolerance of doubles lies between 1e-17 and 1, not at {tolerance!r}")
     digits = -math.log10(tolerance)
-    return Resolution(14 if digits < 7.0 else 16 if digits < 10.0 else 18 if digits < 14.0 else 20, tolerance)
+    return SeriesAccuracy(
+        14 if digits < 7.0 else 16 if digits < 10.0 else 18 if digits < 14.0 else 20, tolerance
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,13 +93,13 @@ def forcings_of(scene: Scene, until_s: float) -> Forcings:
     return tuple((begin, end, forcing_between(scene, begin, end)) for begin, end in pairwise(edges))
 
 
-def solve(forcings: Forcings, start: State, t_s: Array, resolution: Resolution) -> Solution:
+def solve(forcings: Forcings, start: State, t_s: Array, resolution: SeriesAccuracy) -> Solution:
     """Integrate consecutive forcings from a state; return the states at ascending times (n,) within it."""
     return solve_packed(forcings, packed_state(start), t_s, resolution)
 
 
 def solve_packed(
-    forcings: Forcings, state: tuple[Array, Array], t_s: Array, resolution: Resolution
+    forcings: Forcings, state: tuple[Array, Array], t_s: Array, resolution: SeriesAccuracy
 ) -> Solution:
     """Integrate as `solve` does, from a state ((13,), (13,)), high and low parts, updated to the end."""
     steps, lost = 0, ""
@@ -135,7 +137,7 @@ def trajectory_of(t_s: Array, states: Array) -> Trajectory:
 def _advance(
     state: tuple[Array, Array],
     forcing: Forcing,
-    resolution: Resolution,
+    resolution: SeriesAccuracy,
     times: Array,
     span: tuple[float, float],
     out: tuple[Array, Array],
@@ -186,7 +188,7 @@ def _advance(
     return steps
 
 
-def _working_space(forcing: Forcing, resolution: Resolution) -> tuple[tuple[int, int, int, int], Numbers]:
+def _working_space(forcing: Forcing, resolution: SeriesAccuracy) -> tuple[tuple[int, int, int, int], Numbers]:
     """Return the first rows, and zeroed series.
 
     The rows are those of the sines in world axes, the springs, the torsion spring and the recorded loads.
@@ -205,7 +207,7 @@ def _working_space(forcing: Forcing, resolution: Resolution) -> tuple[tuple[int,
 
 
 def follow_scene(
-    scene: Scene, forcings: Forcings, state: tuple[Array, Array], t_s: Array, resolution: Resolution
+    scene: Scene, forcings: Forcings, state: tuple[Array, Array], t_s: Array, resolution: SeriesAccuracy
 ) -> Solution:
     """Integrate the forcings of a scene from a packed state; return the states at ascending times (n,).
 

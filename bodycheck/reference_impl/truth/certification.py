@@ -22,7 +22,7 @@ from bodycheck.reference_impl.rotations import exp_quaternion, normalised, quate
 from bodycheck.reference_impl.scene import Scene, State
 from bodycheck.reference_impl.taylor.solution import (
     Forcings,
-    Resolution,
+    SeriesAccuracy,
     Solution,
     TooManyStepsError,
     follow_scene,
@@ -38,8 +38,8 @@ from bodycheck.reference_impl.truth.truth import Kind, Truth
 EXACT_BOUNDS = (4e-15, 8e-15, 8e-15)
 """Bounds that the tests enforce: angle in rad; relative energy and momentum, from the 4e-15 of omega."""
 
-_FINE, _CHECK = Resolution(30, 1e-32, 19), Resolution(34, 1e-33, 21)
-_NUDGED, _NUDGED_STEPS = Resolution(18, 1e-17), 512
+_FINE, _CHECK = SeriesAccuracy(30, 1e-32, 19), SeriesAccuracy(34, 1e-33, 21)
+_NUDGED, _NUDGED_STEPS = SeriesAccuracy(18, 1e-17), 512
 NUDGE = 1e-7  # rad, or relative to max |omega|: the size of the perturbations that measure sensitivity
 _PROPORTIONAL = 1e-2  # rad, or relative: the distance up to which nudges grow in proportion to their size
 _FINE_NUDGE = 1e-15  # of those nudges: double-doubles still resolve this to nine digits

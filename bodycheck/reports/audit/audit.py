@@ -21,7 +21,7 @@ from bodycheck.adapters.importers import joint_of
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import principal_axes
 from bodycheck.scenarios.model_files.exact import ExactInertia, doubles
-from bodycheck.scenarios.model_files.joint import Joint
+from bodycheck.scenarios.model_files.joint import StatedJoint
 
 Severity: TypeAlias = Literal["error", "warning", "note"]
 Confidence: TypeAlias = Literal["certain", "likely", "possible"]
@@ -109,7 +109,7 @@ def _relative(difference: float, scale: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class LinkImport:
     """One link in one importer: what should be held, what is held, and the named causes of differences.
 
     expected: the body in the file, or the composite of the links merged into this one. into: the link that
@@ -126,7 +126,7 @@ class Comparison:
 
 
 @dataclass(frozen=True)
-class Column:
+class ImporterColumn:
     """An importer with its flags: how the import ended, and the settings that the flags mean."""
 
     engine: str
@@ -169,7 +169,7 @@ class Spin:
 
 
 @dataclass(frozen=True)
-class Finding:
+class LintFinding:
     """A finding of the linter: rule, place, what is wrong, what is expected, and how sure that is.
 
     inertia_kg_m2: xx, xy, xz, yy, yz, zz that are expected, in the axes in which the file states them;
@@ -197,7 +197,7 @@ class LinkAudit:
     stated: Body | None
     derived: str
     unread: str
-    held: Mapping[str, Comparison]
+    held: Mapping[str, LinkImport]
     spins: Mapping[str, Spin] = field(default_factory=dict)
 
 
@@ -209,7 +209,7 @@ class JointComparison:
     """
 
     state: State
-    held: Joint | None = None
+    held: StatedJoint | None = None
     causes: tuple[str, ...] = ()
     not_held: tuple[str, ...] = ()
 
@@ -219,7 +219,7 @@ class JointAudit:
     """One joint: its link, what the file states, and a comparison for each importer by its name."""
 
     link: str
-    stated: Joint
+    stated: StatedJoint
     held: Mapping[str, JointComparison]
 
     @property
@@ -261,9 +261,9 @@ class Audit:
     file: str
     format: str
     sha256: str
-    columns: Sequence[Column]
+    columns: Sequence[ImporterColumn]
     links: Sequence[LinkAudit]
-    findings: Sequence[Finding]
+    findings: Sequence[LintFinding]
     outside: Sequence[str] = ()
     notes: Sequence[str] = ()
     extra: Mapping[str, Sequence[str]] = field(default_factory=dict)
@@ -322,9 +322,9 @@ def read_audit(folder: Path) -> tuple[Audit, dict[str, Any]]:
 
 def _audit(data: Mapping[str, Any]) -> Audit:
     lists = {
-        "columns": tuple(Column(**one) for one in data["columns"]),
+        "columns": tuple(ImporterColumn(**one) for one in data["columns"]),
         "links": tuple(map(_link, data["links"])),
-        "findings": tuple(Finding(**one) for one in data["findings"]),
+        "findings": tuple(LintFinding(**one) for one in data["findings"]),
         "joints": tuple(map(_joint, data["joints"])),
         "matrices": {
             name: MatrixComparison(**{**one, "joints": tuple(one["joints"])})
@@ -356,7 +356,7 @@ def _joint(data: Mapping[str, Any]) -> JointAudit:
     return JointAudit(data["link"], joint_of(data["stated"]), held)
 
 
-def _comparison(data: Mapping[str, Any]) -> Comparison:
+def _comparison(data: Mapping[str, Any]) -> LinkImport:
     difference = data["difference"]
     parts = {
         "expected": _body(data["expected"]),
@@ -365,7 +365,7 @@ def _comparison(data: Mapping[str, Any]) -> Comparison:
         "causes": tuple(data["causes"]),
         "merged": tuple(data["merged"]),
     }
-    return Comparison(**{**data, **parts})
+    return LinkImport(**{**data, **parts})
 
 
 def _body(data: Mapping[str, Any] | None) -> Body | None:

@@ -17,9 +17,9 @@ from bodycheck.reports.audit.audit import (
     SINGLE,
     Audit,
     Body,
-    Comparison,
     Difference,
     LinkAudit,
+    LinkImport,
     Spin,
 )
 from bodycheck.reports.audit.audit_summary import (
@@ -34,7 +34,7 @@ from bodycheck.reports.audit.audit_summary import (
 )
 from bodycheck.reports.audit.joint_causes import QUANTITIES
 from bodycheck.reports.document import Cell, Column, Document, Sentence, Span, Table
-from bodycheck.scenarios.model_files.joint import UNLIMITED, Joint
+from bodycheck.scenarios.model_files.joint import UNLIMITED, StatedJoint
 
 _MAX_FINDINGS = 40
 _MAX_JOINTS = 12
@@ -205,7 +205,7 @@ def _joints(audit: Audit) -> Table:
     return Table(columns, tuple(rows), "Joints in the file", max_rows=_MAX_JOINTS, rest=rest)
 
 
-def joint_numbers(joint: Joint) -> list[str]:
+def joint_numbers(joint: StatedJoint) -> list[str]:
     """Return what is stated or held of a joint in words, without what is neutral."""
     found = [] if joint.axis is None else [f"axis {vector(joint.axis)}"]
     found += [f"at {vector(joint.at_m)} m"] if any(joint.at_m) else []
@@ -232,7 +232,7 @@ def _relative(difference: Difference | None) -> tuple[str, str, str]:
     return mass, centre, inertia
 
 
-def tint_of(comparison: Comparison) -> str:
+def tint_of(comparison: LinkImport) -> str:
     """Return the tint of a comparison: how far the held body is from the file's."""
     match comparison.state:
         case "agrees":
@@ -345,7 +345,7 @@ def body_data(body: Body | None) -> dict[str, Any] | None:
     }
 
 
-def _comparison_data(one: Comparison) -> dict[str, Any]:
+def _comparison_data(one: LinkImport) -> dict[str, Any]:
     return {
         "state": one.state,
         "expected": body_data(one.expected),

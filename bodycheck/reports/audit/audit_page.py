@@ -11,7 +11,7 @@ from markupsafe import Markup, escape
 
 from bodycheck._util.formatting import number, scientific
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.audit.audit import Audit, Body, Comparison, Finding, JointAudit, LinkAudit
+from bodycheck.reports.audit.audit import Audit, Body, JointAudit, LinkAudit, LinkImport, LintFinding
 from bodycheck.reports.audit.audit_document import audit_document, joint_numbers, tint_of
 from bodycheck.reports.audit.audit_summary import TINTS, by_severity, impossible, moving_joints, repeated
 from bodycheck.reports.document import page
@@ -47,7 +47,7 @@ class _Row:
 def audit_page(audit: Audit) -> str:
     """Return the audit as one self-contained HTML page."""
     heads = [(one.name, ": ".join(filter(None, (one.version, one.settings)))) for one in audit.columns]
-    found: dict[str, list[Finding]] = {}
+    found: dict[str, list[LintFinding]] = {}
     for finding in by_severity(audit.findings):
         found.setdefault(finding.link, []).append(finding)
     wrong = {finding.link for finding in impossible(audit)}
@@ -140,7 +140,7 @@ def _cell(link: LinkAudit, name: str, outcome: str, *, impossible: bool, repeate
     return _Cell(tint, text, causes, details, _ellipsoids(one))
 
 
-def _ellipsoids(one: Comparison) -> Markup:
+def _ellipsoids(one: LinkImport) -> Markup:
     """Draw the equivalent uniform ellipsoids of both bodies about their centres of mass, to one scale."""
     if one.held is None or one.expected is None or not one.held.possible or not one.expected.possible:
         return Markup("")

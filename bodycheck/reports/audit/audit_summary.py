@@ -10,7 +10,7 @@ from itertools import groupby
 from pathlib import Path
 
 from bodycheck._util.formatting import count
-from bodycheck.reports.audit.audit import Audit, Column, Finding, JointAudit, LinkAudit, Severity
+from bodycheck.reports.audit.audit import Audit, ImporterColumn, JointAudit, LinkAudit, LintFinding, Severity
 from bodycheck.reports.document import Sentence
 
 LEVELS: tuple[Severity, ...] = ("error", "warning", "note")
@@ -26,7 +26,7 @@ _OUTPUT = re.compile(r"; its last output: .*", re.DOTALL)
 _EXCEPTION = re.compile(r"^(?:\w*[Ee]rror: )+")
 
 
-def by_severity(findings: Sequence[Finding]) -> list[Finding]:
+def by_severity(findings: Sequence[LintFinding]) -> list[LintFinding]:
     """Return findings from errors to notes, impossible numbers first, in the order of the file otherwise."""
     return sorted(findings, key=lambda one: (LEVELS.index(one.severity), one.rule not in IMPOSSIBLE))
 
@@ -72,7 +72,7 @@ def _of_importers(audit: Audit) -> list[Sentence]:
     return found
 
 
-def _clause(audit: Audit, column: Column) -> tuple[str, bool]:
+def _clause(audit: Audit, column: ImporterColumn) -> tuple[str, bool]:
     """Return what an importer does with the file, and whether it holds all that it reads."""
     bodies, sound = _of_bodies(audit, column)
     changed = [group for group in joint_groups(audit) if group.importer == column.name]
@@ -116,7 +116,7 @@ def joint_groups(audit: Audit) -> list[JointGroup]:
     return sorted(groups, key=lambda group: order.index(group.importer))
 
 
-def _of_bodies(audit: Audit, column: Column) -> tuple[str, bool]:
+def _of_bodies(audit: Audit, column: ImporterColumn) -> tuple[str, bool]:
     """Return what an importer does with the bodies of the file, and whether it holds all that it reads."""
     if column.outcome == "unsupported":
         return column.message, True
@@ -197,6 +197,6 @@ def severities(audit: Audit) -> dict[str, Severity]:
     return found
 
 
-def impossible(audit: Audit) -> list[Finding]:
+def impossible(audit: Audit) -> list[LintFinding]:
     """Return the findings of numbers that no body has."""
     return [one for one in audit.findings if one.severity == "error" and one.rule in IMPOSSIBLE]

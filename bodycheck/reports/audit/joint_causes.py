@@ -12,7 +12,7 @@ from bodycheck._util.formatting import number
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import exp_matrix, log_matrix
 from bodycheck.reports.audit.audit import SINGLE
-from bodycheck.scenarios.model_files.joint import UNLIMITED, Joint
+from bodycheck.scenarios.model_files.joint import UNLIMITED, StatedJoint
 
 _DEGREES = 180.0 / math.pi
 _MOST_NAMES = 2  # of faults that make the same numbers
@@ -34,7 +34,7 @@ class JointFacts:
     link axes in the model. size_m: the scale of positions.
     """
 
-    joint: Joint
+    joint: StatedJoint
     placement: Placement | None
     inertial: Array
     model: Array
@@ -94,7 +94,7 @@ PLACEMENTS: dict[str, Callable[[Placement], Placement]] = {
 """What an importer does with the frame of a joint -> where the link then is."""
 
 
-def joint_causes(stated: JointFacts, held: Joint, placement: Placement | None) -> tuple[str, ...]:
+def joint_causes(stated: JointFacts, held: StatedJoint, placement: Placement | None) -> tuple[str, ...]:
     """Return the named differences of a held joint, with axis and point in the axes of the file's link."""
     given = stated.joint
     if given.motion != held.motion:
@@ -111,7 +111,7 @@ def joint_causes(stated: JointFacts, held: Joint, placement: Placement | None) -
     )
 
 
-def not_held(stated: Joint, held: Joint) -> tuple[str, ...]:
+def not_held(stated: StatedJoint, held: StatedJoint) -> tuple[str, ...]:
     """Return what the file states and the importer has no number for."""
     missing = []
     for one in QUANTITIES:
@@ -121,7 +121,7 @@ def not_held(stated: Joint, held: Joint) -> tuple[str, ...]:
     return tuple(missing)
 
 
-def _number_causes(one: Quantity, stated: Joint, held: Joint) -> Iterator[str]:
+def _number_causes(one: Quantity, stated: StatedJoint, held: StatedJoint) -> Iterator[str]:
     given, found = getattr(stated, one.attribute), getattr(held, one.attribute)
     given = one.neutral if given is None else given
     if found is None or math.isnan(given) or (one.attribute == "rest" and not stated.stiffness):
@@ -141,7 +141,7 @@ def _changed(name: str, given: float, found: float, neutral: float) -> Iterator[
         yield f"{name} {how}: {number(given, 6)} in the file, {number(found, 6)} held"
 
 
-def _limit_causes(stated: Joint, held: Joint) -> Iterator[str]:
+def _limit_causes(stated: StatedJoint, held: StatedJoint) -> Iterator[str]:
     if stated.limits is None or held.limits is None or stated.motion not in ("hinge", "slide", "ball"):
         return
     given, found = (_bounded(joint.limits or UNLIMITED) for joint in (stated, held))
@@ -166,7 +166,7 @@ def _bounded(limits: tuple[float, float]) -> tuple[float, float]:
     return limits if 0.0 < limits[1] - limits[0] <= 1e10 else UNLIMITED
 
 
-def _mimic_causes(stated: Joint, held: Joint) -> Iterator[str]:
+def _mimic_causes(stated: StatedJoint, held: StatedJoint) -> Iterator[str]:
     if stated.mimic is None and held.mimic is None:
         return
     if held.mimic is None:
@@ -179,21 +179,21 @@ def _mimic_causes(stated: Joint, held: Joint) -> Iterator[str]:
             yield f"mimic changed: {_followed(stated)} in the file, {_followed(held)} held"
 
 
-def _followed(joint: Joint) -> str:
+def _followed(joint: StatedJoint) -> str:
     other, multiplier, offset = joint.mimic or ("", 1.0, 0.0)
     if math.isnan(multiplier):
         return "another joint"
     return f"{number(multiplier, 6)} {other}" + (f" + {number(offset, 6)}" if offset else "")
 
 
-def _gain_causes(stated: Joint, held: Joint) -> Iterator[str]:
+def _gain_causes(stated: StatedJoint, held: StatedJoint) -> Iterator[str]:
     given, found = stated.gains or (0.0, 0.0), held.gains
     for k, name in enumerate(("position gain", "velocity gain")):
         if found is not None and not math.isnan(given[k]):
             yield from _changed(name, given[k], found[k], 0.0)
 
 
-def _axis_causes(facts: JointFacts, held: Joint) -> Iterator[str]:
+def _axis_causes(facts: JointFacts, held: StatedJoint) -> Iterator[str]:
     given, found = facts.joint.axis, held.axis
     if held.motion not in ("hinge", "slide") or given is None or found is None or not any(given):
         return

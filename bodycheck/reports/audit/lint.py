@@ -15,7 +15,7 @@ import numpy as np
 
 from bodycheck._util.formatting import number, vector
 from bodycheck.reference_impl.dynamics import parallel_axis_tensor
-from bodycheck.reports.audit.audit import Body, Confidence, Finding, Severity
+from bodycheck.reports.audit.audit import Body, Confidence, LintFinding, Severity
 from bodycheck.reports.audit.mesh_lint import weighed_meshes
 from bodycheck.reports.audit.shape_lint import against_shapes, closer_to_shapes, fits_shapes, slip_of
 from bodycheck.reports.audit.shaped_link import is_placeholder
@@ -30,7 +30,7 @@ _SIDES = re.compile(r"(?<![a-z])(left|right|l|r)(?![a-z])", re.IGNORECASE)
 _OTHER_SIDE = {"left": "right", "right": "left", "l": "r", "r": "l"}
 
 
-def lint(model: ModelFile) -> Iterator[Finding]:
+def lint(model: ModelFile) -> Iterator[LintFinding]:
     """Yield the findings of a model, link by link."""
     for link in model.links:
         extreme = list(_range(link, model))
@@ -42,7 +42,7 @@ def lint(model: ModelFile) -> Iterator[Finding]:
     yield from _twins(model)
 
 
-def _range(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
+def _range(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
     """Report numbers whose products leave the range of doubles, so that nothing else can be checked."""
     if link.stated is None:
         return
@@ -68,9 +68,9 @@ def _range(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
 
 def _finding(
     rule: str, severity: Severity, confidence: Confidence, link: ModelLink, message: str, expected: str = ""
-) -> Finding:
+) -> LintFinding:
     line = link.line if link.stated is None else link.stated.line
-    return Finding(rule, severity, confidence, str(link.file), line, link.name, message, expected)
+    return LintFinding(rule, severity, confidence, str(link.file), line, link.name, message, expected)
 
 
 def _written(link: ModelLink) -> Body | None:
@@ -80,7 +80,7 @@ def _written(link: ModelLink) -> Body | None:
     return Body.of(link.stated.in_link)
 
 
-def _mass(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
+def _mass(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
     body = None if link.stated is None else Body.of(link.stated.in_link)
     if body is None:
         return
@@ -103,7 +103,7 @@ def _mass(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
         )
 
 
-def _possible(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
+def _possible(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
     if link.stated is None or not link.stated.inertia.mass > 0:
         return
     rough = np.asarray(np.linalg.eigvalsh(doubles(link.stated.inertia.tensor)), dtype=np.float64)
@@ -133,7 +133,7 @@ def _possible(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
     yield found
 
 
-def _about(link: ModelLink, model: ModelFile) -> Iterator[Finding]:  # noqa: ARG001 - rules are alike
+def _about(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:  # noqa: ARG001 - rules are alike
     """Note a tensor that is mostly m d^2 of the distance to the link's origin, if the link has no shape."""
     body = _written(link)
     if body is None or not body.possible or link.shapes or link.visuals:
@@ -155,7 +155,7 @@ def _about(link: ModelLink, model: ModelFile) -> Iterator[Finding]:  # noqa: ARG
         )
 
 
-def _placeholder(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
+def _placeholder(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
     body = _written(link)
     if body is None or not body.mass_kg > 0.0 or not is_placeholder(link) or fits_shapes(link, model):
         return
@@ -170,7 +170,7 @@ def _placeholder(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
     yield _finding("placeholder-inertia", "warning", "likely", link, message, expected)
 
 
-def _twins(model: ModelFile) -> Iterator[Finding]:
+def _twins(model: ModelFile) -> Iterator[LintFinding]:
     """Note links that have the numbers of at least two links of other shapes."""
     same: dict[tuple[float, bytes], list[ModelLink]] = {}
     for link in model.links:
@@ -193,7 +193,7 @@ def _shape_key(link: ModelLink) -> tuple[tuple[str, tuple[float, ...], str], ...
     return tuple((shape.kind, shape.size, shape.mesh) for shape in link.collisions)
 
 
-def _missing(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
+def _missing(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
     if link.stated is not None or link.unread or not _moves(link, model):
         return
     if link.name in model.carrying:
@@ -216,7 +216,7 @@ def _moves(link: ModelLink, model: ModelFile) -> bool:
     return link.joint is None or link.joint.kind not in ("fixed", "mocap")
 
 
-def _mirrored(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
+def _mirrored(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
     """Report tensors of a left and a right link that are not mirror images although their centres are."""
     for shape in link.collisions:
         if math.prod(shape.scale) < 0.0:
@@ -257,14 +257,14 @@ def _with_case(side: str) -> str:
     return other.upper() if side.isupper() else other.capitalize() if side[0].isupper() else other
 
 
-def _unreadable(link: ModelLink, model: ModelFile) -> Iterator[Finding]:  # noqa: ARG001 - rules are alike
+def _unreadable(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:  # noqa: ARG001 - rules are alike
     if link.malformed:
         what, _, expected = link.unread.partition(" (expected ")
         message = what.removeprefix(f"{link.file}:")
         yield _finding("unreadable", "error", "certain", link, message, expected.removesuffix(")"))
 
 
-RULES: tuple[Callable[[ModelLink, ModelFile], Iterator[Finding]], ...] = (
+RULES: tuple[Callable[[ModelLink, ModelFile], Iterator[LintFinding]], ...] = (
     _unreadable,
     _mass,
     _possible,

@@ -12,7 +12,7 @@ import numpy as np
 
 from bodycheck._util.formatting import number
 from bodycheck.reference_impl.mass_properties.solid import MassProperties
-from bodycheck.reports.audit.audit import Body, Difference, Finding
+from bodycheck.reports.audit.audit import Body, Difference, LintFinding
 from bodycheck.scenarios.model_files.link_solids import closed_solid
 from bodycheck.scenarios.model_files.mjcf_shapes import mesh_inertia
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, WeighedMesh
@@ -26,7 +26,7 @@ _WHY = {
 }
 
 
-def weighed_meshes(link: ModelLink, model: ModelFile) -> Iterator[Finding]:  # noqa: ARG001 - rules are alike
+def weighed_meshes(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:  # noqa: ARG001 - rules are alike
     """Report meshes whose inertia by MuJoCo's rules is not that of the solid that they bound."""
     seen = set()
     for mesh in link.meshes:
@@ -36,7 +36,7 @@ def weighed_meshes(link: ModelLink, model: ModelFile) -> Iterator[Finding]:  # n
             yield from _compared(link, mesh)
 
 
-def _compared(link: ModelLink, mesh: WeighedMesh) -> Iterator[Finding]:
+def _compared(link: ModelLink, mesh: WeighedMesh) -> Iterator[LintFinding]:
     held = MassProperties(*mesh_inertia(mesh.vertices, mesh.triangles, mesh.kind))
     solid = closed_solid(mesh.vertices, mesh.triangles)[1] if len(mesh.triangles) else None
     if solid is None:
@@ -58,7 +58,7 @@ def _compared(link: ModelLink, mesh: WeighedMesh) -> Iterator[Finding]:
             f"gives its {number(mesh.mass, 6)} kg the largest moment {number(_largest(held_body), 4)} "
             f"kg m^2; the solid has {number(_largest(solid_body), 4)} kg m^2"
         )
-    yield Finding(
+    yield LintFinding(
         "mesh-inertia",
         "warning" if large else "note",
         "certain",

@@ -15,7 +15,7 @@ from bodycheck._util.formatting import number, vector
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import parallel_axis_tensor
 from bodycheck.reference_impl.mass_properties.solid import MassProperties, primitive
-from bodycheck.reports.audit.audit import Body, Finding
+from bodycheck.reports.audit.audit import Body, LintFinding
 from bodycheck.reports.audit.shaped_link import (
     CENTRE_OFF,
     EXPLAINED,
@@ -43,7 +43,7 @@ _IN_MM = "a mass in kg, and shapes in m: are these in mm?"
 _POWERS = (1e-9, 1e-6, 1e-3, 1e3, 1e6, 1e9)
 
 
-def against_shapes(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
+def against_shapes(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
     """Yield the findings about a link whose inertia is written and possible."""
     if link.stated is None or link.stated.derived or link.static:
         return
@@ -51,7 +51,7 @@ def against_shapes(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
     if not body.possible or not (link.shapes or link.visuals):
         return
     shaped = Shaped(model, link, body)
-    rules: tuple[Callable[[Shaped], Finding | None], ...] = (_beyond,)
+    rules: tuple[Callable[[Shaped], LintFinding | None], ...] = (_beyond,)
     if shaped.solids and not is_placeholder(link):
         exact = agrees(shaped, EXPLAINED) or _of_outer_box(shaped)
         rules += (_centre,) if exact else (_slip, _centre, _symmetry, _about, _unit, _ratio)
@@ -79,7 +79,7 @@ def closer_to_shapes(link: ModelLink, model: ModelFile, tensor: Array) -> bool:
     )
 
 
-def slip_of(link: ModelLink, model: ModelFile) -> Finding | None:
+def slip_of(link: ModelLink, model: ModelFile) -> LintFinding | None:
     """Return the slip that explains a tensor, also one that no body has."""
     if link.stated is None or link.stated.derived or link.static:
         return None
@@ -102,7 +102,7 @@ def _of_outer_box(shaped: Shaped) -> bool:
     return near(shaped.body.inertia_kg_m2, box.inertia * (shaped.body.mass_kg / box.mass), _FITS)
 
 
-def _beyond(shaped: Shaped) -> Finding | None:
+def _beyond(shaped: Shaped) -> LintFinding | None:
     """I <= m r^2 about any axis, with r the distance of the farthest point of the shapes."""
     body, reach = shaped.body, shaped.reach_m
     if reach is None:
@@ -123,7 +123,7 @@ def _beyond(shaped: Shaped) -> Finding | None:
     return replace(slip, severity=found.severity, message=f"{slip.message}; {message}")
 
 
-def _slip(shaped: Shaped) -> Finding | None:
+def _slip(shaped: Shaped) -> LintFinding | None:
     """Find the slip that explains the most digits."""
     link, body = shaped.link, shaped.body
     assert link.stated is not None
@@ -159,7 +159,7 @@ def _slip(shaped: Shaped) -> Finding | None:
     return _with_digits(shaped.finding("unit-slip", "warning", message, best.right), best.digits)
 
 
-def _without_numbers(finding: Finding, expected: str) -> Finding:
+def _without_numbers(finding: LintFinding, expected: str) -> LintFinding:
     return replace(finding, expected=expected, inertia_kg_m2=None, centre_m=None)
 
 
@@ -167,12 +167,12 @@ def _plausible(density: float) -> bool:
     return DENSITIES[0] <= density <= DENSITIES[1]
 
 
-def _with_digits(finding: Finding, digits: float) -> Finding:
+def _with_digits(finding: LintFinding, digits: float) -> LintFinding:
     """Return a finding that is certain if the slip explains so many digits."""
     return replace(finding, confidence="certain") if digits >= _CERTAIN else finding
 
 
-def _symmetry(shaped: Shaped) -> Finding | None:
+def _symmetry(shaped: Shaped) -> LintFinding | None:
     """Find a tensor with the symmetry of its only cylinder or capsule, but about another axis."""
     body = shaped.body
     moments, axes = body.principal
@@ -202,7 +202,7 @@ def _symmetry(shaped: Shaped) -> Finding | None:
     return None
 
 
-def _centre(shaped: Shaped) -> Finding | None:
+def _centre(shaped: Shaped) -> LintFinding | None:
     """Find a centre of mass that is left out, where the tensor is that of the shapes to three digits."""
     body = shaped.body
     for _, solid in shaped.solids:
@@ -222,7 +222,7 @@ def _centre(shaped: Shaped) -> Finding | None:
     return None
 
 
-def _about(shaped: Shaped) -> Finding | None:
+def _about(shaped: Shaped) -> LintFinding | None:
     """Note a tensor that is closer to that of the shapes if it was about the link's origin."""
     body = shaped.body
     moved = body.inertia_kg_m2 - body.mass_kg * parallel_axis_tensor(body.centre_m)
@@ -240,7 +240,7 @@ def _about(shaped: Shaped) -> Finding | None:
     return None
 
 
-def _unit(shaped: Shaped) -> Finding | None:
+def _unit(shaped: Shaped) -> LintFinding | None:
     """Find moments that are each about a power of 1000 times those of the shapes."""
     for _, solid in shaped.solids:
         ratios = shaped.body.principal[0] / solid.principal()[0]
@@ -261,7 +261,7 @@ def _unit(shaped: Shaped) -> Finding | None:
     return None
 
 
-def _ratio(shaped: Shaped) -> Finding | None:
+def _ratio(shaped: Shaped) -> LintFinding | None:
     """Note moments that are far from those of the shapes, or those of another mass."""
     body = shaped.body
     for _, solid in shaped.solids:

@@ -12,7 +12,7 @@ import numpy as np
 from bodycheck._util.formatting import vector
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import MassProperties, primitive
-from bodycheck.reports.audit.audit import Body, Confidence, Finding, Severity
+from bodycheck.reports.audit.audit import Body, Confidence, LintFinding, Severity
 from bodycheck.scenarios.model_files.exact import doubles, mp
 from bodycheck.scenarios.model_files.link_solids import Part, masses_explain, parts_of, united
 from bodycheck.scenarios.model_files.mjcf_shapes import geom_inertia
@@ -110,7 +110,7 @@ class Shaped:
 
     def finding(
         self, rule: str, severity: Severity, message: str, right: MassProperties | None = None
-    ) -> Finding:
+    ) -> LintFinding:
         """Return a finding, with the right body in the words of the file."""
         link = self.link
         assert link.stated is not None
@@ -119,7 +119,7 @@ class Shaped:
         confidence: Confidence = "certain" if severity == "error" else "likely"
         if severity == "note":
             confidence = "possible"
-        found = Finding(rule, severity, confidence, str(link.file), link.stated.line, link.name, message)
+        found = LintFinding(rule, severity, confidence, str(link.file), link.stated.line, link.name, message)
         if right is None:
             return found
         numbers = self.numbers(right.inertia)

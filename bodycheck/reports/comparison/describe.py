@@ -16,7 +16,7 @@ from bodycheck.reports.comparison.change import FAILING, Change, Kind, Status
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.comparison.environment_diff import BUILD_OF
 from bodycheck.reports.comparison.headlines import (
-    Line,
+    Headline,
     distinct,
     factor,
     headlines,
@@ -153,7 +153,7 @@ def sentences(comparison: Comparison) -> list[str]:
     return [*others[:first], *changed, *others[first:]]
 
 
-def scope(comparison: Comparison, lines: Iterable[Line]) -> list[str]:
+def scope(comparison: Comparison, lines: Iterable[Headline]) -> list[str]:
     """Return how much else changed, the environment, and how much was compared."""
     found = []
     if collapsed := _collapsed(comparison, lines):
@@ -190,7 +190,7 @@ def commits_of(comparison: Comparison) -> str:
     return commit_range(*manifests) + (f": {url}" if url else "")
 
 
-def _collapsed(comparison: Comparison, lines: Iterable[Line]) -> str:
+def _collapsed(comparison: Comparison, lines: Iterable[Headline]) -> str:
     """Return how many changes improved, moved or are new, which only pages list."""
     parts = []
     better = (one for line in lines if line.direction == "improved" for one in line.changes)

@@ -29,7 +29,7 @@ BROKEN: tuple[Kind, ...] = ("case", "outcome", "verdict")
 
 
 @dataclass(frozen=True)
-class Line:
+class Headline:
     """The changes of one direction of a method, or of methods of an engine with one cause.
 
     cause: the diagnosis. release: "before -> after" of the engine's version, else "before..after" of commits.
@@ -79,7 +79,7 @@ def names_of(scenarios: Sequence[str]) -> str:
     return first + (f" and {count(len(others), 'more scenario')}" if others else "")
 
 
-def lines_of(comparison: Comparison) -> list[Line]:
+def lines_of(comparison: Comparison) -> list[Headline]:
     """Return the lines of a comparison: what is worse or missing, what improved, what is another map.
 
     Improvements of a method that no longer converges or ends well do not count.
@@ -103,20 +103,24 @@ def lines_of(comparison: Comparison) -> list[Line]:
             if own:
                 cause = _cause(own, causes) if direction == "worse" else ""
                 own, identity = [*own, *identity], []
-                found.append(Line(engine, (method,), direction, tuple(own), cause, changed.get(engine, "")))
+                found.append(
+                    Headline(engine, (method,), direction, tuple(own), cause, changed.get(engine, ""))
+                )
         if identity:
-            found.append(Line(engine, (method,), "moved", tuple(identity), release=changed.get(engine, "")))
+            found.append(
+                Headline(engine, (method,), "moved", tuple(identity), release=changed.get(engine, ""))
+            )
     return by_weight(found)
 
 
-def by_weight(lines: Iterable[Line]) -> list[Line]:
+def by_weight(lines: Iterable[Headline]) -> list[Headline]:
     """Return lines with the same cause as one, what is worse first, then by weight."""
-    merged: dict[tuple[str, ...], list[Line]] = {}
+    merged: dict[tuple[str, ...], list[Headline]] = {}
     for one in lines:
         own = () if one.cause else one.methods
         merged.setdefault((one.direction, one.engine, one.cause, *own), []).append(one)
     found = [
-        Line(
+        Headline(
             some[0].engine,
             tuple(dict.fromkeys(method for one in some for method in one.methods)),
             some[0].direction,
@@ -130,7 +134,7 @@ def by_weight(lines: Iterable[Line]) -> list[Line]:
     return sorted(heaviest, key=lambda one: ("worse", "improved", "moved").index(one.direction))
 
 
-def headlines(lines: Sequence[Line]) -> list[str]:
+def headlines(lines: Sequence[Headline]) -> list[str]:
     """Return the texts of the gravest lines of each direction, and how many more there are."""
     found = []
     for direction in ("worse", "improved", "moved"):
@@ -141,7 +145,7 @@ def headlines(lines: Sequence[Line]) -> list[str]:
     return found
 
 
-def moved_texts(comparison: Comparison, lines: Iterable[Line]) -> list[str]:
+def moved_texts(comparison: Comparison, lines: Iterable[Headline]) -> list[str]:
     """Return "mujoco: euler and rk4 moved by up to 1.2 %", one text per engine.
 
     lines: those that name their methods already.

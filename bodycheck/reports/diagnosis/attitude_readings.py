@@ -12,7 +12,7 @@ from bodycheck.reference_impl.dynamics import angular_momentum
 from bodycheck.reference_impl.rotations import geodesic_angle, normalised, quaternion_to_matrix
 from bodycheck.reports.diagnosis.derived_rates import derived_rates
 from bodycheck.reports.diagnosis.diagnosis import Diagnosis, FittedFault
-from bodycheck.reports.diagnosis.engine_model import Reading
+from bodycheck.reports.diagnosis.engine_model import ReportedStates
 from bodycheck.reports.diagnosis.faults import FAULTS
 from bodycheck.reports.diagnosis.faults.wrong_readings import WrongReading, wrong_readings
 from bodycheck.reports.diagnosis.flow import EXACT
@@ -23,7 +23,7 @@ _SAME = 3.0  # multiples of the resolution, or of the smallest error that a read
 
 def _undone(one: WrongReading) -> Callable[[Array], Array]:
     none = np.zeros((3, 1))
-    return lambda q: one.undo(Reading(none, none, q.T, none), world_omega=False).q.T
+    return lambda q: one.undo(ReportedStates(none, none, q.T, none), world_omega=False).q.T
 
 
 _UNDONE: Mapping[str, Callable[[Array], Array]] = {

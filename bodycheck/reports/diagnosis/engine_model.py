@@ -128,7 +128,7 @@ class Loads:
 
 
 @dataclass
-class Reading:
+class ReportedStates:
     """States as an engine reports them: x, v, w (3, s), q (4, s); w in its own axes."""
 
     x: Array
@@ -141,8 +141,8 @@ class Reading:
 class Misreading:
     """A wrong reading: what becomes of a right one, and how it is undone."""
 
-    apply: Callable[[Reading], Reading]
-    undo: Callable[[Reading], Reading]
+    apply: Callable[[ReportedStates], ReportedStates]
+    undo: Callable[[ReportedStates], ReportedStates]
 
 
 @dataclass

@@ -12,7 +12,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import geodesic_angle, normalised, quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.diagnosis.engine_model import Reading
+from bodycheck.reports.diagnosis.engine_model import ReportedStates
 from bodycheck.reports.diagnosis.faults.wrong_readings import quaternions_as_set, wrong_readings
 from bodycheck.reports.diagnosis.quantity_resolution import Resolution
 
@@ -115,7 +115,7 @@ def _readings(
     start: StartState, scene: Scene, name: str, *, world_omega: bool
 ) -> Iterator[tuple[str, StartState]]:
     """Yield how the first attitude or omega may have been read or set, and the state that this makes."""
-    right = Reading(
+    right = ReportedStates(
         start.position[:, None], start.velocity[:, None], start.attitude[:, None], start.omega[:, None]
     )
     for one in wrong_readings("q" if name == "attitude" else "w"):

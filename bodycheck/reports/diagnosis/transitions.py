@@ -23,7 +23,7 @@ from bodycheck.reports.diagnosis.engine_model import (
     Indices,
     Misreading,
     Model,
-    Reading,
+    ReportedStates,
     conjugated,
     cross,
     matrix_of,
@@ -188,14 +188,14 @@ class Transitions:
         return self.trajectory.omega_body_rad_s is None
 
     @cached_property
-    def _read(self) -> tuple[Reading, Reading]:
+    def _read(self) -> tuple[ReportedStates, ReportedStates]:
         """The readings (3, s) at the start and at the end of each transition."""
         path = self.trajectory
         omega = path.omega_world_rad_s if self.world_omega else path.omega_body_rad_s
         assert omega is not None
         q = path.attitude / np.linalg.norm(path.attitude, axis=-1, keepdims=True)
         start, end = (
-            Reading(path.position_m[at].T, path.velocity_m_s[at].T, q[at].T, omega[at].T)
+            ReportedStates(path.position_m[at].T, path.velocity_m_s[at].T, q[at].T, omega[at].T)
             for at in (self.indices, self.indices + 1)
         )
         return start, end
@@ -271,7 +271,7 @@ class Transitions:
             models, base, pivoted, self.grid.dt_s[self.indices], first_step, self.trajectory.t_s[self.indices]
         )
 
-    def predicted(self, models: Sequence[Model], base: Base) -> Reading:
+    def predicted(self, models: Sequence[Model], base: Base) -> ReportedStates:
         """Return the readings (.., c, s) at the end of each transition."""
         flow = self.flow(models, base)
         stride = self.grid.stride
@@ -287,7 +287,7 @@ class Transitions:
                 rows = np.array([name in model.stale for model in subset])
                 getattr(now, name)[:, stale[rows]] = getattr(before, name)[:, rows]
         for row in _rows(models, lambda model: bool(model.misreadings)):
-            one = Reading(*(value[:, row] for value in (now.x, now.v, now.q, now.w)))
+            one = ReportedStates(*(value[:, row] for value in (now.x, now.v, now.q, now.w)))
             for misreading in models[row].misreadings:
                 one = misreading.apply(one)
             for name in "xvqw":
@@ -321,14 +321,14 @@ class Transitions:
         """(c, 12, s) differences of the trajectory from states (.., 1, s), over their scales."""
         parts = [self._reading_of(y) for y in states]
         x, v, q, w = (np.concatenate([getattr(one, name) for one in parts], axis=1) for name in "xvqw")
-        return self.gaps_of(Reading(x, v, q, w))
+        return self.gaps_of(ReportedStates(x, v, q, w))
 
     def gaps(self, models: Sequence[Model], base: Base) -> Array:
         """(c, 12, s) differences of the trajectory from the predictions, over their scales."""
         with np.errstate(all="ignore"):
             return self.gaps_of(self.predicted(models, base))
 
-    def gaps_of(self, predicted: Reading) -> Array:
+    def gaps_of(self, predicted: ReportedStates) -> Array:
         """(c, 12, s) differences of the trajectory from readings (.., c, s), over their scales."""
         with np.errstate(all="ignore"):
             found = self._difference(predicted)
@@ -363,7 +363,7 @@ class Transitions:
         every = np.arange(len(self.whole.indices))
         return np.stack([np.interp(every, places, row) for row in unit])
 
-    def _difference(self, reading: Reading) -> Array:
+    def _difference(self, reading: ReportedStates) -> Array:
         end, sizes = self._read[1], self.sizes[::3]
         turned = product(conjugated(reading.q / np.sqrt((reading.q**2).sum(axis=0))), end.q[:, None])
         parts = [
@@ -374,17 +374,17 @@ class Transitions:
         ]
         return np.ascontiguousarray(np.moveaxis(np.concatenate(parts), 1, 0))
 
-    def _reading_of(self, y: States) -> Reading:
+    def _reading_of(self, y: States) -> ReportedStates:
         """Return the right reading of states (3, s)."""
         w = times(matrix_of(y.q), y.w) if self.world_omega else y.w
         pivot = self.scene.pivot
         if pivot is None:
-            return Reading(y.x, y.v, y.q, w)
+            return ReportedStates(y.x, y.v, y.q, w)
         rotation = matrix_of(y.q)
         arm = times(rotation, np.broadcast_to(-pivot[:, None, None], y.w.shape))
         spin = times(rotation, y.w)
         velocity = cross(spin, arm)
-        return Reading(self._pivot_position[:, None, None] + arm, velocity, y.q, w)
+        return ReportedStates(self._pivot_position[:, None, None] + arm, velocity, y.q, w)
 
     @cached_property
     def _pivot_position(self) -> Array:
@@ -425,7 +425,7 @@ class Transitions:
             if self.scene.pivot is None:
                 y.x[:, row, 0], y.v[:, row, 0] = initial.position, initial.velocity
 
-    def _state_of(self, reading: Reading, misreadings: Sequence[Misreading]) -> States:
+    def _state_of(self, reading: ReportedStates, misreadings: Sequence[Misreading]) -> States:
         for misreading in reversed(misreadings):
             reading = misreading.undo(reading)
         w = transposed_times(matrix_of(reading.q), reading.w) if self.world_omega else reading.w
@@ -464,11 +464,11 @@ def derivatives_of(found: Array) -> Array:
     return np.ascontiguousarray(np.moveaxis(change, (2, 1, 0), (0, 1, 2)))
 
 
-def _as_read(reading: Reading) -> Reading:
+def _as_read(reading: ReportedStates) -> ReportedStates:
     return reading
 
 
-def _shifted(reading: Reading, row: int, size: float) -> Reading:
+def _shifted(reading: ReportedStates, row: int, size: float) -> ReportedStates:
     """Return the reading with one of its twelve components shifted."""
     name, axis = "xvqw"[row // 3], row % 3
     if name == "q":

@@ -23,7 +23,7 @@ from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.measurement.measures import MEASURES, QUANTITIES
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.probes.laws import LAW_NAMES
-from bodycheck.scenarios.fields import NotNegative, Number, Positive, Table
+from bodycheck.scenarios.fields import NotNegative, Number, Positive, TomlTable
 from bodycheck.scenarios.reader import fault_lines
 
 Source: TypeAlias = Literal["results", "methods", "stability", "laws", "dynamics"]
@@ -108,7 +108,7 @@ _Made = TypeVar("_Made")
 _BOUNDS = ("upper", "lower", "near", "equals")
 
 
-class Gate(Table):
+class Gate(TomlTable):
     """One bound on one measure of all the cases that its patterns match.
 
     scenario matches the name of a scenario or of its family, engine and method match those names. dt_s (in s)
@@ -200,7 +200,7 @@ class Gate(Table):
         return _matches(self.dt_s, dt_s) and _matches(self.tolerance, tolerance)
 
 
-class ChangeThreshold(Table):
+class ChangeThreshold(TomlTable):
     """The size above which a change of one measure is worse or improved.
 
     measure: one by which runs are compared. threshold: relative to the smaller of the two values; for

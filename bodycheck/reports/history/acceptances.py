@@ -23,10 +23,10 @@ from bodycheck.reports.comparison.compare import unversioned
 from bodycheck.reports.document import json_text
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import machine_class, readable_runs
-from bodycheck.reports.history.levels import Levels, Setting, read_levels
+from bodycheck.reports.history.levels import Levels, LevelSource, read_levels
 from bodycheck.reports.history.open_regressions import (
+    NightlyState,
     Regression,
-    State,
     open_lines,
     read_state,
 )
@@ -44,7 +44,7 @@ class Accepted:
     change: Change
     before: dict[str, Any]
     after: dict[str, Any]
-    previous: Setting
+    previous: LevelSource
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,9 @@ def read_acceptances(history: History) -> tuple[Acceptance, ...]:
         raise InputError(f"{path}: is damaged: {fault_lines(error)[0]}") from None
 
 
-def with_acceptances(levels: Levels, state: State, acceptances: Iterable[Acceptance]) -> tuple[Levels, State]:
+def with_acceptances(
+    levels: Levels, state: NightlyState, acceptances: Iterable[Acceptance]
+) -> tuple[Levels, NightlyState]:
     """Return the levels and what is open, after the acceptances and withdrawals since the last nightly run.
 
     An acceptance that was withdrawn returns its values to the levels before it, unless they have changed
@@ -96,12 +98,14 @@ def with_acceptances(levels: Levels, state: State, acceptances: Iterable[Accepta
             for value in one.values:
                 setting = levels.settings.get(value.change.key)
                 if setting is not None and setting.acceptance == one.id:
-                    undone = Setting(value.previous.run_id, "withdrawn", one.id)
+                    undone = LevelSource(value.previous.run_id, "withdrawn", one.id)
                     levels = levels.with_cells(value.change, value.before, undone)
         elif one.id not in included and not one.withdrawn:
             included.append(one.id)
             for value in one.values:
-                levels = levels.with_cells(value.change, value.after, Setting(one.run_id, "accepted", one.id))
+                levels = levels.with_cells(
+                    value.change, value.after, LevelSource(one.run_id, "accepted", one.id)
+                )
             accepted = {value.change.key for value in one.values}
             state = replace(
                 state,
@@ -110,9 +114,9 @@ def with_acceptances(levels: Levels, state: State, acceptances: Iterable[Accepta
     return levels, replace(state, acceptances=tuple(included))
 
 
-def open_runs(history: History) -> dict[Path, State]:
+def open_runs(history: History) -> dict[Path, NightlyState]:
     """Return what is open in the newest readable nightly run of each class of machines, the newest first."""
-    found: dict[str, tuple[Path, State]] = {}
+    found: dict[str, tuple[Path, NightlyState]] = {}
     future = history.dated_in_future()
     readable, _ = readable_runs([run for run in history.runs() if run not in future])
     acceptances = read_acceptances(history)
@@ -171,7 +175,7 @@ def _accepted_regressions(
     return found
 
 
-def _by_id(state: State) -> dict[str, Sequence[Regression]]:
+def _by_id(state: NightlyState) -> dict[str, Sequence[Regression]]:
     lines: dict[str, tuple[Regression, ...]] = {}
     for line in open_lines(state.regressions):  # a map may have changed with an error: one id for both
         lines[line.id] = (*lines.get(line.id, ()), *line.regressions)
@@ -198,7 +202,7 @@ def _acceptance(folder: Path, regressions: Iterable[Regression], reason: str, au
     levels, own = levels.renamed(names), own.renamed(names)
     values = []
     for one in regressions:
-        previous = levels.setting(one.change) or Setting(tables.run_id, "first value")
+        previous = levels.setting(one.change) or LevelSource(tables.run_id, "first value")
         before = dict(levels.cells(one.change))
         after = dict(own.cells(one.change)) if one.measured else before
         values.append(Accepted(one.change, before, after, previous))

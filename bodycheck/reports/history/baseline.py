@@ -17,7 +17,7 @@ from bodycheck._util.untrusted import escaped, from_outside, open_input, printab
 from bodycheck.reports.comparison.environment_diff import redefined
 from bodycheck.reports.history.archive import TRAJECTORIES, History
 from bodycheck.reports.history.levels import Levels, read_levels
-from bodycheck.reports.history.open_regressions import State, read_state
+from bodycheck.reports.history.open_regressions import NightlyState, read_state
 from bodycheck.reports.history.step_detection import FIRST_RUNS
 from bodycheck.reports.run_files.run_reader import read_manifest, read_tables
 from bodycheck.reports.run_files.run_tables import Tables
@@ -144,7 +144,7 @@ class NightlyRun:
         return read_levels(self.folder, self.tables)
 
     @property
-    def state(self) -> State:
+    def state(self) -> NightlyState:
         """What is open after the run; InputError if it is damaged."""
         return read_state(self.folder)
 

@@ -45,7 +45,7 @@ _MIN_HALF_RANGE = 0.05  # decades: a change of less than about 10 % looks flat
 
 
 @dataclass(frozen=True)
-class Line:
+class TrendLine:
     """A line in an SVG picture of width x height; zero: the median level; marks: (x, y) of detected steps.
 
     releases: (x, text) where the version of the engine changed. size: of the newest value, in decades.
@@ -68,8 +68,8 @@ class Trend:
 
     engine: str
     method: str
-    speed: Line | None
-    error: Line | None
+    speed: TrendLine | None
+    error: TrendLine | None
 
     @property
     def size(self) -> float:
@@ -109,7 +109,7 @@ def release_changes(versions: Sequence[str | None]) -> list[tuple[int, str]]:
 
 def _lines(
     series: Series, steps: Mapping[Key, Sequence[Step]], versions: Sequence[Mapping[str, str]], quantity: str
-) -> dict[Key, Line]:
+) -> dict[Key, TrendLine]:
     columns = zip(series.methods, series.decades.T, strict=True)
     return {
         key: _line(
@@ -119,7 +119,9 @@ def _lines(
     }
 
 
-def _line(decades: Array, steps: Sequence[Step], releases: Sequence[tuple[int, str]], quantity: str) -> Line:
+def _line(
+    decades: Array, steps: Sequence[Step], releases: Sequence[tuple[int, str]], quantity: str
+) -> TrendLine:
     """Return the line of decades (runs,); a run without a value interrupts it."""
     runs = len(decades)
     x = np.linspace(_EDGE, _WIDTH - _EDGE, runs) if runs > 1 else np.array([_WIDTH / 2.0])
@@ -135,7 +137,7 @@ def _line(decades: Array, steps: Sequence[Step], releases: Sequence[tuple[int, s
     factor = number(10.0 ** decades[-1], 3) if measured[-1] else ""
     marks = [(f"{x[step.first]:.1f}", f"{y[step.first]:.1f}") for step in steps if measured[step.first]]
     total = int(measured.sum())
-    return Line(
+    return TrendLine(
         width=_WIDTH,
         height=_HEIGHT,
         path="".join(drawn),

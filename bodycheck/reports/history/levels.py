@@ -45,7 +45,7 @@ _SETTING_TABLE = TableKind(
 
 
 @dataclass(frozen=True)
-class Setting:
+class LevelSource:
     """Where a level comes from: the nightly run with this value, and the acceptance by which it counts."""
 
     run_id: str
@@ -62,7 +62,7 @@ class Levels:
     """
 
     tables: Mapping[str, Mapping[_Key, _Row]] = field(default_factory=dict)
-    settings: Mapping[ChangeKey, Setting] = field(default_factory=dict)
+    settings: Mapping[ChangeKey, LevelSource] = field(default_factory=dict)
 
     @classmethod
     def of(cls, tables: Tables) -> Levels:
@@ -75,13 +75,13 @@ class Levels:
         """Return the rows of a table by their keys."""
         return self.tables.get(table, {})
 
-    def setting(self, change: Change) -> Setting | None:
+    def setting(self, change: Change) -> LevelSource | None:
         """Return in which run and how the level of a changed value was accepted; None if it has no level."""
         if (found := self.settings.get(change.key)) is not None:
             return found
         table, key, _ = _place(change)
         row = self.rows(table).get(key)
-        return None if row is None else Setting(row["run_id"], "first value")
+        return None if row is None else LevelSource(row["run_id"], "first value")
 
     def cells(self, change: Change) -> Cells:
         """Return the level of a changed value as cells of its row; those without a value are left out."""
@@ -91,7 +91,7 @@ class Levels:
             return {"outcome": ABSENT}
         return {name: row[name] for name in columns if name in row}
 
-    def with_cells(self, change: Change, cells: Cells, setting: Setting) -> Levels:
+    def with_cells(self, change: Change, cells: Cells, setting: LevelSource) -> Levels:
         """Return the levels with that of one value replaced."""
         table, key, columns = _place(change)
         updated = replace(self, settings={**self.settings, change.key: setting})
@@ -131,7 +131,7 @@ class Levels:
         found = replace(self, tables=tables)
         for change in new:
             if change.kind == "accuracy":
-                found = found.with_cells(change, own.cells(change), Setting(newest.run_id, "first value"))
+                found = found.with_cells(change, own.cells(change), LevelSource(newest.run_id, "first value"))
         return found
 
     def with_levels_of(self, changes: Iterable[Change], other: Levels) -> Levels:
@@ -270,14 +270,14 @@ def settings_of(folder: Path) -> bytes:
         return b""
 
 
-def _settings(path: Path) -> Iterable[tuple[ChangeKey, Setting]]:
+def _settings(path: Path) -> Iterable[tuple[ChangeKey, LevelSource]]:
     for row in read_rows(path, _SETTING_TABLE):
         if row["how"] not in get_args(How):
             raise InputError(f"{path}: unknown how {row['how']!r} (available: {', '.join(get_args(How))})")
         key: dict[str, Any] = {name: row.get(name) for name in ChangeKey._fields}
         yield (
             ChangeKey(**key),
-            Setting(row["run_id"], row["how"], row.get("acceptance", "")),
+            LevelSource(row["run_id"], row["how"], row.get("acceptance", "")),
         )
 
 

@@ -29,7 +29,7 @@ from bodycheck.reports.history.baseline import (
 )
 from bodycheck.reports.history.headline import headline
 from bodycheck.reports.history.levels import write_levels
-from bodycheck.reports.history.open_regressions import State, open_lines, write_state
+from bodycheck.reports.history.open_regressions import NightlyState, open_lines, write_state
 from bodycheck.reports.history.regression import Judgement
 from bodycheck.reports.render.html import report_pages
 from bodycheck.reports.run_files.report_files import write_pages
@@ -180,7 +180,7 @@ _NEVER = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 def write_feed(
-    folder: Path, runs: Iterable[tuple[Mapping[str, Any], State]], acceptances: Iterable[Acceptance]
+    folder: Path, runs: Iterable[tuple[Mapping[str, Any], NightlyState]], acceptances: Iterable[Acceptance]
 ) -> None:
     """Write the feed of a history atomically; raises InputError if it cannot be written.
 
@@ -199,7 +199,9 @@ class _Entry:
     summary: str
 
 
-def feed(runs: Iterable[tuple[Mapping[str, Any], State]], acceptances: Iterable[Acceptance] = ()) -> bytes:
+def feed(
+    runs: Iterable[tuple[Mapping[str, Any], NightlyState]], acceptances: Iterable[Acceptance] = ()
+) -> bytes:
     """Return the feed: an entry per regression that is newly worse, gone or accepted, the newest first.
 
     Its links are relative to the folder of the history.
@@ -220,7 +222,7 @@ def feed(runs: Iterable[tuple[Mapping[str, Any], State]], acceptances: Iterable[
 
 
 def _entries(
-    runs: Iterable[tuple[Mapping[str, Any], State]], acceptances: Mapping[str, Acceptance]
+    runs: Iterable[tuple[Mapping[str, Any], NightlyState]], acceptances: Mapping[str, Acceptance]
 ) -> Iterator[_Entry]:
     """Yield the entries of each run, the gravest last."""
     told: set[str] = set()

@@ -16,7 +16,7 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import count
 from bodycheck._util.untrusted import read_json
 from bodycheck.reports.comparison.change import FAILING, MAP_KINDS, NOT_MEASURED, Change, ChangeKey
-from bodycheck.reports.comparison.headlines import Line
+from bodycheck.reports.comparison.headlines import Headline
 from bodycheck.reports.document import json_text
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.history.archive import started_at
@@ -61,7 +61,7 @@ class Regression:
 class OpenLine:
     """The open regressions of a method, or of methods of one engine with one cause, as one line."""
 
-    line: Line
+    line: Headline
     regressions: tuple[Regression, ...]
 
     @property
@@ -111,7 +111,7 @@ def open_lines(regressions: Iterable[Regression]) -> list[OpenLine]:
         of_cause.setdefault((engine, cause or f":{method}", newly, failing), []).extend(own)
     found = [
         OpenLine(
-            Line(
+            Headline(
                 engine,
                 tuple(dict.fromkeys(one.change.method for one in own)),
                 "worse" if failing else "moved",
@@ -128,7 +128,7 @@ def open_lines(regressions: Iterable[Regression]) -> list[OpenLine]:
 
 
 @dataclass(frozen=True)
-class State:
+class NightlyState:
     """What a nightly run leaves to the next one, besides the levels, and what it closed.
 
     regressions: the open ones. improved: the changes that a second run has to confirm. acceptances: ids of
@@ -146,11 +146,11 @@ class State:
 
 
 @cache
-def _adapter() -> TypeAdapter[State]:
-    return TypeAdapter(State)
+def _adapter() -> TypeAdapter[NightlyState]:
+    return TypeAdapter(NightlyState)
 
 
-def read_state(folder: Path) -> State:
+def read_state(folder: Path) -> NightlyState:
     """Return what is open after a nightly run; nothing after one of an earlier version.
 
     Raises InputError if the file is damaged.
@@ -159,14 +159,14 @@ def read_state(folder: Path) -> State:
     try:
         return _adapter().validate_python(read_json(path))
     except FileNotFoundError:
-        return State()
+        return NightlyState()
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     except ValidationError as error:
         raise InputError(f"{path}: is damaged: {fault_lines(error)[0]}") from None
 
 
-def write_state(state: State, folder: Path) -> None:
+def write_state(state: NightlyState, folder: Path) -> None:
     """Write what is open after a nightly run into its folder."""
     (folder / FILE).write_text(json_text(state) + "\n", encoding="utf-8")
 
@@ -186,7 +186,7 @@ def next_regressions(
     """
     known = {one.change.key: one for one in before}
     found = {one.key: one for one in changes if one.status in FAILING or one.kind in MAP_KINDS}
-    measured = Measured(newest)
+    measured = MeasuredValues(newest)
     for key, change in found.items():
         earlier = known.get(key)
         if earlier is None:
@@ -218,7 +218,7 @@ def _is_worse(change: Change, earlier: Change, thresholds: Thresholds) -> bool:
 _Key: TypeAlias = tuple[object, ...]
 
 
-class Measured:
+class MeasuredValues:
     """Which values a nightly run measured, so that one that is not failing is within its level."""
 
     def __init__(self, newest: Tables) -> None:

@@ -23,8 +23,13 @@ from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.history.acceptances import Acceptance, read_acceptances, with_acceptances
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import Baseline, NightlyRun, baseline_of, machine_class
-from bodycheck.reports.history.levels import Cells, Levels, Setting
-from bodycheck.reports.history.open_regressions import Measured, Regression, State, next_regressions
+from bodycheck.reports.history.levels import Cells, Levels, LevelSource
+from bodycheck.reports.history.open_regressions import (
+    MeasuredValues,
+    NightlyState,
+    Regression,
+    next_regressions,
+)
 from bodycheck.reports.history.queries import recorded_cases
 from bodycheck.reports.history.step_detection import (
     CASE,
@@ -60,7 +65,7 @@ class Judgement:
     baseline: Baseline
     comparison: Comparison | None
     levels: Levels
-    state: State
+    state: NightlyState
     acceptances: tuple[Acceptance, ...]
     speeds: Speeds
     errors: Series
@@ -102,7 +107,7 @@ def judge_run(history: History, newest: Tables, thresholds: Thresholds = DEFAULT
     last = baseline.runs[0] if baseline.runs else baseline.other
     if last is None:
         speeds = speeds_of(runs, cases, (), earlier)
-        levels, state = Levels.of(newest), State()
+        levels, state = Levels.of(newest), NightlyState()
         return Judgement(history.folder, newest, baseline, None, levels, state, (), speeds, errors)
     tables, levels = last.tables, last.levels
     engines = (*newest.manifest["engines"], *(case.columns["engine"] for case in newest.cases))
@@ -134,7 +139,7 @@ def judge_run(history: History, newest: Tables, thresholds: Thresholds = DEFAULT
         # speeds have their own series
         comparison=replace(comparison, changes=tuple(changes), timed=0) if baseline.runs else None,
         levels=_with_speeds(levels, speeds).renamed(own),
-        state=State(open_now, improved, before.acceptances, tuple(closed)),
+        state=NightlyState(open_now, improved, before.acceptances, tuple(closed)),
         acceptances=acceptances,
         speeds=speeds,
         errors=errors,
@@ -204,7 +209,7 @@ def _next_levels(
     redefined_names: Iterable[str],
     changes: Iterable[Change],
     open_now: Iterable[Regression],
-    before: State,
+    before: NightlyState,
 ) -> tuple[Levels, tuple[Change, ...]]:
     """Return the levels after a nightly run, and the improvements that the next one has to confirm.
 
@@ -215,7 +220,7 @@ def _next_levels(
     found = levels.of_scenarios(kept)
     found = found.with_first_values(newest, [change for change in changes if change.status == "new"])
     broken = {(one.change.engine, one.change.method) for one in open_now if one.is_failing}
-    own, measured = Levels.of(newest), Measured(newest)
+    own, measured = Levels.of(newest), MeasuredValues(newest)
     improved = [change for change in before.improved if change.key not in measured]
     for change in changes:
         if change.status != "improved" or change.kind == "speed" or (change.engine, change.method) in broken:
@@ -225,7 +230,7 @@ def _next_levels(
             improved.append(change)
         else:
             cells = _larger(own.cells(change), change, earlier)
-            found = found.with_cells(change, cells, Setting(newest.run_id, "improvement"))
+            found = found.with_cells(change, cells, LevelSource(newest.run_id, "improvement"))
     return found, tuple(improved)
 
 
@@ -242,7 +247,7 @@ def _with_speeds(levels: Levels, speeds: Speeds) -> Levels:
     for change in speeds.changes:
         if change.status == "improved":
             first = speeds.series.runs[speeds.steps[change.engine, change.method][-1].first]
-            levels = levels.with_cells(change, {}, Setting(first, "improvement"))
+            levels = levels.with_cells(change, {}, LevelSource(first, "improvement"))
     return levels
 
 

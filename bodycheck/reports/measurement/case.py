@@ -27,7 +27,7 @@ from bodycheck.reports.measurement.measures import (
     ORIENTATION,
     QUANTITIES,
     Compared,
-    Motion,
+    EnergyAndMomentum,
     departures_of,
     reduced,
     scale_of,
@@ -155,7 +155,7 @@ def origin_of(answer: Answer) -> dict[str, Any]:
     return {"reused": answer.reused, "build": Build(answer.build).short}
 
 
-def stable_motion(scene: Scene, trajectory: Trajectory, true: Motion) -> Motion | str:
+def stable_motion(scene: Scene, trajectory: Trajectory, true: EnergyAndMomentum) -> EnergyAndMomentum | str:
     """Return energy and momentum along a trajectory, or the reason why it is unstable.
 
     true: energy and momentum along the truth.
@@ -163,12 +163,12 @@ def stable_motion(scene: Scene, trajectory: Trajectory, true: Motion) -> Motion 
     with np.errstate(over="ignore", invalid="ignore"):  # a diverged trajectory may overflow
         if reason := invalid_state(trajectory):
             return reason
-        motion = Motion.of(scene, trajectory)
+        motion = EnergyAndMomentum.of(scene, trajectory)
     return energy_blowup(motion.kinetic, kinetic_limit(true.kinetic), trajectory.t_s) or motion
 
 
 def measured_by(
-    problem: Problem, trajectory: Trajectory, motion: Motion
+    problem: Problem, trajectory: Trajectory, motion: EnergyAndMomentum
 ) -> tuple[dict[str, Any], MeasuredMotion]:
     """Return every measure of a trajectory: as columns, and over time.
 

@@ -47,7 +47,7 @@ Judgement: TypeAlias = Literal["limit", "property"]
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class EnergyAndMomentum:
     """Energy and momentum along a trajectory: K, its rotational part and E (n,) in J, L and P (n, 3)."""
 
     kinetic: Array
@@ -57,7 +57,7 @@ class Motion:
     linear_momentum: Array
 
     @classmethod
-    def of(cls, scene: Scene, trajectory: Trajectory) -> Motion:
+    def of(cls, scene: Scene, trajectory: Trajectory) -> EnergyAndMomentum:
         """E = K + U, U from gravity (zero at the start) and loads; L about the centre of mass, world axes.
 
         For a body with a pivot, E and L are taken about the pivot.
@@ -82,9 +82,9 @@ class Compared:
 
     scene: Scene
     truth: Trajectory
-    true: Motion
+    true: EnergyAndMomentum
     trajectory: Trajectory
-    motion: Motion
+    motion: EnergyAndMomentum
     invariants: Sequence[Invariant]
     until: int
 

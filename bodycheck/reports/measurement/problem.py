@@ -17,7 +17,7 @@ from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.truths import known_truth
 from bodycheck.reports.measurement.convergence import LARGEST_LIMIT
 from bodycheck.reports.measurement.invariants import Invariant, invariants_of
-from bodycheck.reports.measurement.measures import Motion
+from bodycheck.reports.measurement.measures import EnergyAndMomentum
 from bodycheck.reports.measurement.scales import Scales, scene_scales
 from bodycheck.scenarios.model import Scenario
 
@@ -32,7 +32,7 @@ class Problem:
 
     scenario: Scenario
     truth: Truth
-    motion: Motion
+    motion: EnergyAndMomentum
     scales: Scales
     scenario_spec: str
     compared: int
@@ -56,7 +56,14 @@ class Problem:
         if compared < 2:
             ends = f"the truth ends before the second sample; use more samples: {truth.end_reason}"
             raise InputError(f"{scenario_spec}: {ends}")
-        return cls(scenario, truth, Motion.of(scene, truth.trajectory), scales, str(scenario_spec), compared)
+        return cls(
+            scenario,
+            truth,
+            EnergyAndMomentum.of(scene, truth.trajectory),
+            scales,
+            str(scenario_spec),
+            compared,
+        )
 
     @property
     def times(self) -> Array:

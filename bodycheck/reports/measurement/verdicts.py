@@ -12,7 +12,7 @@ from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION
 
 
 @dataclass(frozen=True)
-class State:
+class CellState:
     """A state of a cell: its symbol, word and meaning, and the tint that it shares with similar states."""
 
     symbol: str
@@ -22,46 +22,48 @@ class State:
 
 
 STATES = {
-    "converges": State("✓", "converges", "finer steps converge to the truth in every quantity", "good"),
-    "at-floor": State("≈", "at floor", "all errors are at round-off or within the truth's bound", "floor"),
-    "at-precision-floor": State(
+    "converges": CellState("✓", "converges", "finer steps converge to the truth in every quantity", "good"),
+    "at-floor": CellState(
+        "≈", "at floor", "all errors are at round-off or within the truth's bound", "floor"
+    ),
+    "at-precision-floor": CellState(
         "≈",
         "at precision floor",
         "the errors are the round-off of the method's own arithmetic: finer steps do not reduce them",
         "floor",
     ),
-    "exact": State("=", "exact", "a method without steps, within the truth's bound", "floor"),
-    "pre-asymptotic": State(
+    "exact": CellState("=", "exact", "a method without steps, within the truth's bound", "floor"),
+    "pre-asymptotic": CellState(
         "…", "pre-asymptotic", "the errors are too large or too irregular to show an order", "open"
     ),
-    "lower-order": State(
+    "lower-order": CellState(
         "↓",
         "lower order",
         "the error decreases, but at a lower order than the method's theoretical one",
         "open",
     ),
-    "too-few-points": State("?", "too few points", "fewer than four steps have a usable error", "open"),
-    "chaotic": State("≋", "chaotic", "nearby motions diverge too fast for a meaningful error", "open"),
-    "does-not-converge": State(
+    "too-few-points": CellState("?", "too few points", "fewer than four steps have a usable error", "open"),
+    "chaotic": CellState("≋", "chaotic", "nearby motions diverge too fast for a meaningful error", "open"),
+    "does-not-converge": CellState(
         "✗",
         "does not converge",
         "finer steps converge to something other than the truth, or a step is wrong that the others exclude",
         "bad",
     ),
-    "error-grows": State(
+    "error-grows": CellState(
         "✗",
         "error grows",
         "finer steps increase the error, more than the method's arithmetic explains",
         "bad",
     ),
-    "off": State("✗", "no steps, off", "a method without steps, outside the truth's bound", "bad"),
-    "unstable": State(
+    "off": CellState("✗", "no steps, off", "a method without steps, outside the truth's bound", "bad"),
+    "unstable": CellState(
         "▲", "unstable", "not finite, not a rotation, or over 100 times the true kinetic energy", "fault"
     ),
-    "failed": State("!", "failed", "the engine raised an error", "fault"),
-    "timeout": State("!", "timeout", "the case exceeded its time limit", "fault"),
-    "invalid": State("≠", "invalid", "the engine's parameters differ from those it was given", "fault"),
-    "unsupported": State("○", "unsupported", "the method cannot represent the scenario", "none"),
+    "failed": CellState("!", "failed", "the engine raised an error", "fault"),
+    "timeout": CellState("!", "timeout", "the case exceeded its time limit", "fault"),
+    "invalid": CellState("≠", "invalid", "the engine's parameters differ from those it was given", "fault"),
+    "unsupported": CellState("○", "unsupported", "the method cannot represent the scenario", "none"),
 }
 """The verdicts of methods.csv, the outcomes other than ok, and the states derived from them."""
 

@@ -13,13 +13,12 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from bodycheck.adapters.contract import ReadBack
-from bodycheck.adapters.contract import Reading as StateReading
+from bodycheck.adapters.contract import ReadBack, Reading
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import matrix_to_quaternion, project_to_so3, quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene, State
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.diagnosis.engine_model import Reading
+from bodycheck.reports.diagnosis.engine_model import ReportedStates
 from bodycheck.reports.diagnosis.faults import FAULTS
 from bodycheck.reports.diagnosis.faults.fault import Changed
 from bodycheck.reports.diagnosis.faults.wrong_readings import WrongReading, wrong_readings
@@ -102,9 +101,9 @@ def _mistakes(path: Trajectory, scene: Scene) -> Iterator[Mistake]:
             yield Mistake(text, partial(_with_translation, point), _VELOCITY)
 
 
-def _reading(path: Trajectory, attitude: Array, *, world_omega: bool) -> Reading:
+def _reading(path: Trajectory, attitude: Array, *, world_omega: bool) -> ReportedStates:
     omega = path.omega_world if world_omega else path.omega_body
-    return Reading(path.position_m.T, path.velocity_m_s.T, attitude.T, omega.T)
+    return ReportedStates(path.position_m.T, path.velocity_m_s.T, attitude.T, omega.T)
 
 
 def _with_attitude(one: WrongReading, form: str, path: Trajectory) -> Trajectory:
@@ -203,14 +202,14 @@ _Change: TypeAlias = tuple[str, Array, Array, Array | None]
 """A fault in words, the right value, what the fault makes of it, and the value that was read back."""
 
 
-def _read_wrongly(initial: State, state: StateReading) -> Iterator[_Change]:
+def _read_wrongly(initial: State, state: Reading) -> Iterator[_Change]:
     """Yield what each wrong reading makes of the initial state."""
     parts = (initial.position, initial.velocity, initial.quaternion)
     x, v, q = (part[:, None] for part in parts)
     omegas = (False, initial.omega_body, state.omega_body), (True, initial.omega_world, state.omega_world)
     for one in wrong_readings():
         for world, omega, value in omegas:
-            read = one.apply(Reading(x, v, q, omega[:, None]), world_omega=world)
+            read = one.apply(ReportedStates(x, v, q, omega[:, None]), world_omega=world)
             if one.quantity == "w":
                 text = one.text.replace("omega", "omega_world" if world else "omega_body", 1)
                 yield text, omega, read.w[:, 0], value

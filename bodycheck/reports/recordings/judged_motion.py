@@ -27,7 +27,7 @@ from bodycheck.reports.measurement.measures import (
     ORIENTATION,
     SCALES,
     Compared,
-    Motion,
+    EnergyAndMomentum,
     departures_of,
     reduced,
     series_of,
@@ -119,7 +119,7 @@ def judged_motion(
         columns["stamp_spacing_s"] = resolution.stamp
         columns["truth_bound_rad"] += resolution.stamp * largest_norm(truth.trajectory.omega_body[trusted])
     trajectory = _completed(arrays, truth.trajectory)
-    true = Motion.of(scene, truth.trajectory)
+    true = EnergyAndMomentum.of(scene, truth.trajectory)
     at_samples = Problem(scenario, truth, true, scales, problem.scenario_spec, int(np.count_nonzero(trusted)))
     motion = stable_motion(scene, trajectory, true)
     if isinstance(motion, str):

@@ -29,7 +29,7 @@ from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion, measured_by, scenario_spec
-from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, SIGNED, Motion
+from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, SIGNED, EnergyAndMomentum
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.removed_motions import motion_again
 from bodycheck.reports.run_files.run_tables import Run, Tables, case_of, study_key
@@ -252,7 +252,9 @@ def _motion(path: Path, problem: Problem, case: CaseResult, trajectory: Trajecto
         return MeasuredMotion(trajectory)
     if not np.array_equal(trajectory.t_s, problem.truth.trajectory.t_s):
         raise InputError(f"{path}: t_s differs from the sample times of {problem.scenario.name}")
-    columns, motion = measured_by(problem, trajectory, Motion.of(problem.scenario.scene, trajectory))
+    columns, motion = measured_by(
+        problem, trajectory, EnergyAndMomentum.of(problem.scenario.scene, trajectory)
+    )
     angle, stored_error = columns[ORIENTATION], case.columns[ORIENTATION]
     slack = 2.0 * problem.largest(problem.truth.bound_rad)
     if not math.isclose(angle, stored_error, rel_tol=_SAME, abs_tol=slack):

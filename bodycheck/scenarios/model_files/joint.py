@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Joint:
+class StatedJoint:
     """The connection of a link to its parent, as a file states it or an importer holds it, in SI units.
 
     axis: of a hinge or slide, of any length; at_m: the joint point; both in link axes, from its origin.

@@ -37,7 +37,7 @@ from bodycheck.scenarios.model_files.exact import (
     rotation_to,
     words_of,
 )
-from bodycheck.scenarios.model_files.joint import UNLIMITED, Joint, limit_of
+from bodycheck.scenarios.model_files.joint import UNLIMITED, StatedJoint, limit_of
 from bodycheck.scenarios.model_files.mjcf_shapes import (
     SIZES,
     MeshInertia,
@@ -101,7 +101,7 @@ class _Open:
     inertial: StatedInertia | None = None
     explicit: bool = False
     parts: list[ExactInertia] = field(default_factory=list)
-    joints: list[Joint] = field(default_factory=list)
+    joints: list[StatedJoint] = field(default_factory=list)
     shapes: list[Shape] = field(default_factory=list)
     meshes: list[WeighedMesh] = field(default_factory=list)
     unread: str = ""
@@ -309,7 +309,7 @@ class _Reader:
             stated, unread = None, "the free joint makes its axes principal, in an order that is not stated"
         joint = body.joints[0] if len(body.joints) == 1 else None
         if not body.joints:
-            joint = Joint("", "mocap" if node.element.get("mocap") == "true" else "fixed", node.line)
+            joint = StatedJoint("", "mocap" if node.element.get("mocap") == "true" else "fixed", node.line)
         self.links[place] = replace(
             link,
             stated=stated,
@@ -546,9 +546,11 @@ class _Reader:
     def _euler(self, angles: list[float]) -> Exact:
         return rotation_of_euler([self._angle(angle) for angle in angles], self.settings.sequence)
 
-    def _joint(self, node: Node, childclass: str | None, frame: Frame) -> Joint:
+    def _joint(self, node: Node, childclass: str | None, frame: Frame) -> StatedJoint:
         if node.tag == "freejoint":
-            return Joint(node.text("name", ""), "free", node.line, damping=0.0, friction=0.0, armature=0.0)
+            return StatedJoint(
+                node.text("name", ""), "free", node.line, damping=0.0, friction=0.0, armature=0.0
+            )
         own = self._attributes(node, childclass)
         kind = own.get("type", "hinge")
         unit = math.pi / 180.0 if kind in ("hinge", "ball") and self.settings.degrees else 1.0
@@ -570,7 +572,7 @@ class _Reader:
             axis = tuple(doubles(along).tolist())
         effort = _numbers(node, own, "actuatorfrcrange", "0 0", 2)  # ignored by balls
         by_times = any(_numbers(node, own, "springdamper", "0 0"))
-        return Joint(
+        return StatedJoint(
             own.get("name", ""),
             kind,
             node.line,
@@ -602,7 +604,7 @@ class _Reader:
                 if "joint2" in own and not any(terms[2:]) and own.get("active") != "false":
                     mimics[own.get("joint1", "")] = (own["joint2"], terms[1], terms[0])
 
-        def actuated(joint: Joint) -> Joint:
+        def actuated(joint: StatedJoint) -> StatedJoint:
             known = gains.get(joint.name, [])
             total = (sum((one[0] for one in known), 0.0), sum((one[1] for one in known), 0.0))
             return replace(joint, gains=total, mimic=mimics.get(joint.name))

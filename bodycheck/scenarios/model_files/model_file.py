@@ -12,7 +12,7 @@ from typing import Literal, TypeAlias
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
 from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, composite
-from bodycheck.scenarios.model_files.joint import Joint
+from bodycheck.scenarios.model_files.joint import StatedJoint
 
 Format: TypeAlias = Literal["urdf", "mjcf", "sdf", "usd"]
 
@@ -89,7 +89,7 @@ class ModelLink:
     file: Path
     parent: str | None
     pose: Frame
-    joint: Joint | None
+    joint: StatedJoint | None
     stated: StatedInertia | None
     shapes: tuple[Shape, ...] = ()
     unread: str = ""
@@ -98,10 +98,10 @@ class ModelLink:
     malformed: bool = False
     static: bool = False
     meshes: tuple[WeighedMesh, ...] = ()
-    several: tuple[Joint, ...] = ()
+    several: tuple[StatedJoint, ...] = ()
 
     @property
-    def joints(self) -> tuple[Joint, ...]:
+    def joints(self) -> tuple[StatedJoint, ...]:
         """All joints to the parent."""
         return self.several or (() if self.joint is None else (self.joint,))
 

@@ -8,10 +8,9 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.rotations import matrix_to_quaternion
-from bodycheck.reference_impl.trees.tree_scene import Joint as TreeJoint
-from bodycheck.reference_impl.trees.tree_scene import TreeBody, TreeScene
+from bodycheck.reference_impl.trees.tree_scene import Joint, TreeBody, TreeScene
 from bodycheck.scenarios.model_files.exact import Exact, Frame, doubles, exact, mp
-from bodycheck.scenarios.model_files.joint import Joint
+from bodycheck.scenarios.model_files.joint import StatedJoint
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink
 
 _RATES = {"hinge": 1, "slide": 1, "ball": 3}
@@ -64,7 +63,7 @@ class _Builder:
         moving = [joint for joint in root.joints if joint.motion != "fixed"]
         is_free = self.model.format != "mjcf" and not root.joints and not root.static
         if [joint.motion for joint in moving] == ["free"] or (is_free and self._body(root)[0] > 0):
-            self._add(root, Joint("", "free", root.line), root, -1, Frame.of(), -1)
+            self._add(root, StatedJoint("", "free", root.line), root, -1, Frame.of(), -1)
             self._add_below(root, len(self.bodies) - 1, Frame.of())
         elif moving:
             self._add_joints(root, -1, root.pose)
@@ -90,7 +89,13 @@ class _Builder:
         self._add_below(link, parent, Frame.of())
 
     def _add(
-        self, link: ModelLink, joint: Joint, carried: ModelLink | None, parent: int, pose: Frame, number: int
+        self,
+        link: ModelLink,
+        joint: StatedJoint,
+        carried: ModelLink | None,
+        parent: int,
+        pose: Frame,
+        number: int,
     ) -> None:
         kind = joint.motion
         if len(self.bodies) >= _MOST_BODIES:
@@ -106,9 +111,9 @@ class _Builder:
             tensor = (tensor + tensor.T) / 2  # rotations leave an asymmetry of the last digit
         above = exact(np.zeros(3)) if parent < 0 else self.centres[parent]
         if kind == "free":
-            connection = TreeJoint(kind, start=np.array([*doubles(centre), 1.0, 0.0, 0.0, 0.0]))
+            connection = Joint(kind, start=np.array([*doubles(centre), 1.0, 0.0, 0.0, 0.0]))
         else:
-            connection = TreeJoint(
+            connection = Joint(
                 kind,
                 parent,
                 at_parent=doubles(pose.rotation @ at + pose.position - above),

@@ -16,7 +16,7 @@ import numpy as np
 from bodycheck._util.errors import InputError
 from bodycheck._util.untrusted import printable
 from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, composite, doubles, exact, mp
-from bodycheck.scenarios.model_files.joint import UNLIMITED, Joint, limit_of
+from bodycheck.scenarios.model_files.joint import UNLIMITED, StatedJoint, limit_of
 from bodycheck.scenarios.model_files.mjcf_shapes import geom_inertia
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, Shape, StatedInertia
 from bodycheck.scenarios.model_files.sdf_frames import (
@@ -117,12 +117,12 @@ class _Reader:
 
     def _joints(
         self, model: Node, frames: Frames, before: str, known: set[str]
-    ) -> dict[str, tuple[str | None, Joint]]:
+    ) -> dict[str, tuple[str | None, StatedJoint]]:
         """Return child -> (parent, joint) for the joints of a model and its nested models.
 
         The parent is None for the world, and for a link that the file does not have.
         """
-        found: dict[str, tuple[str | None, Joint]] = {}
+        found: dict[str, tuple[str | None, StatedJoint]] = {}
         for nested in model.children("model"):
             name = nested.text("name")
             found |= self._joints(nested, frames.nested[name], f"{before}{name}::", known)
@@ -150,7 +150,7 @@ class _Reader:
         outer: Frames,
         before: str,
         scope: str,
-        joints: dict[str, tuple[str | None, Joint]],
+        joints: dict[str, tuple[str | None, StatedJoint]],
         *,
         static: bool,
     ) -> None:
@@ -193,16 +193,16 @@ class _Reader:
             inner = f"{scope}{name}::"
             self._links(nested, frames.nested[name], outer, before, inner, joints, static=static)
 
-    def _joint(self, node: Node, frames: Frames) -> Joint:
+    def _joint(self, node: Node, frames: Frames) -> StatedJoint:
         axis = node.child("axis")
         kind, name = node.text("type", ""), node.text("name", "")
         if kind == "fixed":
-            return Joint(name, kind, node.line)
+            return StatedJoint(name, kind, node.line)
         try:
             limit, dynamics = (None if axis is None else axis.child(tag) for tag in ("limit", "dynamics"))
             limits = (_bound(limit, "lower", -math.inf), _bound(limit, "upper", math.inf))
             along, at = self._axis(node, axis, frames)
-            return Joint(
+            return StatedJoint(
                 name,
                 kind,
                 node.line,
@@ -219,7 +219,7 @@ class _Reader:
             )
         except InputError as error:
             self.notes.append(f"{error}.")
-            return Joint(name, kind, node.line)
+            return StatedJoint(name, kind, node.line)
 
     def _axis(
         self, node: Node, axis: Node | None, frames: Frames

@@ -15,7 +15,7 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, exact, mp, rotation_of_rpy
-from bodycheck.scenarios.model_files.joint import UNLIMITED, Joint, limit_of
+from bodycheck.scenarios.model_files.joint import UNLIMITED, StatedJoint, limit_of
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, Shape, StatedInertia
 from bodycheck.scenarios.model_files.xml_file import Node
 
@@ -51,7 +51,9 @@ def read_urdf(root: Any, path: Path) -> ModelFile:
     return ModelFile(path, "urdf", tuple(links), reads)
 
 
-def _link(node: Node, name: str, path: Path, parents: Mapping[str, tuple[str, Frame, Joint]]) -> ModelLink:
+def _link(
+    node: Node, name: str, path: Path, parents: Mapping[str, tuple[str, Frame, StatedJoint]]
+) -> ModelLink:
     """Return a link; one whose numbers cannot be read states why."""
     parent, pose, joint = parents.get(name, (None, Frame.of(), None))
     stated, unread, scaling = None, "", 1.0
@@ -112,9 +114,9 @@ def _meshes(robot: Node) -> list[Node]:
     return found
 
 
-def _parents(robot: Node, names: set[str]) -> dict[str, tuple[str, Frame, Joint]]:
+def _parents(robot: Node, names: set[str]) -> dict[str, tuple[str, Frame, StatedJoint]]:
     """Return child -> (parent, its pose in the parent, the joint)."""
-    found: dict[str, tuple[str, Frame, Joint]] = {}
+    found: dict[str, tuple[str, Frame, StatedJoint]] = {}
     for node in robot.children("joint"):
         ends = []
         for tag in ("parent", "child"):
@@ -146,7 +148,7 @@ def in_a_loop(parents: Mapping[str, str]) -> list[str]:
     return found
 
 
-def _joint(node: Node) -> Joint:
+def _joint(node: Node) -> StatedJoint:
     kind = node.text("type")
     if kind != "fixed" and kind not in _MOVABLE:
         known = ", ".join(("fixed", *_MOVABLE))
@@ -154,7 +156,7 @@ def _joint(node: Node) -> Joint:
     axis, dynamics, limit, mimic = map(node.child, ("axis", "dynamics", "limit", "mimic"))
     name = node.text("name", "")
     if kind == "fixed":
-        return Joint(name, kind, node.line)
+        return StatedJoint(name, kind, node.line)
 
     def number(of: Node | None, key: str) -> float:
         return 0.0 if of is None else of.number(key, 0.0)
@@ -162,7 +164,7 @@ def _joint(node: Node) -> Joint:
     limits = UNLIMITED
     if limit is not None and kind in ("revolute", "prismatic"):
         limits = (number(limit, "lower"), number(limit, "upper"))
-    return Joint(
+    return StatedJoint(
         name,
         kind,
         node.line,

@@ -32,7 +32,7 @@ from bodycheck.scenarios.model_files.exact import (
     rotation_of_quaternion,
     rotation_to,
 )
-from bodycheck.scenarios.model_files.joint import Joint
+from bodycheck.scenarios.model_files.joint import StatedJoint
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, Shape, StatedInertia
 
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
@@ -199,7 +199,7 @@ def _connected(
         child, parent = (by_name.get(names.get(joint[end], "")) for end in ("child", "parent"))
         if child is None or child.parent is not None or _is_above(by_name, child, parent):
             continue
-        made = Joint(joint["name"], joint["kind"], 0)
+        made = StatedJoint(joint["name"], joint["kind"], 0)
         if parent is None:
             by_name[child.name] = replace(child, joint=made)
             continue

@@ -14,9 +14,9 @@ import pytest
 from bodycheck.reports.comparison.change import Change
 from bodycheck.reports.history.acceptances import Acceptance, Accepted
 from bodycheck.reports.history.history_output import release_changes
-from bodycheck.reports.history.levels import Setting
+from bodycheck.reports.history.levels import LevelSource
 from bodycheck.reports.history.nightly_files import feed
-from bodycheck.reports.history.open_regressions import Regression, State
+from bodycheck.reports.history.open_regressions import NightlyState, Regression
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.run_files.run_tables import Run
 from tests.helpers.nightly_runs import store_nightly_runs, unchanged
@@ -76,7 +76,7 @@ def test_the_feed_has_what_atom_requires() -> None:
     Runs of earlier versions, which did not store what is open, have an entry each.
     """
     runs = [run(1, "regression"), run(2, "regression"), run(3)]
-    root = ET.fromstring(feed((one, State()) for one in runs))
+    root = ET.fromstring(feed((one, NightlyState()) for one in runs))
     entries = root.findall("entry", ATOM)
     for element in (root, *entries):
         assert element.findtext("title", namespaces=ATOM)
@@ -97,16 +97,16 @@ def test_a_regression_has_one_entry_when_it_opens_and_one_when_it_ends() -> None
     still = replace(opened, runs=2, newly=False)
     again = replace(opened, runs=3, change=replace(change, decades=1.0))
     accepted = Acceptance(
-        "ab12", "2026-01-05", "Ada", "meant", first, "m", (Accepted(change, {}, {}, Setting("", "")),)
+        "ab12", "2026-01-05", "Ada", "meant", first, "m", (Accepted(change, {}, {}, LevelSource("", "")),)
     )
     states = [
-        State((opened, Regression(other_map, first))),
-        State((still,), closed=(Regression(other_map, first),)),
-        State((again,)),
-        State(closed=(replace(again, newly=False),)),
-        State((opened,)),
-        State(acceptances=("ab12",)),
-        State(acceptances=("ab12",)),
+        NightlyState((opened, Regression(other_map, first))),
+        NightlyState((still,), closed=(Regression(other_map, first),)),
+        NightlyState((again,)),
+        NightlyState(closed=(replace(again, newly=False),)),
+        NightlyState((opened,)),
+        NightlyState(acceptances=("ab12",)),
+        NightlyState(acceptances=("ab12",)),
     ]
     found = ET.fromstring(feed([(run(day + 1), one) for day, one in enumerate(states)], [accepted]))
     text = "mujoco:rk4: error at 10 ms x {} in brick"

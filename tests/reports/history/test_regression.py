@@ -23,8 +23,8 @@ from bodycheck.reports.history.acceptances import accept
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import seal_run
 from bodycheck.reports.history.history_output import nightly_commands, nightly_sentences
-from bodycheck.reports.history.levels import ABSENT, Levels, Setting, read_levels, write_levels
-from bodycheck.reports.history.open_regressions import State
+from bodycheck.reports.history.levels import ABSENT, Levels, LevelSource, read_levels, write_levels
+from bodycheck.reports.history.open_regressions import NightlyState
 from bodycheck.reports.history.queries import history_table, query
 from bodycheck.reports.history.regression import Judgement, judge_run, speeds_of
 from bodycheck.reports.measurement.measures import SIGNED
@@ -34,7 +34,7 @@ from bodycheck.reports.run_files.tables import TABLES, as_csv, as_table
 from tests.helpers.gate_tables import make_tables, with_tables
 from tests.helpers.nightly_runs import Change, as_nightly_run, scaled, slower, store_nightly_runs, unchanged
 
-NOTHING_OPEN = State()
+NOTHING_OPEN = NightlyState()
 ERROR = "orientation_error_rad"
 COLUMNS = ["engine", "method", "scenario", "control", "dt_s", "tolerance", "relative_cpu", ERROR]
 
@@ -54,7 +54,7 @@ def judgement_of(*runs: Tables, monkeypatch: pytest.MonkeyPatch) -> Judgement:
     return found
 
 
-def run_of(found: Tables, levels: Levels, state: State = NOTHING_OPEN) -> SimpleNamespace:
+def run_of(found: Tables, levels: Levels, state: NightlyState = NOTHING_OPEN) -> SimpleNamespace:
     """Return an earlier nightly run, with the levels accepted after it and what was open."""
 
     def same_scenarios(manifest: dict[str, Any]) -> set[str]:
@@ -190,9 +190,9 @@ def test_each_measure_has_its_own_level(monkeypatch: pytest.MonkeyPatch) -> None
     assert found.comparison is not None
     (change,) = found.comparison.changes
     assert (change.quantity, change.status, change.before) == ("omega_error", "worse", 1e-3)
-    assert found.levels.setting(change) == Setting("night 0", "first value")
+    assert found.levels.setting(change) == LevelSource("night 0", "first value")
     improved = replace(change, quantity=ERROR)
-    assert found.levels.setting(improved) == Setting("night 2", "improvement")
+    assert found.levels.setting(improved) == LevelSource("night 2", "improvement")
 
 
 def test_changed_scenario_starts_with_new_levels(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -441,14 +441,14 @@ def test_stored_levels_are_read_as_written(tmp_path: Path) -> None:
     levels = Levels.of(tables(0, {}, {"dt_s": 0.02}))
     change = OneChange("accuracy", "brick", "mujoco", "rk4", ERROR, 1e-9, 2e-9, "worse", "dt", 0.02)
     speed = OneChange("speed", None, "mujoco", "rk4", "relative_cpu", None, None, "improved")
-    levels = levels.with_cells(change, {ERROR: 2e-9}, Setting("night 7", "accepted", "0123abcd"))
-    levels = levels.with_cells(speed, {}, Setting("night 8", "improvement"))
+    levels = levels.with_cells(change, {ERROR: 2e-9}, LevelSource("night 7", "accepted", "0123abcd"))
+    levels = levels.with_cells(speed, {}, LevelSource("night 8", "improvement"))
     write_levels(levels, tmp_path)
     read = read_levels(tmp_path, tables(0))
     assert read.settings == levels.settings
     assert (read.rows("methods"), read.rows("stability")) == ({}, {})
     assert [one[ERROR] for one in read.rows("results").values()] == [1e-9, 2e-9]
-    assert read.setting(change) == Setting("night 7", "accepted", "0123abcd")
+    assert read.setting(change) == LevelSource("night 7", "accepted", "0123abcd")
     assert read.cells(change) == {ERROR: 2e-9}
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
-from bodycheck.reports.diagnosis.engine_model import Loads, Misreading, Model, Reading
+from bodycheck.reports.diagnosis.engine_model import Loads, Misreading, Model, ReportedStates
 from bodycheck.reports.diagnosis.transitions import Transitions
 
 Kind: TypeAlias = Literal["body", "gravity", "map", "loads", "limit", "step", "reading", "precision"]
@@ -226,7 +226,7 @@ def near(*values: float) -> Starts:
     return lambda _: [(value,) for value in values]
 
 
-_Read: TypeAlias = Callable[[Reading, Array, bool], Reading]
+_Read: TypeAlias = Callable[[ReportedStates, Array, bool], ReportedStates]
 """Of a reading, the parameters, and whether omega is read in world axes."""
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import exp_matrix
-from bodycheck.reports.diagnosis.engine_model import Loads, Reading, cross, matrix_of, times
+from bodycheck.reports.diagnosis.engine_model import Loads, ReportedStates, cross, matrix_of, times
 from bodycheck.reports.diagnosis.faults.fault import (
     Changed,
     Fault,
@@ -30,7 +30,9 @@ def _from_zero(_: FaultContext) -> list[tuple[float, float, float]]:
     return [(0.0, 0.0, 0.0)]
 
 
-def _at_point(r: Reading, point: Array, world: bool, *, position: bool, velocity: bool) -> Reading:
+def _at_point(
+    r: ReportedStates, point: Array, world: bool, *, position: bool, velocity: bool
+) -> ReportedStates:
     """Return the reading with position or velocity of a point (3,) of the body, relative to those read."""
     rotation = matrix_of(r.q)
     arm = times(rotation, np.broadcast_to(point[:, None], r.x.shape))

@@ -12,7 +12,7 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.diagnosis.engine_model import (
     Model,
-    Reading,
+    ReportedStates,
     conjugated,
     matrix_of,
     times,
@@ -57,7 +57,7 @@ def _scaled_reading(name: str) -> Plant:
     )
 
 
-def _with_omega(r: Reading, *, in_world: bool) -> Reading:
+def _with_omega(r: ReportedStates, *, in_world: bool) -> ReportedStates:
     """Return the reading with omega multiplied by R, into world axes, or by R^T, into body axes."""
     rotated = times if in_world else transposed_times
     return replace(r, w=rotated(matrix_of(r.q), r.w))

@@ -9,11 +9,11 @@ from functools import cache, cached_property
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.diagnosis.engine_model import Reading
+from bodycheck.reports.diagnosis.engine_model import ReportedStates
 from bodycheck.reports.diagnosis.faults import FAULTS
 from bodycheck.reports.diagnosis.faults.fault import Misread
 
-_ANY = Reading(
+_ANY = ReportedStates(
     np.array([[1.0], [2.0], [4.0]]),
     np.array([[3.0], [1.0], [5.0]]),
     np.array([[0.8], [0.4], [0.2], [0.4]]),
@@ -43,11 +43,11 @@ class WrongReading:
         read = self.apply(_ANY, world_omega=False)
         return "".join(n for n in "xvqw" if not np.array_equal(getattr(read, n), getattr(_ANY, n)))
 
-    def apply(self, reading: Reading, *, world_omega: bool) -> Reading:
+    def apply(self, reading: ReportedStates, *, world_omega: bool) -> ReportedStates:
         """Return what becomes of a right reading."""
         return self.misread.apply(reading, self.values, world_omega)
 
-    def undo(self, reading: Reading, *, world_omega: bool) -> Reading:
+    def undo(self, reading: ReportedStates, *, world_omega: bool) -> ReportedStates:
         """Return the right reading."""
         return self.misread.undo(reading, self.values, world_omega)
 
