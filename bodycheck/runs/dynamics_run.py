@@ -66,7 +66,7 @@ def _cases(specs: Sequence[str], options: DynamicsOptions) -> Iterator[TreeCase]
         yield _case(name, scene, np.random.default_rng([options.seed, number, 1]))
     for number, (name, scene) in enumerate((made or named)[:_CHANGED_TREES]):
         rng = np.random.default_rng([options.seed, number, 2])
-        yield _case(f"{name} after a change of mass", scene, rng, _MASSES_WERE)
+        yield _case(f"{name}, changed mass", scene, rng, _MASSES_WERE)
 
 
 def _trees_of(specs: Sequence[str]) -> Iterator[tuple[str, TreeScene]]:
@@ -78,7 +78,7 @@ def _trees_of(specs: Sequence[str]) -> Iterator[tuple[str, TreeScene]]:
             if not trees:
                 raise InputError(f"{spec}: has no joint that moves")
             for number, tree in enumerate(trees, start=1):
-                name = spec if len(trees) == 1 else f"{spec} ({number})"
+                name = Path(spec).name if len(trees) == 1 else f"{Path(spec).name} ({number})"
                 yield name, replace(tree.scene, gravity=_GRAVITY)
         else:
             yield from ((name, tree.scene) for name, tree in load_trees(spec))

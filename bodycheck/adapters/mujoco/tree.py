@@ -21,6 +21,8 @@ from bodycheck.reference_impl.trees.tree_scene import TreeScene
 
 _SENSORS = mujoco.mjtSensor
 _OF_THE_TREE = (_SENSORS.mjSENS_SUBTREELINVEL, _SENSORS.mjSENS_SUBTREEANGMOM, _SENSORS.mjSENS_SUBTREECOM)
+_LEAST = 2.0 * mujoco.mjMINVAL
+"""kg and kg m^2: links without mass, such as those between two joints, are refused."""
 _KINDS = {
     "hinge": mujoco.mjtJoint.mjJNT_HINGE,
     "slide": mujoco.mjtJoint.mjJNT_SLIDE,
@@ -154,8 +156,9 @@ def compiled_tree(scene: TreeScene, links: tuple[JointedLink, ...]) -> mujoco.Mj
     for link in links:
         parent = spec.worldbody if link.parent < 0 else bodies[link.parent]
         moments, axes = diagonalised(link.inertia)
+        moments = np.maximum(moments, _LEAST)
         body = parent.add_body(name=link.name, pos=link.place, quat=link.zero)
-        body.mass, body.ipos, body.iquat = link.mass, link.centre, matrix_to_quaternion(axes)
+        body.mass, body.ipos, body.iquat = max(link.mass, _LEAST), link.centre, matrix_to_quaternion(axes)
         body.inertia = np.minimum(moments, np.roll(moments, 1) + np.roll(moments, 2))
         body.explicitinertial = True
         if link.kind == "free":

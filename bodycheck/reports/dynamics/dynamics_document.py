@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from bodycheck._util.formatting import count, names, number
 from bodycheck.reports.document import Column, Document, Part, Sentence, Span, Table
@@ -10,8 +11,8 @@ from bodycheck.reports.dynamics.engine_dynamics import LABELS, EngineDynamics, R
 
 _TINTS = {"right": "good", "wrong": "bad", "failed": "bad", "unsupported": "open"}
 _AFTER = {
-    "start": "one step late",
-    "one step before": "two steps late",
+    "start": "late",
+    "one step before": "2 steps late",
     "end": "in time",
     "unclear": "unclear",
     "": "",
@@ -33,10 +34,15 @@ def dynamics_document(found: Sequence[EngineDynamics]) -> Document:
     """Return the answer of `bodycheck dynamics`: of one engine in full, of several a table and sentences."""
     if len(found) == 1:
         return Document("bodycheck dynamics", tuple(_parts(found[0])))
-    heads = (Column("worst deviation", "fixed"), *(Column(head, "number") for head in _HEADS))
-    table = Table(heads, tuple(map(_engine_row, found)))
-    sentences = (part for one in found for part in _parts(one) if isinstance(part, Sentence))
-    return Document("bodycheck dynamics", (table, *sentences))
+    heads = (Column("engine", "fixed"), *(Column(head, "number") for head in _HEADS))
+    table = Table(heads, tuple(map(_engine_row, found)), "Largest relative deviations from the exact values")
+    sentences = (
+        part if part.strong else replace(part, text=f"{one.engine}: {part.text}")
+        for one in found
+        for part in _parts(one)
+        if isinstance(part, Sentence)
+    )
+    return Document("bodycheck dynamics", (*sentences, table))
 
 
 def _engine_row(found: EngineDynamics) -> tuple[str | Span, ...]:
@@ -68,15 +74,14 @@ def _parts(found: EngineDynamics) -> Iterator[Part]:
                 f"{LABELS[result.reading]}: right at rest ({number(result.at_rest, 2)}), wrong in motion",
                 "bad",
             )
-    if found.unexplained:
-        yield Sentence(
-            f"no known fault explains {names([LABELS[name] for name in found.unexplained])}", "open"
-        )
+    for reading in found.unexplained:
+        elsewhere = " of the other trees" if any(reading in cause.readings for cause in found.causes) else ""
+        yield Sentence(f"{LABELS[reading]}: no known fault explains those{elsewhere}", "open")
     if late := [LABELS[one.reading] for one in found.late]:
-        yield Sentence(f"after a step, late: {names(late)} belong to an earlier state", "open")
+        yield Sentence(f"read after a step, {names(late)} are of the state before it")
     if found.no_step:
         yield Sentence(f"after a step: {found.no_step}")
-    yield Table(_COLUMNS, tuple(map(_row, found.readings)))
+    yield Table(_COLUMNS, tuple(map(_row, found.readings)), "Relative deviations from the exact values")
     yield from _missing(found)
 
 
@@ -106,4 +111,4 @@ def _missing(found: EngineDynamics) -> Iterator[Part]:
     for tree, reason in found.unread.items():
         trees.setdefault(reason, []).append(tree)
     rows += [(count(len(some), "tree") if len(some) > 2 else names(some), why) for why, some in trees.items()]
-    yield Table((Column("not read"), Column("reason")), tuple(rows))
+    yield Table((Column("not read"), Column("reason")), tuple(rows), "Not read")

@@ -113,7 +113,30 @@ def test_command_answers_first_and_as_json(tmp_path: Path) -> None:
     assert shown.stdout.startswith("mujoco 4")
     found = json.loads(run_bodycheck(tmp_path, "dynamics", "dart", "cart-pole", "--json").stdout)
     assert {one["verdict"] for one in found["readings"]} == {"right"}
-    assert found["trees"] == ["cart-pole", "cart-pole after a change of mass"]
+    assert found["trees"] == ["cart-pole", "cart-pole, changed mass"]
+
+
+def test_page_of_several_engines_shows_each_and_its_readings(tmp_path: Path) -> None:
+    """The page has the answer of each engine, the table of all, and is written beside a wrong reading."""
+    asked = ("dynamics", "mujoco,dart", "cart-pole", "--html", "page.html")
+    assert run_bodycheck(tmp_path, *asked).returncode == 0
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert all(f"{engine} " in page for engine in ("mujoco", "dart"))
+    assert page.count("<table") == 1
+    assert page.count("<tr>") == 3
+
+
+@pytest.mark.slow
+def test_links_between_two_joints_of_one_link_have_no_mass(tmp_path: Path) -> None:
+    """MuJoCo, which refuses moving bodies without mass, is right in a link on two joints."""
+    model = tmp_path / "two.xml"
+    model.write_text(
+        """<mujoco><worldbody><body name="arm" pos="0 0 1">
+        <joint name="pitch" type="hinge" axis="0 1 0"/><joint name="yaw" type="hinge" axis="0 0 1"/>
+        <inertial pos="0.1 0 0.2" mass="2" diaginertia="0.02 0.03 0.04"/></body></worldbody></mujoco>"""
+    )
+    found = dynamics("mujoco", (str(model),), DynamicsOptions(random=0))
+    assert {one.verdict for one in found.readings} == {"right"}
 
 
 def test_gates_bound_readings(tmp_path: Path) -> None:
