@@ -41,6 +41,11 @@ def _joint(body: dict[str, Any]) -> Joint:
     )
 
 
+def times(name: str) -> Array:
+    """Return the times of the numbers of a case, s."""
+    return np.array([value["t"] for value in _CASES[name]["values"]])
+
+
 @dataclass(frozen=True)
 class Instant:
     """The 34-digit numbers at a time: q, u, and by the names of TreeDynamics, flattened."""

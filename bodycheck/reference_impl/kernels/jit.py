@@ -122,6 +122,11 @@ def borrowing_kernel(function: Callable[..., Any]) -> Any:
     return Kernel(function, fastmath={"contract"}, _nrt=False)
 
 
+def unspecialised_borrowing_kernel(function: Callable[..., Any]) -> Any:
+    """Compile as `borrowing_kernel` does, but only once for all constant integers in calls."""
+    return Kernel(function, for_literals=False, fastmath={"contract"}, _nrt=False)
+
+
 def borrowing_inline(function: Callable[..., Any]) -> Any:
     """Compile as `borrowing_kernel` does, force-inlined into the callers; numba types it only once."""
     return Kernel(function, for_literals=False, fastmath={"contract"}, _nrt=False, forceinline=True)

@@ -66,9 +66,9 @@ LOST_AT_ANCHOR, LOST_AT_HALF_TURN, LOST_AT_ZERO = -1, -2, -3
 
 _HALF_TURN = 1e-3  # the cosine of half the angle, below which the angle counts as pi
 _AT_ZERO = 2.0**-26  # of the time: closer to a zero of a formula the highest terms overflow
-_EPS = 2.0**-52
+EPS = 2.0**-52
 _GRID_BITS = 6  # a step ends on a multiple of about 2^-6 of its length
-_SMALLER = 1e14  # times the tolerance: for terms below this, rounding to doubles is far below the tolerance
+SMALLER = 1e14  # times the tolerance: for terms below this, rounding to doubles is far below the tolerance
 
 
 @unspecialised_kernel
@@ -158,7 +158,7 @@ def _largest(high: Array, first: int, last: int, k: int) -> float:
 
 
 @inlined_kernel
-def _reach(rate: float, start: float, k: int, tolerance: float) -> float:
+def reach(rate: float, start: float, k: int, tolerance: float) -> float:
     """The longer of the steps h at which |c_k| h^k = tolerance start, or |c_k| h^(k+1) = tolerance.
 
     At the first, the k-th term of a rate is small relative to its start value; at the second, its integral is
@@ -181,9 +181,9 @@ def _step_size(high: Array, order: int, tolerance: float, length: float) -> floa
         size = _largest(high, 0, OMEGA, k)
         if size != 0.0:
             step = min(step, (tolerance / size) ** (1.0 / k))
-        step = min(step, _reach(_largest(high, OMEGA, V, k), spin, k, tolerance))
+        step = min(step, reach(_largest(high, OMEGA, V, k), spin, k, tolerance))
         if length > 0.0:
-            step = min(step, _reach(_largest(high, V, X, k) / length, speed / length, k, tolerance))
+            step = min(step, reach(_largest(high, V, X, k) / length, speed / length, k, tolerance))
     return step
 
 
@@ -204,7 +204,7 @@ def _halved(t: float, after: float, end: float) -> float:
 
 
 @kernel
-def _change(series: Numbers, i: int, order: int, h: float) -> Any:
+def series_change(series: Numbers, i: int, order: int, h: float) -> Any:
     """series_i(h) - series_i(0) by Horner's rule."""
     total = term(series, i, order)
     for k in range(order - 1, 0, -1):
@@ -245,10 +245,12 @@ def _stepped(
     order = high_part(series).shape[1] - 1
     while due < len(times) and times[due] < after:
         for i in range(rows):
-            out[0][due, i], out[1][due, i] = _advanced(state, i, _change(series, i, order, times[due] - t))
+            out[0][due, i], out[1][due, i] = _advanced(
+                state, i, series_change(series, i, order, times[due] - t)
+            )
         due += 1
     for i in range(rows):
-        state[0][i], state[1][i] = _advanced(state, i, _change(series, i, order, after - t))
+        state[0][i], state[1][i] = _advanced(state, i, series_change(series, i, order, after - t))
     return due
 
 
@@ -327,8 +329,8 @@ def integrate(
             order,
         )
         step = _step_size(high, order, tolerance, length)
-        if tolerance * _SMALLER < _EPS:
-            step = min(step, _step_size(high, full, tolerance * _SMALLER, length))
+        if tolerance * SMALLER < EPS:
+            step = min(step, _step_size(high, full, tolerance * SMALLER, length))
         after = next_time(t, step, end)
         if springs is not None:
             while after > t and passes_anchor(high, springs, rows[1], after - t):

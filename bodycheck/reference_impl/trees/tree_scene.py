@@ -172,9 +172,28 @@ class TreeScene:
         """Whether a body moves freely."""
         return any(body.joint.of_kind.translation is Translation.SPACE for body in self.bodies)
 
-    def index(self, name: str) -> int:
-        """Return the index of the body with this name. Raises ValueError if there is none."""
-        return [body.name for body in self.bodies].index(name)
+    def in_time_unit(self, exponent: int) -> TreeScene:
+        """Return the scene in a unit of time of 2^exponent s, unrounded."""
+        unit = 2.0**exponent
+        bodies = (
+            replace(
+                body,
+                joint=replace(
+                    body.joint,
+                    rate=body.joint.rates * unit,
+                    stiffness=body.joint.stiffness * unit**2,
+                    damping=body.joint.damping * unit,
+                ),
+            )
+            for body in self.bodies
+        )
+        return replace(
+            self,
+            bodies=tuple(bodies),
+            loads=tuple(_in_time_unit(load, exponent) for load in self.loads),
+            gravity=self.gravity * unit**2,
+            duration_s=self.duration_s / unit,
+        )
 
     def with_state(self, q: Array, u: Array) -> TreeScene:
         """Return the scene that starts at the coordinates q and the rates u."""
@@ -193,6 +212,19 @@ def interval(load: TreeLoad) -> tuple[float, float]:
         return -math.inf, math.inf
     switched = load.load if isinstance(load, BodyLoad) else load
     return switched.from_s, switched.until_s
+
+
+def _in_time_unit(load: TreeLoad, exponent: int) -> TreeLoad:
+    unit = 2.0**exponent
+    if isinstance(load, BodyLoad):
+        changed = load.load.in_time_unit(exponent)
+        assert changed is not None  # the units of torques and forces are known
+        return replace(load, load=changed)
+    if isinstance(load, JointTorque):
+        return replace(
+            load, value=load.value * unit**2, from_s=load.from_s / unit, until_s=load.until_s / unit
+        )
+    return replace(load, amplitude=load.amplitude * unit**2, rate=load.rate * unit)
 
 
 def _slices(sizes: Iterator[int]) -> tuple[slice, ...]:
