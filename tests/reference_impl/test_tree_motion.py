@@ -9,7 +9,7 @@ import pytest
 from mpmath import mp, mpf
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.taylor.solution import Resolution
+from bodycheck.reference_impl.taylor.solution import SeriesAccuracy
 from bodycheck.reference_impl.trees.joint_kind import Rotation
 from bodycheck.reference_impl.trees.tree_motion import TreeSolution, follow_tree
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
@@ -19,10 +19,10 @@ from tests.helpers.tree_oracles import TREES, instants, times, tree
 _EPS = 2.0**-52
 
 
-def followed(scene: TreeScene, t_s: Array, resolution: Resolution) -> TreeSolution:
+def followed(scene: TreeScene, t_s: Array, accuracy: SeriesAccuracy) -> TreeSolution:
     """Integrate a scene from its start, taken as exact doubles."""
     none = np.zeros_like
-    return follow_tree(scene, (scene.q0, none(scene.q0)), (scene.u0, none(scene.u0)), t_s, resolution)
+    return follow_tree(scene, (scene.q0, none(scene.q0)), (scene.u0, none(scene.u0)), t_s, accuracy)
 
 
 def deviation(scene: TreeScene, numbers: list[mpf], high: Array, low: Array) -> mpf:
@@ -41,11 +41,11 @@ def deviation(scene: TreeScene, numbers: list[mpf], high: Array, low: Array) -> 
         return max(map(abs, errors))
 
 
-def worst(name: str, resolution: Resolution) -> Iterator[tuple[mpf, float]]:
+def worst(name: str, accuracy: SeriesAccuracy) -> Iterator[tuple[mpf, float]]:
     """Yield the deviation and the sensitivity of a published motion at its times."""
     scene, published = tree(name), list(instants(name))
     t_s = times(name)
-    found = followed(scene, t_s, resolution)
+    found = followed(scene, t_s, accuracy)
     truth = certified_tree(scene, t_s)
     for k, instant in enumerate(published):
         high, low = (np.concatenate([found.q[part][k], found.u[part][k]]) for part in (0, 1))
@@ -55,9 +55,9 @@ def worst(name: str, resolution: Resolution) -> Iterator[tuple[mpf, float]]:
 
 @pytest.mark.parametrize("name", TREES)
 @pytest.mark.parametrize(
-    ("resolution", "digits"), [(Resolution(30, 1e-32, 19), 1e-28), (Resolution(20, 1e-16), 1e-13)]
+    ("accuracy", "digits"), [(SeriesAccuracy(30, 1e-32, 19), 1e-28), (SeriesAccuracy(20, 1e-16), 1e-13)]
 )
-def test_published_motions(name: str, resolution: Resolution, digits: float) -> None:
+def test_published_motions(name: str, accuracy: SeriesAccuracy, digits: float) -> None:
     """Coordinates and rates are the published ones to 1e-28 and, in doubles, 1e-13 of the sensitivity."""
-    for error, sensitivity in worst(name, resolution):
+    for error, sensitivity in worst(name, accuracy):
         assert error < digits * sensitivity

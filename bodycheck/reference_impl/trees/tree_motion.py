@@ -12,7 +12,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import gyration_radius
 from bodycheck.reference_impl.kernels.generic_precision import Numbers, high_part, put
 from bodycheck.reference_impl.kernels.jit import kernel
-from bodycheck.reference_impl.taylor.solution import Resolution, TooManyStepsError
+from bodycheck.reference_impl.taylor.solution import SeriesAccuracy, TooManyStepsError
 from bodycheck.reference_impl.trees.joint_kind import Rotation, Translation
 from bodycheck.reference_impl.trees.tree_equations import (
     ANGULAR,
@@ -199,7 +199,7 @@ def length_of(scene: TreeScene) -> float:
 
 
 def follow_tree(
-    scene: TreeScene, q: tuple[Array, Array], u: tuple[Array, Array], t_s: Array, resolution: Resolution
+    scene: TreeScene, q: tuple[Array, Array], u: tuple[Array, Array], t_s: Array, accuracy: SeriesAccuracy
 ) -> TreeSolution:
     """Integrate a scene from q (nq,) and u (nu,), high and low parts, to ascending times t_s (n,).
 
@@ -222,7 +222,7 @@ def follow_tree(
             state,
             t_s[part],
             (begin, end),
-            resolution,
+            accuracy,
             (high[part], low[part]),
         )
         steps, ratio = steps + made, max(ratio, worst)
@@ -249,11 +249,11 @@ def _advance(
     state: tuple[Array, Array],
     times: Array,
     span: tuple[float, float],
-    resolution: Resolution,
+    accuracy: SeriesAccuracy,
     out: tuple[Array, Array],
 ) -> tuple[int, float]:
     """Make the steps of one interval; return their number and the largest M_ii / d_i."""
-    paired = bool(resolution.paired_orders)
+    paired = bool(accuracy.paired_orders)
     rows, response = equations.rows, equations.response
     rates = len(equations.unknowns)
 
@@ -289,7 +289,7 @@ def _advance(
         space(len(response.sources), 1),
         space(len(rows.rows), 1),
         space(rates, 1),
-        space(len(rows.rows), resolution.order + 1),
+        space(len(rows.rows), accuracy.order + 1),
     )
     (t, end), due, steps, ratio = span, 0, 0, 1.0
     while True:
@@ -300,8 +300,8 @@ def _advance(
             times[due:],
             t,
             end,
-            resolution.tolerance,
-            resolution.paired_orders,
+            accuracy.tolerance,
+            accuracy.paired_orders,
             _STEPS_PER_CALL,
             (out[0][due:], out[1][due:]),
         )

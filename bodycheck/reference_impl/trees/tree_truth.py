@@ -10,7 +10,7 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import geodesic_angle, quaternion_product
-from bodycheck.reference_impl.taylor.solution import Resolution, TooManyStepsError
+from bodycheck.reference_impl.taylor.solution import SeriesAccuracy, TooManyStepsError
 from bodycheck.reference_impl.trees.joint_kind import Rotation, Translation
 from bodycheck.reference_impl.trees.tree_motion import (
     TreeMotion,
@@ -27,7 +27,11 @@ TREE_QUANTITIES = (
 )
 """The quantities for which the truth of a tree has bounds, the largest of any joint or body."""
 
-_FINE, _CHECK, _NUDGED = Resolution(30, 1e-32, 19), Resolution(34, 1e-33, 21), Resolution(18, 1e-17)
+_FINE, _CHECK, _NUDGED = (
+    SeriesAccuracy(30, 1e-32, 19),
+    SeriesAccuracy(34, 1e-33, 21),
+    SeriesAccuracy(18, 1e-17),
+)
 _NUDGE, _FINE_NUDGE = 1e-10, 1e-22  # rad, or relative to the largest rate or length
 _PROPORTIONAL = 1e-2  # rad, or relative: the distance up to which nudges grow in proportion to their size
 _MARGIN = 10.0
@@ -67,7 +71,7 @@ def certified_tree(scene: TreeScene, t_s: Array) -> TreeTruth:
     for t in t_s[~(np.isfinite(t_s) & (t_s >= 0.0))]:
         raise ValueError(f"a truth needs times that are finite and not negative, not {float(t)!r}")
     start = (scene.q0, np.zeros_like(scene.q0)), (scene.u0, np.zeros_like(scene.u0))
-    fine, check = (_followed(scene, *start, t_s, resolution) for resolution in (_FINE, _CHECK))
+    fine, check = (_followed(scene, *start, t_s, accuracy) for accuracy in (_FINE, _CHECK))
     _check_finite(fine, t_s)
     motion = tree_motion(scene, t_s, fine.q, fine.u)
     growths = _growths(scene, motion, fine)
@@ -83,17 +87,17 @@ def certified_tree(scene: TreeScene, t_s: Array) -> TreeTruth:
 
 
 def _followed(
-    scene: TreeScene, q: tuple[Array, Array], u: tuple[Array, Array], t_s: Array, resolution: Resolution
+    scene: TreeScene, q: tuple[Array, Array], u: tuple[Array, Array], t_s: Array, accuracy: SeriesAccuracy
 ) -> TreeSolution:
     """Return a solution, which is computed in a unit of time near the last time if that is far from 1 s."""
     exponent = math.frexp(float(t_s[-1]))[1] if len(t_s) else 0
     try:
         if abs(exponent) <= _PLAIN_EXPONENT:
-            return follow_tree(scene, q, u, t_s, resolution)
+            return follow_tree(scene, q, u, t_s, accuracy)
         exponent = max(-_FARTHEST, min(exponent, _FARTHEST))
         faster = tuple(np.ldexp(part, exponent) for part in u)
         other = scene.in_time_unit(exponent)
-        found = follow_tree(other, q, (faster[0], faster[1]), np.ldexp(t_s, -exponent), resolution)
+        found = follow_tree(other, q, (faster[0], faster[1]), np.ldexp(t_s, -exponent), accuracy)
         high, low = (np.ldexp(part, -exponent) for part in found.u)
         return replace(found, u=(high, low))
     except TooManyStepsError as error:
