@@ -47,7 +47,7 @@ _NIGHTLY = (
     "../test_nightly_command.py",
     "history/test_damaged_history.py",
     "../test_nightly_command.py::test_nightly_run_fails_on_a_regression",
-    "../test_nightly_command.py::test_interrupted_nightly_run_stores_nothing",
+    "../test_nightly_command.py::test_interrupted_nightly_run_is_resumed",
 )
 _IDENTITY = tuple(
     f"../adapters/test_identity.py::{name}"
@@ -82,7 +82,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "reports/comparison/describe.py": tuple(
         f"comparison/test_{name}.py" for name in ("change", "headlines", "measure_track", "overlays")
     ),
-    "reports/history/accepted_levels.py": ("history/test_regression.py",),
+    "reports/history/levels.py": ("history/test_regression.py",),
     "reports/comparison/release_results.py": (
         "comparison/test_bisection.py",
         "comparison/test_version_text.py",
@@ -233,7 +233,7 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
     ): "a speed that is the same is no change",
     (
         "reports/gates/proposal.py",
-        'yield Change(index, "upper", gate.upper, new, largest, loosens=new > gate.upper)',
+        'yield BoundChange(index, "upper", gate.upper, new, largest, loosens=new > gate.upper)',
         "new > gate.upper -> new >= gate.upper",
     ): "a bound that stays the same is not proposed",
     (
