@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -25,7 +24,13 @@ from bodycheck.runs.audit_run import (
 )
 from bodycheck.runs.audit_spins import error_of_numbers, orientation_error, spun, truth_of
 from bodycheck.scenarios.model_files import read_model
-from bodycheck.scenarios.model_files.spellings import Spelling, body, spellings
+from bodycheck.scenarios.model_files.model_file import ModelFile
+
+SPELLINGS = tuple(sorted(Path(__file__).with_name("spellings").iterdir()))
+"""One body, its parts fixed to each other, as model files that state the same numbers up to their rounding.
+
+`g_and_mm` states another body, 1e3 times as heavy and long, whose free rotation is the same.
+"""
 
 
 @dataclass(frozen=True)
@@ -37,25 +42,27 @@ class _Spun:
 
 def run_spellings(engines: Sequence[str] | None, timeout_s: float) -> list[SpellingResult]:
     """Return one result per spelling and importer; raises InputError for an unknown engine."""
-    truth = truth_of(Body.of(body()))
+    body = _body()
+    truth = truth_of(body)
     found: list[SpellingResult] = []
-    with closing(EnginePool()) as pool, tempfile.TemporaryDirectory(prefix="bodycheck-spellings-") as folder:
+    with closing(EnginePool()) as pool:
         for engine in checked_engines(engines):
             reads = importer(base_engine(engine))
             assert reads is not None
-            control = error_of_numbers(pool, engine, Body.of(body()), truth, timeout_s)
+            control = error_of_numbers(pool, engine, body, truth, timeout_s)
             for kind, flags in ((kind, flags) for kind, known in reads.FLAGS.items() for flags in known):
-                family = [one for one in spellings() if one.format == kind]
-                spins = [_spun(pool, engine, flags, one, Path(folder), timeout_s) for one in family]
+                family = [read_model(path) for path in SPELLINGS]
+                family = [one for one in family if one.format == kind]
+                spins = [_spun(pool, engine, flags, one, timeout_s) for one in family]
                 found += _results(f"{engine}:{flags}", family, spins, truth, control)
     return found
 
 
 def _results(
-    name: str, family: Sequence[Spelling], spins: Sequence[_Spun], truth: Array, control: float | None
+    name: str, family: Sequence[ModelFile], spins: Sequence[_Spun], truth: Array, control: float | None
 ) -> Iterator[SpellingResult]:
     first = next((one.rotations for one in spins if one.rotations is not None), None)
-    for spelling, one in zip(family, spins, strict=True):
+    for model, one in zip(family, spins, strict=True):
         error = deviation = None
         if one.rotations is not None and first is not None:
             error, deviation = (
@@ -63,17 +70,24 @@ def _results(
                 orientation_error(one.rotations, first),
             )
         yield SpellingResult(
-            name, spelling.format, spelling.name, error, deviation, control, one.message, one.causes
+            name, model.format, name_of(model.path), error, deviation, control, one.message, one.causes
         )
 
 
-def _spun(
-    pool: EnginePool, engine: str, flags: str, spelling: Spelling, folder: Path, timeout_s: float
-) -> _Spun:
-    path = folder / f"{spelling.name.replace(' ', '-')}.{'urdf' if spelling.format == 'urdf' else 'xml'}"
-    path.write_text(spelling.text, encoding="utf-8")
-    model = read_model(path)
-    request = import_request(path, model.format, flags)
+def name_of(path: Path) -> str:
+    """Return the name of a spelling: that of its file without the number, which only puts them in order."""
+    return path.stem.partition("_")[2].replace("_", " ")
+
+
+def _body() -> Body:
+    """Return the body of all spellings, as one of them states it."""
+    (stated,) = (link.stated for link in read_model(SPELLINGS[0]).links)
+    assert stated is not None
+    return Body.of(stated.in_link)
+
+
+def _spun(pool: EnginePool, engine: str, flags: str, model: ModelFile, timeout_s: float) -> _Spun:
+    request = import_request(model.path, model.format, flags)
     rotations, why = spun(pool, engine, request, timeout_s)
     audited = imported_audit(pool, model, [engine], AuditOptions(spins=False, timeout_s=timeout_s))
     causes = _causes(audited, f"{engine}:{flags}")

@@ -41,7 +41,6 @@ from bodycheck.runs.spelling_run import APART_RAD, run_spellings
 from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.model_files.exact import Frame, doubles
 from bodycheck.scenarios.model_files.model_file import ModelFile
-from bodycheck.scenarios.model_files.spellings import spellings
 from tests.helpers.in_process_cli import run_bodycheck
 from tests.helpers.model_texts import sdf_of
 
@@ -765,9 +764,9 @@ def test_wrong_options_of_an_audit_are_one_line(words: tuple[str, ...], option: 
 
 def test_spelling_with_a_wrong_answer_is_not_spun(monkeypatch: pytest.MonkeyPatch) -> None:
     """An answer without a motion is the reason of one row, not the end of the command."""
-    monkeypatch.setattr(spelling_run, "spellings", lambda: spellings()[:1])
+    monkeypatch.setattr(spelling_run, "SPELLINGS", spelling_run.SPELLINGS[:1])
     monkeypatch.setattr(EnginePool, "ask", lambda *_: {"outcome": "ok"})
-    found = [one for one in run_spellings(["mujoco"], 60.0) if one.format == spellings()[0].format]
+    found = [one for one in run_spellings(["mujoco"], 60.0) if one.format == "urdf"]
     assert [(one.error_rad, one.message) for one in found] == [(None, "'rotation'")] * len(found)
     assert found
 

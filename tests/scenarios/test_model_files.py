@@ -12,11 +12,11 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from bodycheck._util.errors import InputError
+from bodycheck.runs.spelling_run import SPELLINGS, name_of
 from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.model_files.exact import composite, doubles
 from bodycheck.scenarios.model_files.model_file import ModelFile
 from bodycheck.scenarios.model_files.rewriting import changed_text, excerpt
-from bodycheck.scenarios.model_files.spellings import Spelling, body, spellings
 from bodycheck.scenarios.model_files.urdf import resolved
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.model_texts import composite_50_digits, mutated, random_mjcf, random_urdf, sdf_of
@@ -107,19 +107,20 @@ def test_sdformat_angles_are_in_degrees_where_stated(degrees: str, angle: str, t
     np.testing.assert_allclose(doubles(model.links[0].pose.rotation)[:, 0], [0.0, 1.0, 0.0], atol=1e-15)
 
 
-@pytest.mark.parametrize("spelling", spellings(), ids=lambda one: f"{one.format} {one.name}")
-def test_spellings_state_one_body(spelling: Spelling, tmp_path: Path) -> None:
+@pytest.mark.parametrize("path", SPELLINGS, ids=name_of)
+def test_spellings_state_one_body(path: Path) -> None:
     """Each spelling's links together form the same body, to the rounding of the numbers in the file."""
-    model = _read(spelling.text, tmp_path)
+    model = read_model(path)
     root = model.links[0]
     parts = [root.stated.in_link] if root.stated else []
     parts += [link.stated.in_link.placed(pose) for link, pose in model.fixed_below(root.name) if link.stated]
-    found, expected = composite(parts), body()
-    scale = 1000.0 if spelling.name == "g and mm" else 1.0
-    np.testing.assert_allclose(float(found.mass), scale * float(expected.mass), rtol=1e-15)
-    np.testing.assert_allclose(doubles(found.centre), scale * doubles(expected.centre), rtol=1e-14)
-    tensor = scale**3 * doubles(expected.tensor)
-    np.testing.assert_allclose(doubles(found.tensor), tensor, rtol=0, atol=1e-15 * np.max(tensor))
+    found = composite(parts)
+    scale = 1000.0 if name_of(path) == "g and mm" else 1.0
+    axes = Rotation.from_euler("xyz", (0.4, -0.7, 1.1)).as_matrix()
+    tensor = scale**3 * axes @ np.diag([0.031, 0.052, 0.067]) @ axes.T
+    np.testing.assert_allclose(float(found.mass), scale * 2.5, rtol=1e-15)
+    np.testing.assert_allclose(doubles(found.centre), scale * np.array([0.08, -0.05, 0.12]), rtol=1e-14)
+    np.testing.assert_allclose(doubles(found.tensor), tensor, rtol=0, atol=3e-15 * np.max(tensor))
 
 
 def test_mjcf_classes_orientations_and_compiler_agree_with_mujoco(tmp_path: Path) -> None:
