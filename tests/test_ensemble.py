@@ -276,14 +276,12 @@ def test_body_that_spins_too_fast_for_its_truth_is_refused() -> None:
 
 
 def test_quantiles_are_those_of_the_sorted_numbers() -> None:
-    """A quantile equals the sorted number of its rank to 2^-11, whatever the order of adding and merging."""
+    """A quantile equals the sorted number of its rank to 2^-11, whatever the order of adding."""
     values = np.random.default_rng(1).lognormal(-20.0, 6.0, 10_001)
     whole, parts = QuantileSketch(), QuantileSketch()
     whole.add(values)
     for part in np.split(values[::-1], [10, 500, 9000]):
-        one = QuantileSketch()
-        one.add(part)
-        parts.merge(one)
+        parts.add(part)
     assert np.array_equal(whole.keys, parts.keys)
     assert np.array_equal(whole.counts, parts.counts)
     for share in SHARES:
@@ -339,11 +337,7 @@ def test_run_writes_a_dataset_whose_worst_rows_can_be_repeated(tmp_path: Path) -
         assert set(cases["method"]) == {"rk4", "m1"}
         assert len(cases) == 200
         assert list(bodies["row"]) == list(range(100))
-        assert {
-            *cases["schema_version"],
-            *bodies["schema_version"],
-            *table("sketches")["schema_version"],
-        } == {1}
+        assert {*cases["schema_version"], *bodies["schema_version"]} == {1}
     worst = pd.read_csv(tmp_path / "two" / "worst.csv")
     errors = cases[cases["method"] == "rk4"]["orientation_error_rad"]
     assert worst[worst["method"] == "rk4"]["orientation_error_rad"].tolist() == sorted(errors)[::-1][:3]
@@ -393,12 +387,12 @@ def test_merged_shards_equal_one_ensemble(shards: Path, tmp_path: Path) -> None:
         f"row-{row}.toml" for row in worst["row"]
     }
     with duckdb.connect() as database:
-        for table in ("bodies", "cases", "sketches"):
+        for table in ("bodies", "cases"):
             one, other = (
                 database.read_parquet(f"{folder}/{table}/**/*.parquet", hive_partitioning=True).df()
                 for folder in (tmp_path / "merged", shards / "whole")
             )
-            keys = [name for name in ("method", "measure", "bin_low", "row") if name in one]
+            keys = [name for name in ("method", "row") if name in one]
             one, other = (found.sort_values(keys, ignore_index=True) for found in (one, other))
             pd.testing.assert_frame_equal(one, other)
         sizes = [len(database.read_parquet(f"{shards}/part-{k}/bodies/**/*.parquet").df()) for k in (1, 2, 3)]
@@ -441,7 +435,7 @@ def test_merged_replay_is_that_of_the_worst_shard(
     parts = parts_of(shards, tmp_path)
     for part, replay in zip(parts, replays, strict=True):
         manifest = json.loads((part / "manifest.json").read_text())
-        manifest["methods"][0]["statistics"]["replay"] = replay
+        manifest["methods"][0]["replay"] = replay
         (part / "manifest.json").write_text(json.dumps(manifest))
     found = [statistics.replay for _, statistics in merge_ensembles(parts, tmp_path / "merged").statistics]
     assert found == [merged, "same bits"]
@@ -462,16 +456,26 @@ def _of_another_seed(parts: list[Path]) -> None:
     path.write_text(json.dumps(reported))
 
 
-def _without_statistics(parts: list[Path]) -> None:
+def _without_a_replay(parts: list[Path]) -> None:
     path = parts[1] / "manifest.json"
     reported = json.loads(path.read_text())
-    del reported["methods"][0]["statistics"]
+    del reported["methods"][0]["replay"]
     path.write_text(json.dumps(reported))
 
 
-def _with_a_damaged_sketch(parts: list[Path]) -> None:
-    (path,) = (parts[1] / "sketches").iterdir()
+def _with_damaged_cases(parts: list[Path]) -> None:
+    (path,) = (parts[1] / "cases").rglob("*method=rk4/**/*.parquet")
     path.write_bytes(path.read_bytes()[:-5])
+
+
+def _with_cases_of_another_shard(parts: list[Path]) -> None:
+    (path,) = (parts[1] / "cases").rglob("*method=rk4/**/*.parquet")
+    shutil.copyfile(parts[2] / path.relative_to(parts[1]), path)
+
+
+def _without_bodies(parts: list[Path]) -> None:
+    (path,) = (parts[1] / "bodies").rglob("*.parquet")
+    path.unlink()
 
 
 @pytest.mark.slow
@@ -481,8 +485,10 @@ def _with_a_damaged_sketch(parts: list[Path]) -> None:
         (_without_a_part, "missing shard: 3/3"),
         (_twice_the_same, "part-1: is given twice"),
         (_of_another_seed, "part-2: seed is 2, but 1 in "),
-        (_without_statistics, "methods.0.statistics: Field required"),
-        (_with_a_damaged_sketch, "sketches: cannot be read: "),
+        (_without_a_replay, "methods.0.replay: Field required"),
+        (_with_damaged_cases, "part-0.parquet: cannot be read: "),
+        (_with_cases_of_another_shard, "part-0.parquet: must have the rows 40 to 72"),
+        (_without_bodies, "seed=1: lacks the rows 40 to 72"),
     ],
 )
 def test_incomplete_shards_are_refused(

@@ -1,4 +1,4 @@
-"""The files of an ensemble: tables, sketches, sentinels, the worst bodies, a figure and a manifest."""
+"""The files of an ensemble: tables, sentinels, the worst bodies, a figure and a manifest."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from urllib.parse import quote
 
 import numpy as np
 
-from bodycheck._util.pinned_libraries import duckdb_connection, matplotlib
+from bodycheck._util.errors import InputError
+from bodycheck._util.pinned_libraries import duckdb, duckdb_connection, matplotlib, read_parquet
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.measurement.case import reproducing_command
 from bodycheck.reports.render.figures import figure_bytes, rendering
@@ -22,7 +23,7 @@ from bodycheck.reports.run_files.sentinels import write_sentinels
 from bodycheck.reports.run_files.tables import as_csv
 from bodycheck.reports.summary.quantiles import SHARES, QuantileSketch
 from bodycheck.runs.ensemble_cases import ROTATION_MEASURES
-from bodycheck.runs.ensemble_result import EnsembleResult, Key, MethodStatistics, key_text
+from bodycheck.runs.ensemble_result import FLOORS, EnsembleResult, Key, key_text
 from bodycheck.runs.manifest import machine, software
 from bodycheck.scenarios.ensemble import scenario_text
 
@@ -31,6 +32,9 @@ if TYPE_CHECKING:
 
 SCHEMA_VERSION = 1
 """The column `schema_version` of every table; it changes with the meaning or the name of a column."""
+
+PART = "part-{}.parquet"
+"""The name of a file of a table, by its number; files of equal number have the same rows in each table."""
 
 _ROWS = 1 << 17  # per file
 
@@ -94,7 +98,7 @@ class Dataset:
         number = self._files.get(part, 0)
         self._files[part] = number + 1
         assert self._connection is not None
-        self._connection.from_df(table).write_parquet(str(folder / f"part-{number}.parquet"))
+        self._connection.from_df(table).write_parquet(str(folder / PART.format(number)))
 
 
 def _joined(pieces: list[Any]) -> Any:
@@ -105,6 +109,38 @@ def _joined(pieces: list[Any]) -> Any:
     return joined if joined.dtype.kind in "fiub" else pd.Categorical(joined.astype(str))
 
 
+def add_stored_rows(result: EnsembleResult, folder: Path, rows: range) -> None:
+    """Add these rows of the tables `bodies` and `cases` of a folder to the statistics of an ensemble.
+
+    Raises InputError where a file cannot be read, or the tables do not have exactly these rows in order.
+    """
+    bodies = folder / "bodies" / f"seed={result.request.seed}"
+    with duckdb_connection() as database:
+        for number in range(len(list(bodies.glob(PART.format("*"))))):
+            file = PART.format(number)
+            truths = _columns(database, bodies / file, ("row", *FLOORS.values()))
+            expected, rows = rows[: len(truths["row"])], rows[len(truths["row"]) :]
+            for floor, sketch in result.floors.items():
+                sketch.add(truths[FLOORS[floor]])
+            floor_rad = np.sum([truths[column] for column in FLOORS.values()], axis=0)
+            for key, statistics in result.statistics:
+                path = folder.joinpath(*cases_folder(key), file)
+                cases = _columns(database, path, ("row", *ROTATION_MEASURES, "outcome"))
+                if not cases["row"].tolist() == truths["row"].tolist() == list(expected):
+                    raise InputError(f"{path}: must have the rows {expected.start} to {expected.stop - 1}")
+                statistics.add(cases, floor_rad, result.request.worst)
+    if rows:
+        raise InputError(f"{bodies}: lacks the rows {rows.start} to {rows.stop - 1}")
+
+
+def _columns(database: DuckDBPyConnection, path: Path, names: Sequence[str]) -> dict[str, Any]:
+    try:
+        table = read_parquet(database, [path]).select(*names).df()
+    except (duckdb().Error, OSError) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from None
+    return {name: table[name].to_numpy() for name in names}
+
+
 _COMMON = {"schema_version": SCHEMA_VERSION}
 TRUTH = "truth"
 """The name in the column `engine` of the truth's own error."""
@@ -113,7 +149,7 @@ _ENDINGS = ("ok", "unstable", "failed", "timeout", "invalid", "unsupported", "ch
 
 
 def write_summaries(result: EnsembleResult, folder: Path, out: Path) -> None:
-    """Write the tables, sketches, sentinels, worst bodies, figure and manifest of an ensemble to a folder.
+    """Write the summaries, sentinels, worst bodies, figure and manifest of an ensemble to a folder.
 
     out: the folder's later name, for commands.
     """
@@ -123,13 +159,9 @@ def write_summaries(result: EnsembleResult, folder: Path, out: Path) -> None:
         "quantiles": quantile_rows(result),
         "methods": method_rows(result),
         "worst": list(_worst_rows(result, folder, out)),
-        "sketches": list(_sketch_rows(result)),
     }
-    for name in ("quantiles", "methods", "worst"):
-        (folder / f"{name}.csv").write_bytes(as_csv(pd.DataFrame(tables[name])))
-    with Dataset(folder) as dataset:
-        sketches = pd.DataFrame(tables["sketches"])
-        dataset.add(("sketches",), {name: sketches[name].to_numpy() for name in sketches.columns})
+    for name, rows in tables.items():
+        (folder / f"{name}.csv").write_bytes(as_csv(pd.DataFrame(rows)))
     write_sentinels(result.sentinels, folder)
     manifest = {
         "schema_version": SCHEMA_VERSION,
@@ -138,28 +170,20 @@ def write_summaries(result: EnsembleResult, folder: Path, out: Path) -> None:
         "created": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
         "request": asdict(result.request),
         "distribution": asdict(result.ensemble.distribution),
-        "methods": [_method(*one) for one in result.statistics],
+        "methods": [
+            {
+                "engine": engine.name,
+                "version": engine.version,
+                "method": asdict(method),
+                **asdict(setting),
+                "replay": statistics.replay,
+            }
+            for (engine, method, setting), statistics in result.statistics
+        ],
         **({"merged": {"shards": result.shards, "findings": result.findings}} if result.shards else {}),
     }
     (folder / "manifest.json").write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
     _draw(result, folder / "distributions.svg")
-
-
-def _method(key: Key, statistics: MethodStatistics) -> dict[str, Any]:
-    """Return the entry of a method in the manifest, which has all but the sketches."""
-    engine, method, setting = key
-    return {
-        "engine": engine.name,
-        "version": engine.version,
-        "method": asdict(method),
-        **asdict(setting),
-        "statistics": {
-            "endings": statistics.endings,
-            "at_floor": statistics.at_floor,
-            "replay": statistics.replay,
-            "worst": [asdict(body) for body in statistics.worst],
-        },
-    }
 
 
 def quantile_rows(result: EnsembleResult) -> list[dict[str, Any]]:
@@ -200,13 +224,6 @@ def _worst_rows(result: EnsembleResult, folder: Path, out: Path) -> Iterator[dic
             )
             cells = {"rank": rank, "row": body.row, "outcome": body.outcome}
             yield {**_identity(key), **cells, **body.measures, "reproduce": command}
-
-
-def _sketch_rows(result: EnsembleResult) -> Iterator[dict[str, Any]]:
-    """Yield the counts of all bins; sketches of ensembles merge by adding counts of equal bins."""
-    for identity, name, sketch in _sketches(result):
-        for low, high, count in zip(*sketch.edges, sketch.counts.tolist(), strict=True):
-            yield {**identity, "measure": name, "bin_low": low, "bin_high": high, "count": count}
 
 
 def _sketches(result: EnsembleResult) -> Iterator[tuple[dict[str, Any], str, QuantileSketch]]:

@@ -1,19 +1,17 @@
-"""Merge the shards of an ensemble: the union of their rows and counts, and how their machines differ."""
+"""Merge the shards of an ensemble: the union of their rows, and how their machines differ."""
 
 from __future__ import annotations
 
-import re
 import shutil
 from collections import Counter
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, NonNegativeInt, ValidationError
+from pydantic import AliasChoices, AliasPath, BaseModel, Field, ValidationError
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.pinned_libraries import duckdb, duckdb_connection, read_parquet
 from bodycheck._util.shard import Shard
 from bodycheck._util.untrusted import escaped, read_json
 from bodycheck.adapters.contract import Engine, Method, Setting
@@ -26,22 +24,11 @@ from bodycheck.reports.run_files.sentinels import (
     read_sentinels,
 )
 from bodycheck.reports.run_files.writer import atomic_folder
-from bodycheck.reports.summary.quantiles import QuantileSketch
-from bodycheck.runs.ensemble_files import TRUTH, write_summaries
-from bodycheck.runs.ensemble_result import EnsembleRequest, EnsembleResult, Key, MethodStatistics, WorstBody
+from bodycheck.runs.ensemble_files import PART, add_stored_rows, write_summaries
+from bodycheck.runs.ensemble_result import EnsembleRequest, EnsembleResult, Key
 from bodycheck.runs.merge import StoredShard, all_shards
 
 _OF_THE_MACHINE = ("shard", "jobs", "timeout_s", "allow_code")
-_PART = re.compile(r"part-([0-9]+)\.parquet")
-
-
-class _Statistics(BaseModel):
-    """What a shard knows of a method besides its sketches."""
-
-    endings: dict[str, NonNegativeInt]
-    at_floor: NonNegativeInt
-    replay: Literal["", "same bits", "other bits"]
-    worst: list[WorstBody]
 
 
 class _Method(BaseModel):
@@ -52,7 +39,10 @@ class _Method(BaseModel):
     method: dict[str, Any]
     dt_s: float | None
     tolerance: float | None
-    statistics: _Statistics
+    replay: Annotated[
+        Literal["", "same bits", "other bits"],
+        Field(validation_alias=AliasChoices("replay", AliasPath("statistics", "replay"))),
+    ]
 
     @property
     def key(self) -> Key:
@@ -157,13 +147,13 @@ def _different(one: _Manifest, other: _Manifest) -> Iterator[tuple[str, Any, Any
 def _merged(parts: Sequence[_Part], *, allow_code: bool) -> EnsembleResult:
     request = replace(parts[0].manifest.request, shard=None, allow_code=allow_code)
     methods_of_shards = list(zip(*(part.manifest.methods for part in parts), strict=True))
-    result = EnsembleResult.empty(
-        request, request.ensemble(), [_key(methods) for methods in methods_of_shards]
-    )
+    keys = [_key(methods) for methods in methods_of_shards]
+    result = EnsembleResult.empty(request, request.ensemble(), keys)
     for part in parts:
-        _add(result, part)
+        add_stored_rows(result, part.folder, part.manifest.request.rows)
     for (_, statistics), methods in zip(result.statistics, methods_of_shards, strict=True):
-        statistics.replay = _joined_replay({one.statistics.replay for one in methods})
+        replays = {one.replay for one in methods}  # an unknown one, "", makes that of the whole unknown
+        statistics.replay = next(replay for replay in (OTHER_BITS, "", SAME_BITS) if replay in replays)
     findings = [
         *differing_facts({str(part.shard): part.manifest.facts for part in parts}),
         *disagreements({str(part.shard): part.sentinels for part in parts}),
@@ -177,55 +167,13 @@ def _key(methods: Sequence[_Method]) -> Key:
     return methods[0].model_copy(update={"version": versions}).key
 
 
-def _joined_replay(replays: Container[str]) -> str:
-    """Return the replay of an ensemble from those of its shards; an unknown one, "", makes it unknown."""
-    return next(replay for replay in (OTHER_BITS, "", SAME_BITS) if replay in replays)
-
-
-def _add(result: EnsembleResult, part: _Part) -> None:
-    """Add the counts, the sketches and the worst bodies of a shard."""
-    known: dict[tuple[Any, ...], MethodStatistics] = {}
-    for method, (_, statistics) in zip(part.manifest.methods, result.statistics, strict=True):
-        known[method.identity], found = statistics, method.statistics
-        statistics.endings.update(found.endings)
-        statistics.at_floor += found.at_floor
-        statistics.keep(found.worst, result.request.worst)
-    path = part.folder / "sketches"
-    try:
-        for (*identity, measure), sketch in _sketches(path):
-            (result.floors if identity[0] == TRUTH else known[tuple(identity)].sketches)[measure].merge(
-                sketch
-            )
-    except (KeyError, ValueError) as error:
-        raise InputError(f"{path}: not the sketches of this ensemble: {error!r}") from None
-
-
-def _sketches(folder: Path) -> Iterator[tuple[tuple[Any, ...], QuantileSketch]]:
-    """Yield (engine, method, dt_s, tolerance, measure) and the sketch of it."""
-    try:
-        with duckdb_connection() as database:
-            table = read_parquet(database, sorted(folder.glob("*.parquet"))).df()
-    except duckdb().Error as error:
-        raise InputError(f"{folder}: cannot be read: {error}") from None
-    identity = ["engine", "method", "dt_s", "tolerance", "measure"]
-    for names, rows in table.groupby(identity, dropna=False, sort=False, observed=True):
-        cells = tuple(None if name != name else name for name in names)
-        yield cells, QuantileSketch.of_bins(rows["bin_low"].to_numpy(), rows["count"].to_numpy())
-
-
 def _concatenate(tables: Sequence[Path], target: Path) -> None:
     """Copy the files of a table of all shards, numbered in the order of the shards."""
     numbers: Counter[Path] = Counter()
     for table in tables:
-        files = [file for file in table.rglob("*.parquet") if _PART.fullmatch(file.name)]
-        for file in sorted(files, key=lambda file: (file.parent, _number(file))):
-            folder = target / file.parent.relative_to(table)
-            folder.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(file, folder / f"part-{numbers[folder]}.parquet")
-            numbers[folder] += 1
-
-
-def _number(file: Path) -> int:
-    found = _PART.fullmatch(file.name)
-    assert found is not None
-    return int(found[1])
+        for folder in {file.parent for file in table.rglob(PART.format("*"))}:
+            whole = target / folder.relative_to(table)
+            whole.mkdir(parents=True, exist_ok=True)
+            for number in range(len(list(folder.glob(PART.format("*"))))):
+                shutil.copyfile(folder / PART.format(number), whole / PART.format(numbers[whole]))
+                numbers[whole] += 1

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import setting as setting_words
 from bodycheck._util.shard import Shard
 from bodycheck.adapters.contract import Engine, Method, Setting
 from bodycheck.adapters.engine_names import with_method
+from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.run_files.sentinels import Sentinel
 from bodycheck.reports.summary.quantiles import Quantile, QuantileSketch
-from bodycheck.runs.ensemble_cases import ROTATION_MEASURES, BatchResult, BatchTruth, settings_of
+from bodycheck.runs.ensemble_cases import ROTATION_MEASURES, settings_of
 from bodycheck.runs.request import TIMEOUT_S
 from bodycheck.runs.selection import select, step_faults, tolerance_faults
 from bodycheck.scenarios.ensemble import Ensemble, default_distribution
@@ -32,8 +34,8 @@ SENTINELS = 16
 _SMALLEST, _LARGEST = 1e-50, 1e50
 """Of a trace in kg m^2, a spin in rad/s or a torque in N m: products of squares stay finite."""
 
-FLOORS = ("bound_rad", "round_off_rad")
-"""The sketched quantities of the truth itself."""
+FLOORS = {"bound_rad": "truth_bound_rad", "round_off_rad": "round_off_rad"}
+"""The counted quantities of the truth itself, and their columns in the table of the bodies."""
 
 _FLOOR = 3.0  # multiples of the truth's error and of round-off: a smaller error is at the floor
 _RANKED = ROTATION_MEASURES[0]
@@ -166,31 +168,25 @@ class MethodStatistics:
     worst: list[WorstBody] = field(default_factory=list)
     """The worst first."""
 
-    def add(self, first: int, result: BatchResult, truth: BatchTruth, max_kept: int) -> None:
-        """Add the results of consecutive rows, of which the first has the number `first`."""
-        self.endings.update(result.endings.tolist())
-        error = result.measures[_RANKED]
+    def add(self, cases: Mapping[str, NDArray[Any]], floor_rad: Array, max_kept: int) -> None:
+        """Add n cases by their columns (n,), as stored; floor_rad (n,): the truth's error plus round-off."""
+        self.endings.update(map(str, cases["outcome"]))
+        error = cases[_RANKED]
         measured = ~np.isnan(error)
         for name, sketch in self.sketches.items():
-            sketch.add(result.measures[name][measured])
-        self.at_floor += int(
-            np.sum(error[measured] <= _FLOOR * (truth.bound_rad + truth.round_off_rad)[measured])
-        )
+            sketch.add(cases[name][measured])
+        self.at_floor += int(np.sum(error[measured] <= _FLOOR * floor_rad[measured]))
         rows = np.flatnonzero(measured)
         ranked = rows[np.argsort(-error[rows], kind="stable")[:max_kept]]
         found = (
             WorstBody(
-                first + int(k),
-                {name: float(values[k]) for name, values in result.measures.items()},
-                str(result.endings[k]),
+                int(cases["row"][k]),
+                {name: float(cases[name][k]) for name in self.sketches},
+                str(cases["outcome"][k]),
             )
             for k in ranked
         )
-        self.keep(found, max_kept)
-
-    def keep(self, bodies: Iterable[WorstBody], max_kept: int) -> None:
-        """Keep so many of the worst bodies, these included."""
-        self.worst = sorted([*self.worst, *bodies], key=lambda body: (-body.error_rad, body.row))[:max_kept]
+        self.worst = sorted([*self.worst, *found], key=lambda body: (-body.error_rad, body.row))[:max_kept]
 
     @property
     def bodies(self) -> int:

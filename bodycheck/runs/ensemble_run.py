@@ -24,7 +24,7 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.run_files.sentinels import Sentinel
 from bodycheck.reports.run_files.writer import atomic_folder, check_output
 from bodycheck.runs.ensemble_cases import BatchResult, BatchTruth, EnginePools, measured, replay_of, truth_of
-from bodycheck.runs.ensemble_files import Dataset, cases_folder, write_summaries
+from bodycheck.runs.ensemble_files import Dataset, add_stored_rows, cases_folder, write_summaries
 from bodycheck.runs.ensemble_result import EnsembleRequest, EnsembleResult, Key
 from bodycheck.runs.request import Request
 from bodycheck.runs.run_progress import ProgressFactory
@@ -64,6 +64,7 @@ def run_ensemble(request: EnsembleRequest, out: Path, make_progress: ProgressFac
         with atomic_folder(out) as folder:
             with Dataset(folder) as dataset:
                 _measure(result, free, options, dataset, make_progress)
+            add_stored_rows(result, folder, request.rows)
             write_summaries(result, folder, out)
     except KeyboardInterrupt:
         raise StoppedError(f"stopped; nothing was written to {out}") from None
@@ -177,11 +178,8 @@ def _in_order(
 def _add(result: EnsembleResult, found: _Rows, dataset: Dataset) -> None:
     seed, bodies, truth = result.request.seed, found.bodies, found.truth
     rows = np.arange(found.first, found.first + len(bodies))
-    for name, sketch in result.floors.items():
-        sketch.add(getattr(truth, name))
     dataset.add(("bodies", f"seed={seed}"), _body_columns(rows, bodies, truth))
-    for (key, statistics), one in zip(result.statistics, found.results, strict=True):
-        statistics.add(found.first, one, truth, result.request.worst)
+    for (key, _), one in zip(result.statistics, found.results, strict=True):
         columns = {"row": rows, **one.measures, "outcome": one.endings, "message": one.messages}
         dataset.add(cases_folder(key), {**_setting_columns(key, len(rows)), **columns})
 

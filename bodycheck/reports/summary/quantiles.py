@@ -1,8 +1,8 @@
-"""Quantiles of a stream of non-negative numbers, with error bars, from counts that can be merged.
+"""Quantiles of a stream of non-negative numbers, with error bars, from counts in bins.
 
 A bin is an interval of doubles that share their exponent and leading bits (Tene's HdrHistogram; Masson, Rim
 and Lee (2019), DDSketch, PVLDB 12, 2195), so that ranks are exact, values are known to 2^-11 of themselves,
-and merging is an addition: the result depends neither on the order of the numbers nor on who counted them.
+and the result does not depend on the order of the numbers.
 The sketches of t-digest and KLL keep fewer numbers, but their ranks are estimates that depend on the order or
 on random bits.
 """
@@ -45,14 +45,6 @@ class QuantileSketch:
     keys: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     counts: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
-    @classmethod
-    def of_bins(cls, low: Array, counts: NDArray[np.int64]) -> QuantileSketch:
-        """Return the sketch whose bins begin at `low` (k,), ascending, with these counts (k,)."""
-        keys = np.asarray(low, dtype=np.float64).view(np.int64) >> _SHIFT
-        if np.any(np.diff(keys) <= 0) or np.any(counts < 0):
-            raise ValueError("the bins of a sketch must ascend and have counts of 0 or more")
-        return cls(keys, np.asarray(counts, dtype=np.int64))
-
     @property
     def total(self) -> int:
         """The number of numbers."""
@@ -63,13 +55,7 @@ class QuantileSketch:
         if not np.all(values >= 0.0):
             raise ValueError(f"a sketch accepts only numbers of 0 or more, not {values[~(values >= 0.0)][0]}")
         keys = np.abs(np.asarray(values, dtype=np.float64)).view(np.int64) >> _SHIFT
-        self._count(*np.unique(keys, return_counts=True))
-
-    def merge(self, other: QuantileSketch) -> None:
-        """Add the counts of another sketch."""
-        self._count(other.keys, other.counts)
-
-    def _count(self, keys: NDArray[np.int64], counts: NDArray[np.int64]) -> None:
+        keys, counts = np.unique(keys, return_counts=True)
         both, index = np.unique(np.concatenate([self.keys, keys]), return_inverse=True)
         summed = np.zeros(len(both), dtype=np.int64)
         np.add.at(summed, index, np.concatenate([self.counts, counts]))
