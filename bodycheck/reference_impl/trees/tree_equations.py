@@ -9,7 +9,7 @@ mechanisms, ibid. 104, 205 (method 1).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from math import isqrt
@@ -91,14 +91,6 @@ def recorded_equations(
 ) -> TreeEquations:
     """Return the equations of bodies under loads that act at all times."""
     return _Recorder(bodies, loads, np.array(gravity)).recorded()
-
-
-def without_masses(bodies: tuple[TreeBody, ...]) -> tuple[TreeBody, ...]:
-    """Return the same joints between bodies without mass: only springs, dampers and loads act."""
-    return tuple(
-        replace(body, mass=0.0, inertia=np.zeros((3, 3)), joint=replace(body.joint, armature=0.0))
-        for body in bodies
-    )
 
 
 class _Body:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import accumulate, pairwise
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -172,33 +172,40 @@ class TreeScene:
         """Whether a body moves freely."""
         return any(body.joint.of_kind.translation is Translation.SPACE for body in self.bodies)
 
+    @cached_property
+    def unloaded(self) -> TreeScene:
+        """The same tree without springs, dampers and loads."""
+        return self._with_bodies(lambda body: _with_joint(body, stiffness=0.0, damping=0.0), ())
+
+    @cached_property
+    def massless(self) -> TreeScene:
+        """The same joints, springs, dampers and loads between bodies without mass."""
+        return self._with_bodies(
+            lambda body: replace(_with_joint(body, armature=0.0), mass=0.0, inertia=np.zeros((3, 3))),
+            self.loads,
+        )
+
+    def _with_bodies(self, change: Callable[[TreeBody], TreeBody], loads: tuple[TreeLoad, ...]) -> TreeScene:
+        return replace(self, bodies=tuple(map(change, self.bodies)), loads=loads)
+
     def in_time_unit(self, exponent: int) -> TreeScene:
         """Return the scene in a unit of time of 2^exponent s, unrounded."""
         unit = 2.0**exponent
-        bodies = (
-            replace(
+        faster = self._with_bodies(
+            lambda body: _with_joint(
                 body,
-                joint=replace(
-                    body.joint,
-                    rate=body.joint.rates * unit,
-                    stiffness=body.joint.stiffness * unit**2,
-                    damping=body.joint.damping * unit,
-                ),
-            )
-            for body in self.bodies
+                rate=body.joint.rates * unit,
+                stiffness=body.joint.stiffness * unit**2,
+                damping=body.joint.damping * unit,
+            ),
+            tuple(_in_time_unit(load, exponent) for load in self.loads),
         )
-        return replace(
-            self,
-            bodies=tuple(bodies),
-            loads=tuple(_in_time_unit(load, exponent) for load in self.loads),
-            gravity=self.gravity * unit**2,
-            duration_s=self.duration_s / unit,
-        )
+        return replace(faster, gravity=self.gravity * unit**2, duration_s=self.duration_s / unit)
 
     def with_state(self, q: Array, u: Array) -> TreeScene:
         """Return the scene that starts at the coordinates q and the rates u."""
         bodies = (
-            replace(body, joint=replace(body.joint, start=q[coordinates].copy(), rate=u[rates].copy()))
+            _with_joint(body, start=q[coordinates].copy(), rate=u[rates].copy())
             for body, coordinates, rates in zip(
                 self.bodies, self.coordinate_slices, self.rate_slices, strict=True
             )
@@ -212,6 +219,10 @@ def interval(load: TreeLoad) -> tuple[float, float]:
         return -math.inf, math.inf
     switched = load.load if isinstance(load, BodyLoad) else load
     return switched.from_s, switched.until_s
+
+
+def _with_joint(body: TreeBody, **changes: Any) -> TreeBody:
+    return replace(body, joint=replace(body.joint, **changes))
 
 
 def _in_time_unit(load: TreeLoad, exponent: int) -> TreeLoad:
