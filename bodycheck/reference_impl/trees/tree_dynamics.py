@@ -27,16 +27,10 @@ from bodycheck.reference_impl.trees.tree_equations import (
     VELOCITY,
     tree_equations,
 )
-from bodycheck.reference_impl.trees.tree_motion import joint_rows
+from bodycheck.reference_impl.trees.tree_motion import kernel_numbers, workspace
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
-from bodycheck.reference_impl.trees.tree_series import (
-    evaluate,
-    factor,
-    put_gains,
-    put_mass_matrix,
-    put_state,
-    solve,
-)
+from bodycheck.reference_impl.trees.tree_series import evaluate, factor, put_state, solve
+from bodycheck.reference_impl.trees.tree_steps import put_mass
 
 Paired: TypeAlias = Array | tuple[Array, Array]
 """Doubles, or the high and low parts of double-doubles."""
@@ -141,12 +135,10 @@ class _State:
 
     def __init__(self, scene: TreeScene, q: Numbers, u: Numbers, t_s: float) -> None:
         self.scene, self.equations = scene, tree_equations(scene, t_s)
-        rows, unknowns = len(self.equations.rows.rows), len(self.equations.unknowns)
-        self.series = np.zeros((rows, 2)), np.zeros((rows, 2))
-        joints = joint_rows(scene, self.equations)
-        put_state(joints, self.equations.sines, self.equations.sine_rows, q, u, t_s, self.series)
+        self.tree, self.space = kernel_numbers(scene, self.equations), workspace(self.equations, 2)
+        self.series = self.space.series
+        put_state(self.tree.joints, self.tree.sines, self.tree.sine_rows, q, u, t_s, self.series)
         self._evaluate(0, self.equations.main, -1)
-        self.mass = np.zeros((unknowns, unknowns)), np.zeros((unknowns, unknowns))
         self._turns = {
             rates.start: rotation_of([self._exact(first + i) for i in range(3, 7)])
             for body, rates, first in zip(
@@ -188,22 +180,9 @@ class _State:
 
     def mass_matrix(self) -> tuple[Array, Array]:
         """Return M (rates, rates) of the unknowns."""
-        equations, response = self.equations, self.equations.response
-        gains, change = _zeros(len(response.sources)), _zeros(len(equations.rows.rows))
-        put_gains(response.others, response.constants, self.series, gains)
-        put_mass_matrix(
-            response.rows,
-            response.ends,
-            response.sources,
-            response.columns,
-            response.column_ends,
-            equations.unknowns,
-            equations.results,
-            gains,
-            change,
-            self.mass,
-        )
-        return self.mass
+        put_mass(self.tree, self.space)
+        high, low = self.space.mass
+        return high, low
 
     def matrix_in_world_axes(self, mass: tuple[Array, Array]) -> Vector:
         """Return M of the rates, row by row."""

@@ -28,7 +28,16 @@ from bodycheck.reference_impl.trees.tree_equations import (
 )
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reference_impl.trees.tree_series import Integers, evaluate, put_state
-from bodycheck.reference_impl.trees.tree_steps import DERIVED, PLACE, SPEED, SPIN, TURNED, integrate_tree
+from bodycheck.reference_impl.trees.tree_steps import (
+    DERIVED,
+    PLACE,
+    SPEED,
+    SPIN,
+    TURNED,
+    TreeNumbers,
+    Workspace,
+    integrate_tree,
+)
 
 _STEPS_PER_CALL = 2_000  # after which compiled code returns, so that Ctrl-C is handled
 _MOST_STEPS = 1e6
@@ -74,11 +83,7 @@ def tree_motion(scene: TreeScene, t_s: Array, q: Numbers, u: Numbers) -> TreeMot
     series = (np.zeros((len(rows.rows), 1)), np.zeros((len(rows.rows), 1)))
     found = np.empty((count, len(wanted)))
     _put_outputs(
-        joint_rows(scene, equations),
-        rows.rows,
-        rows.terms,
-        rows.constants,
-        equations.main,
+        kernel_numbers(scene, equations),
         wanted,
         (q_high, q_low),
         (u_high, u_low),
@@ -102,25 +107,46 @@ def tree_motion(scene: TreeScene, t_s: Array, q: Numbers, u: Numbers) -> TreeMot
     )
 
 
-def joint_rows(scene: TreeScene, equations: TreeEquations) -> Integers:
-    """Return what `put_state` needs of each joint (n, 3): coordinates of translation, rotation, first row."""
+def kernel_numbers(scene: TreeScene, equations: TreeEquations) -> TreeNumbers:
+    """Return the equations as the kernels take them, in double-doubles."""
+    rows, response = equations.rows, equations.response
     kinds = [body.joint.of_kind for body in scene.bodies]
-    return np.array(
-        [
-            ((0, 1, 3)[kind.translation], int(kind.rotation), row)
-            for kind, row in zip(kinds, equations.joints, strict=True)
-        ],
-        dtype=np.int64,
+    joints = [
+        ((0, 1, 3)[kind.translation], int(kind.rotation), row)
+        for kind, row in zip(kinds, equations.joints, strict=True)
+    ]
+    return TreeNumbers(
+        rows.rows,
+        rows.terms,
+        rows.constants,
+        response.rows,
+        response.ends,
+        response.sources,
+        response.others,
+        response.constants,
+        response.columns,
+        response.column_ends,
+        response.kept,
+        equations.unknowns,
+        equations.ahead,
+        equations.results,
+        np.array([equations.main, equations.end]),
+        np.array(joints, dtype=np.int64),
+        equations.sines,
+        equations.sine_rows,
     )
+
+
+def workspace(equations: TreeEquations, orders: int) -> Workspace:
+    """Return zeros for the kernels, in double-doubles; orders: the number of terms of the series."""
+    rows, rates = len(equations.rows.rows), len(equations.unknowns)
+    shapes = (rates, rates), (len(equations.response.sources), 1), (rows, 1), (rates, 1), (rows, orders)
+    return Workspace(*((np.zeros(shape), np.zeros(shape)) for shape in shapes))
 
 
 @kernel
 def _put_outputs(
-    joints: Integers,
-    rows: Integers,
-    terms: Integers,
-    constants: Numbers,
-    main: int,
+    tree: TreeNumbers,
     wanted: Integers,
     q: tuple[Array, Array],
     u: tuple[Array, Array],
@@ -129,6 +155,7 @@ def _put_outputs(
 ) -> None:
     """Set found (n, m) to the high parts of the wanted rows at each state q (n, nq), u (n, nu)."""
     none, no_rows = np.zeros((0, 2)), np.zeros(0, np.int64)
+    rows, main = tree.rows, tree.segments[0]
     coordinates, count = q[0].shape[1], u[0].shape[1]
     place = np.zeros((coordinates, 1)), np.zeros((coordinates, 1))
     rates = np.zeros((count, 1)), np.zeros((count, 1))
@@ -137,9 +164,9 @@ def _put_outputs(
             put(place, i, 0, (q[0][sample, i], q[1][sample, i]))
         for i in range(count):
             put(rates, i, 0, (u[0][sample, i], u[1][sample, i]))
-        put_state(joints, none, no_rows, place, rates, 0.0, series)
-        evaluate(rows, terms, constants, series, 0, main, -1, False)
-        evaluate(rows, terms, constants, series, main, len(rows), 0, False)
+        put_state(tree.joints, none, no_rows, place, rates, 0.0, series)
+        evaluate(rows, tree.terms, tree.constants, series, 0, main, -1, False)
+        evaluate(rows, tree.terms, tree.constants, series, main, len(rows), 0, False)
         for i in range(len(wanted)):
             found[sample, i] = series[0][wanted[i], 0]
 
@@ -238,7 +265,14 @@ def _packed(
     rows = len(equations.rows.rows)
     series = np.zeros((rows, 1)), np.zeros((rows, 1))
     columns = [tuple(np.ascontiguousarray(half[:, None]) for half in pair) for pair in (q, u)]
-    put_state(joint_rows(scene, equations), np.zeros((0, 2)), np.zeros(0, np.int64), *columns, 0.0, series)
+    put_state(
+        kernel_numbers(scene, equations).joints,
+        np.zeros((0, 2)),
+        np.zeros(0, np.int64),
+        *columns,
+        0.0,
+        series,
+    )
     return series[0][layout.rows], series[1][layout.rows]
 
 
@@ -253,53 +287,27 @@ def _advance(
     out: tuple[Array, Array],
 ) -> tuple[int, float]:
     """Make the steps of one interval; return their number and the largest M_ii / d_i."""
-    paired = bool(accuracy.paired_orders)
-    rows, response = equations.rows, equations.response
-    rates = len(equations.unknowns)
-
-    def space(*shape: int) -> Numbers:
-        return (np.zeros(shape), np.zeros(shape)) if paired else np.zeros(shape)
-
-    def rounded(numbers: Numbers) -> Numbers:
-        return numbers if paired else high_part(numbers)
-
-    numbers = (
-        rows.rows,
-        rows.terms,
-        rounded(rows.constants),
-        response.rows,
-        response.ends,
-        response.sources,
-        response.others,
-        rounded(response.constants),
-        response.columns,
-        response.column_ends,
-        response.kept,
-        equations.unknowns,
-        equations.ahead,
-        equations.results,
-        np.array([equations.main, equations.end]),
-        equations.sines,
-        equations.sine_rows,
-        layout.rows,
-        layout.classes,
-        layout.norms,
-        length_of(scene),
-        space(rates, rates),
-        space(len(response.sources), 1),
-        space(len(rows.rows), 1),
-        space(rates, 1),
-        space(len(rows.rows), accuracy.order + 1),
-    )
+    tree, space = kernel_numbers(scene, equations), workspace(equations, accuracy.order + 1)
+    rounded, high = TreeNumbers(*map(high_part, tree)), Workspace(*map(high_part, space))
+    if not accuracy.paired_orders:
+        tree, space = rounded, high
     (t, end), due, steps, ratio = span, 0, 0, 1.0
     while True:
         before = t
         made, t, worst = integrate_tree(
-            *numbers,
+            tree,
+            rounded,
+            space,
+            high,
+            layout.rows,
+            layout.classes,
+            layout.norms,
+            length_of(scene),
             state,
             times[due:],
             t,
             end,
+            accuracy.order,
             accuracy.tolerance,
             accuracy.paired_orders,
             _STEPS_PER_CALL,

@@ -8,6 +8,7 @@ step. Source: Jorba and Zou (2005), Experimental Mathematics 14, 99.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.kernels import double_double as dd
@@ -16,7 +17,6 @@ from bodycheck.reference_impl.kernels.generic_precision import (
     as_pair,
     by_double,
     exactly,
-    high_part,
     is_paired,
     like,
     nothing,
@@ -43,37 +43,91 @@ TURNED, PLACE, SPIN, SPEED, DERIVED = 0, 1, 2, 3, 4
 rate that the step need not watch."""
 
 
+class TreeNumbers(NamedTuple):
+    """The equations of a tree for the kernels: the arrays of `TreeEquations`, `Rows` and `Response`.
+
+    joints: as for `put_state`. segments: the first rows of the forms and of the outputs.
+    """
+
+    rows: Integers
+    terms: Integers
+    constants: Numbers
+    responding: Integers
+    ends: Integers
+    sources: Integers
+    others: Integers
+    shares: Numbers
+    columns: Integers
+    column_ends: Integers
+    kept: Integers
+    unknowns: Integers
+    ahead: Integers
+    results: Integers
+    segments: Integers
+    joints: Integers
+    sines: Array
+    sine_rows: Integers
+
+
+class Workspace(NamedTuple):
+    """mass (nu, nu), gains (terms of the response, 1), change (rows, 1), x (nu, 1), series (rows, orders)."""
+
+    mass: Numbers
+    gains: Numbers
+    change: Numbers
+    x: Numbers
+    series: Numbers
+
+
 @unspecialised_borrowing_kernel
-def expand(
-    rows: Integers,
-    terms: Integers,
-    constants: Numbers,
-    responding: Integers,
-    ends: Integers,
-    sources: Integers,
-    kept: Integers,
-    unknowns: Integers,
-    ahead: Integers,
-    results: Integers,
-    segments: Integers,
-    mass: Numbers,
-    gains: Numbers,
-    change: Numbers,
-    x: Numbers,
-    series: Numbers,
-    first: int,
-    last: int,
-) -> None:
-    """Fill the orders from first to last of all rows, first + 1 to last of the state; mass: its factors."""
+def put_mass(tree: TreeNumbers, space: Workspace) -> None:
+    """Set the rows ahead, the gains and the mass matrix at the constant terms."""
+    evaluate(tree.rows, tree.terms, tree.constants, space.series, 0, tree.segments[0], -1, False)
+    put_gains(tree.others, tree.shares, space.series, space.gains)
+    for i in range(len(tree.rows)):
+        put(space.change, i, 0, nothing(space.change))
+    put_mass_matrix(
+        tree.responding,
+        tree.ends,
+        tree.sources,
+        tree.columns,
+        tree.column_ends,
+        tree.unknowns,
+        tree.results,
+        space.gains,
+        space.change,
+        space.mass,
+    )
+
+
+@unspecialised_borrowing_kernel
+def expand(tree: TreeNumbers, space: Workspace, first: int, last: int) -> None:
+    """Fill the orders from first to last of all rows, first + 1 to last of the state; M is factored."""
+    rows, terms, constants, series, x = tree.rows, tree.terms, tree.constants, space.series, space.x
+    unknowns, ahead, results = tree.unknowns, tree.ahead, tree.results
+    main, end = tree.segments
     for k in range(first, last):
         for j in range(len(unknowns)):
             put(series, unknowns[j], k + ahead[j], nothing(series))
-        evaluate(rows, terms, constants, series, 0, segments[1], k, False)
+        evaluate(rows, terms, constants, series, 0, end, k, False)
         for j in range(len(results)):
             put(x, j, 0, by_double(term(series, results[j], k), -1.0))
-        solve(mass, x, len(results))
-        correct(rows, responding, ends, sources, kept, unknowns, ahead, gains, change, x, series, k)
-        evaluate(rows, terms, constants, series, 0, segments[0], k, True)
+        solve(space.mass, x, len(results))
+        correct(
+            rows,
+            tree.responding,
+            tree.ends,
+            tree.sources,
+            tree.kept,
+            unknowns,
+            ahead,
+            space.gains,
+            space.change,
+            x,
+            series,
+            k,
+        )
+        evaluate(rows, terms, constants, series, 0, main, k, True)
 
 
 @unspecialised_borrowing_kernel
@@ -111,36 +165,19 @@ def _step_size(
 
 @long_kernel
 def integrate_tree(
-    rows: Integers,
-    terms: Integers,
-    constants: Numbers,
-    responding: Integers,
-    ends: Integers,
-    sources: Integers,
-    others: Integers,
-    response_constants: Numbers,
-    columns: Integers,
-    column_ends: Integers,
-    kept: Integers,
-    unknowns: Integers,
-    ahead: Integers,
-    results: Integers,
-    segments: Integers,
-    sines: Array,
-    sine_rows: Integers,
+    tree: TreeNumbers,
+    rounded: TreeNumbers,
+    space: Workspace,
+    high: Workspace,
     state_rows: Integers,
     classes: Integers,
     norms: Integers,
     length: float,
-    mass: Numbers,
-    gains: Numbers,
-    change: Numbers,
-    x: Numbers,
-    series: Numbers,
     state: tuple[Array, Array],
     times: Array,
     begin: float,
     end: float,
+    order: int,
     tolerance: float,
     paired_orders: int,
     max_steps: int,
@@ -150,10 +187,9 @@ def integrate_tree(
 
     Returns the number of steps, the last time and the largest M_ii / d_i. After max_steps it returns early;
     the next call, from the returned time, continues bit for bit. out is NaN from where the integration fails.
-    norms (m, 2): first component and number of those of norm 1.
+    norms (m, 2): first component and number of those of norm 1. rounded, high: tree and space in doubles.
     """
-    high = high_part(series)
-    order = high.shape[1] - 1
+    series, sines = space.series, tree.sines
     full = min(paired_orders, order) if is_paired(series) else order
     t, due, steps, ratio = begin, 0, 0, 1.0
     while due < len(times) and times[due] <= begin:
@@ -166,59 +202,15 @@ def integrate_tree(
             put(series, state_rows[i], 0, like(nothing(series), (state[0][i, 0], state[1][i, 0])))
         for j in range(len(sines)):
             sine, cosine = sine_and_cosine(phase(exactly(series, sines[j, 0]), t, sines[j, 1]))
-            put(series, sine_rows[j], 0, sine)
-            put(series, sine_rows[j] + 1, 0, cosine)
-        evaluate(rows, terms, constants, series, 0, segments[0], -1, False)
-        put_gains(others, response_constants, series, gains)
-        for i in range(len(rows)):
-            put(change, i, 0, nothing(change))
-        put_mass_matrix(
-            responding, ends, sources, columns, column_ends, unknowns, results, gains, change, mass
-        )
-        ratio = max(ratio, factor(mass, len(results)))
-        expand(
-            rows,
-            terms,
-            constants,
-            responding,
-            ends,
-            sources,
-            kept,
-            unknowns,
-            ahead,
-            results,
-            segments,
-            mass,
-            gains,
-            change,
-            x,
-            series,
-            0,
-            full,
-        )
-        expand(
-            rows,
-            terms,
-            high_part(constants),
-            responding,
-            ends,
-            sources,
-            kept,
-            unknowns,
-            ahead,
-            results,
-            segments,
-            high_part(mass),
-            high_part(gains),
-            high_part(change),
-            high_part(x),
-            high,
-            full,
-            order,
-        )
-        step = _step_size(high, state_rows, classes, length, order, tolerance)
+            put(series, tree.sine_rows[j], 0, sine)
+            put(series, tree.sine_rows[j] + 1, 0, cosine)
+        put_mass(tree, space)
+        ratio = max(ratio, factor(space.mass, len(tree.results)))
+        expand(tree, space, 0, full)
+        expand(rounded, high, full, order)
+        step = _step_size(high.series, state_rows, classes, length, order, tolerance)
         if tolerance * SMALLER < EPS:
-            step = min(step, _step_size(high, state_rows, classes, length, full, tolerance * SMALLER))
+            step = min(step, _step_size(high.series, state_rows, classes, length, full, tolerance * SMALLER))
         after = next_time(t, step, end)
         if not (after > t and ratio < math.inf):
             for i in range(len(state_rows)):
