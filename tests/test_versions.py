@@ -200,7 +200,8 @@ def reported(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Return a list that receives the name of each release run; ERRORS replaces uv and the engine."""
     method = Method("m", "", 1, 1, "every stage", "", "")
 
-    def run(_asked: object, release: str, *_: object) -> version_search._Release:
+    def run(_asked: object, name: str, *_: object) -> version_search._Release:
+        release = name.removeprefix("toy==")
         case = {"scenario": "intermediate-axis", "engine": "toy", "method": "m", "dt_s": STEPS[-1]}
         tables = make_tables([{**case, "orientation_error_rad": ERRORS[release]}], scenarios={})
         return version_search._Release(Engine("toy", release, {"m": method}), {"m": method}, tables)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import count, names, number, suggestion
@@ -74,6 +74,57 @@ class _Release:
     tables: Tables | None
 
 
+_Run = TypeVar("_Run")
+
+
+@dataclass(frozen=True, eq=False)
+class _Releases(Generic[_Run]):
+    """The releases of an engine, each of which is run when it is first needed.
+
+    run_one: name -> what running it gives, or why it cannot be run. announce: called before, with the name.
+    """
+
+    engine: str
+    versions: tuple[str, ...]
+    run_one: Callable[[str], _Run | str]
+    announce: Callable[[str], None]
+    every: bool
+    runs: dict[str, _Run | str] = field(default_factory=dict)
+
+    def run(self, version: str) -> _Run | str:
+        """Return what running a release gave, or why it cannot be run."""
+        if version not in self.runs:
+            name = Pin(self.engine, version).name
+            self.announce(name)
+            self.runs[version] = self.run_one(name)
+        return self.runs[version]
+
+    def track(
+        self,
+        name: str,
+        finding: Callable[[_Run], ReleaseFinding],
+        differ: Callable[[ReleaseFinding, ReleaseFinding], bool],
+    ) -> Track:
+        """Find where a finding changes: in every release, or by bisection."""
+        findings: dict[str, ReleaseFinding] = {}
+
+        def found(version: str) -> ReleaseFinding | None:
+            if isinstance(release := self.run(version), str):
+                return None
+            findings[version] = finding(release)
+            return findings[version]
+
+        return Track(name, findings, (every_change if self.every else changes)(self.versions, found, differ))
+
+    def found(self, subject: str, measure: str, tracks: Iterable[Track]) -> Found:
+        """Return the result of a search; raises InputError if no release can be run."""
+        tracks = tuple(tracks)
+        failed = {version: why for version, why in self.runs.items() if isinstance(why, str)}
+        if len(failed) == len(self.runs):
+            raise InputError("\n".join(failed.values()))
+        return Found(self.engine, subject, measure, self.versions, tracks, failed, self.every)
+
+
 def search(
     request: ReleaseSearch,
     options: Request,
@@ -88,34 +139,25 @@ def search(
     """
     comparable(request.measure)
     scenario_spec, scenario = _one_scenario(request)
+
+    def run_one(name: str) -> _Release | str:
+        return _run(request, name, (scenario_spec, scenario), options, progress_for(name))
+
     versions = releases(request.engine, request.since, request.until)
-    runs: dict[str, _Release | str] = {}
-
-    def run(version: str) -> _Release | str:
-        if version not in runs:
-            announce(Pin(request.engine, version).name)
-            make_progress = progress_for(Pin(request.engine, version).name)
-            runs[version] = _run(request, version, (scenario_spec, scenario), options, make_progress)
-        return runs[version]
-
+    found = _Releases(request.engine, versions, run_one, announce, request.every)
     ends = [
-        next((found for version in order if isinstance(found := run(version), _Release)), None)
+        next((one for version in order if isinstance(one := found.run(version), _Release)), None)
         for order in (versions, versions[::-1])
     ]
     methods = {name: method for end in ends if end is not None for name, method in end.methods.items()}
-    if not methods:
-        raise InputError(_failure_text(request, runs))
-    found_by = every_change if request.every else changes
-    tracks = []
-    for name, method in methods.items():
+    if not methods and any(ends):
+        raise InputError(_no_method(request, found.runs))
+
+    def track(method: Method) -> Track:
         one = _measure_of(request, scenario, method)
-        findings: dict[str, ReleaseFinding] = {}
-        changed = found_by(versions, partial(_finding, run, one, findings), one.differ)
-        tracks.append(Track(name, findings, changed))
-    failed = {version: why for version, why in runs.items() if isinstance(why, str)}
-    return Found(
-        request.engine, scenario.name, request.measure, versions, tuple(tracks), failed, request.every
-    )
+        return found.track(method.name, partial(_finding, one), one.differ)
+
+    return found.found(scenario.name, request.measure, map(track, methods.values()))
 
 
 def _one_scenario(request: ReleaseSearch) -> tuple[str, Scenario]:
@@ -135,29 +177,21 @@ def _measure_of(request: ReleaseSearch, scenario: Scenario, method: Method) -> O
     return OneMeasure(*key, request.measure, method.control, fineness, request.thresholds)
 
 
-def _finding(
-    run: Callable[[str], _Release | str], one: OneMeasure, findings: dict[str, ReleaseFinding], version: str
-) -> ReleaseFinding | None:
-    """Return and store the value of a measure in a release; None if the release cannot be run."""
-    release = run(version)
-    if isinstance(release, str):
-        return None
+def _finding(one: OneMeasure, release: _Release) -> ReleaseFinding:
+    """Return the value of a measure in a release."""
     if release.tables is None or one.method not in release.methods:
-        findings[version] = ReleaseFinding(_NO_METHOD, "")
-    else:
-        findings[version] = one.finding(release.tables)
-    return findings[version]
+        return ReleaseFinding(_NO_METHOD, "")
+    return one.finding(release.tables)
 
 
 def _run(
     request: ReleaseSearch,
-    version: str,
+    name: str,
     scenario: tuple[str, Scenario],
     options: Request,
     make_progress: ProgressFactory,
 ) -> _Release | str:
     """Run one release, or return why it cannot be run."""
-    name = Pin(request.engine, version).name
     engine = announced([name])[name]
     if isinstance(engine, str):
         return engine
@@ -180,11 +214,9 @@ def _run(
     return _Release(engine, methods, renamed(measured, {name: request.engine}))
 
 
-def _failure_text(request: ReleaseSearch, runs: Mapping[str, _Release | str]) -> str:
-    """Return why nothing was found: every release failed, or no release has the method."""
+def _no_method(request: ReleaseSearch, runs: Mapping[str, _Release | str]) -> str:
+    """Return that no release has the method, and which is meant."""
     engines = [release.engine for release in runs.values() if isinstance(release, _Release)]
-    if not engines:
-        return "\n".join(str(why) for why in runs.values())
     has = dict.fromkeys(name for engine in engines for name in engine.methods)
     instead = suggestion(str(request.method), has)
     return f"--method {request.method}: {request.engine} has no such method{instead}"
@@ -210,27 +242,12 @@ def audit_versions(
     if reads is None or model.format not in reads.FLAGS:
         raise InputError(f"--audit {file}: {engine} does not import {model.format.upper()}")
     versions = releases(engine, since, until)
-    audits: dict[str, Audit | str] = {}
-
-    def audited(version: str) -> Audit | str:
-        if version not in audits:
-            name = Pin(engine, version).name
-            announce(name)
-            audits[version] = _audit_release(name, model, timeout_s)
-        return audits[version]
-
-    tracks = []
-    for flags in reads.FLAGS[model.format]:
-        findings: dict[str, ReleaseFinding] = {}
-        search = every_change if every else changes
-        found = search(
-            versions, partial(_audit_finding, audited, flags, findings), lambda a, b: a.value != b.value
-        )
-        tracks.append(Track(flags, findings, found))
-    failed = {version: why for version, why in audits.items() if isinstance(why, str)}
-    if len(failed) == len(audits):
-        raise InputError("\n".join(failed.values()))
-    return Found(engine, file.name, "audit", tuple(versions), tuple(tracks), failed, every)
+    found = _Releases(engine, versions, lambda name: _audit_release(name, model, timeout_s), announce, every)
+    tracks = (
+        found.track(flags, partial(_audit_finding, flags), lambda a, b: a.value != b.value)
+        for flags in reads.FLAGS[model.format]
+    )
+    return found.found(file.name, "audit", tracks)
 
 
 def _audit_release(name: str, model: ModelFile, timeout_s: float) -> Audit | str:
@@ -243,23 +260,13 @@ def _audit_release(name: str, model: ModelFile, timeout_s: float) -> Audit | str
         return imported_audit(pool, model, [name], AuditOptions(spins=False, timeout_s=timeout_s))
 
 
-def _audit_finding(
-    audited: Callable[[str], Audit | str], flags: str, findings: dict[str, ReleaseFinding], version: str
-) -> ReleaseFinding | None:
-    found = audited(version)
-    if isinstance(found, str):
-        return None
-    findings[version] = ReleaseFinding(_audit_summary(found, flags), "")
-    return findings[version]
-
-
-def _audit_summary(audit: Audit, flags: str) -> str:
+def _audit_finding(flags: str, audit: Audit) -> ReleaseFinding:
     """Return the audit of one importer in one line: states of links, largest difference, causes, joints."""
     from bodycheck.reports.audit.audit_summary import joint_groups
 
     (column,) = (one for one in audit.columns if one.flags == flags)
     if column.outcome != "ok":
-        return column.outcome
+        return ReleaseFinding(column.outcome, "")
     comparisons = [link.held[column.name] for link in audit.links]
     states = Counter(one.state for one in comparisons)
     states_text = names([f"{amount} {state}" for state, amount in sorted(states.items())])
@@ -268,4 +275,5 @@ def _audit_summary(audit: Audit, flags: str) -> str:
     causes = dict.fromkeys(cause for one in differing for cause in one.causes)
     text = states_text if not causes else f"{states_text}, by up to {number(largest, 2)}: {'; '.join(causes)}"
     joints = [group for group in joint_groups(audit) if group.importer == column.name]
-    return "; ".join([text, *(f"{group.kind} in {count(len(group.joints), 'joint')}" for group in joints)])
+    of_joints = (f"{group.kind} in {count(len(group.joints), 'joint')}" for group in joints)
+    return ReleaseFinding("; ".join([text, *of_joints]), "")
