@@ -10,8 +10,9 @@ from bodycheck.reference_impl.one_step_maps.first_order import first_order_maps
 from bodycheck.reference_impl.one_step_maps.lie_group import lie_group_maps
 from bodycheck.reference_impl.one_step_maps.one_step_map import OneStepMap
 from bodycheck.reference_impl.one_step_maps.runge_kutta_maps import exact_flow, runge_kutta_maps
+from bodycheck.reference_impl.one_step_maps.tree_maps import TREE_MAPS, TreeMap
 
-__all__ = ["EXACT", "MAPS", "OneStepMap"]
+__all__ = ["EXACT", "MAPS", "TREE_MAPS", "OneStepMap", "TreeMap"]
 
 EXACT = OneStepMap(
     "exact flow", "the exact motion, to round-off", "", 99, exact_flow, reversible=True, stages=True

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -135,6 +136,17 @@ def kernel_numbers(scene: TreeScene, equations: TreeEquations) -> TreeNumbers:
         equations.sines,
         equations.sine_rows,
     )
+
+
+def rounded(record: TreeNumbers | Workspace) -> Any:
+    """Return a record of the kernels in doubles."""
+    return type(record)(*map(high_part, record))
+
+
+def rate_rows(scene: TreeScene, equations: TreeEquations) -> Integers:
+    """Return the rows of all rates (nu,)."""
+    layout = _State(scene, equations)
+    return layout.rows[layout.u]
 
 
 def workspace(equations: TreeEquations, orders: int) -> Workspace:
@@ -288,15 +300,15 @@ def _advance(
 ) -> tuple[int, float]:
     """Make the steps of one interval; return their number and the largest M_ii / d_i."""
     tree, space = kernel_numbers(scene, equations), workspace(equations, accuracy.order + 1)
-    rounded, high = TreeNumbers(*map(high_part, tree)), Workspace(*map(high_part, space))
+    doubles, high = rounded(tree), rounded(space)
     if not accuracy.paired_orders:
-        tree, space = rounded, high
+        tree, space = doubles, high
     (t, end), due, steps, ratio = span, 0, 0, 1.0
     while True:
         before = t
         made, t, worst = integrate_tree(
             tree,
-            rounded,
+            doubles,
             space,
             high,
             layout.rows,
