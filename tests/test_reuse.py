@@ -14,7 +14,7 @@ from bodycheck.adapters import registry
 from bodycheck.cli import commands
 from bodycheck.pytest_plugin import fixtures
 from bodycheck.reports.comparison.compare import compare
-from bodycheck.reports.comparison.describe import comparison_document
+from bodycheck.reports.comparison.comparison_document import comparison_document
 from bodycheck.reports.document import print_document
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import Run

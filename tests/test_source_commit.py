@@ -11,7 +11,7 @@ import pytest
 from bodycheck._util.errors import InputError
 from bodycheck._util.source_commit import COMMIT_VARIABLES, commit_range, comparison_url, source_commit
 from bodycheck.reports.comparison.compare import compare
-from bodycheck.reports.comparison.describe import alerts_of, comparison_data, sentences
+from bodycheck.reports.comparison.comparison_document import alerts_of, comparison_data, sentences
 from bodycheck.reports.run_files.run_tables import Tables
 from bodycheck.runs.request import Request
 from tests.helpers.expected_messages import ExpectedMessage

@@ -79,7 +79,7 @@ TESTS: dict[str, tuple[str, ...]] = {
         f"reports/comparison/{name}.py": ("comparison/test_change.py", "comparison/test_headlines.py")
         for name in ("change", "compare", "environment_diff", "headlines")
     },
-    "reports/comparison/describe.py": tuple(
+    "reports/comparison/comparison_document.py": tuple(
         f"comparison/test_{name}.py" for name in ("change", "headlines", "measure_track", "overlays")
     ),
     "reports/history/levels.py": ("history/test_regression.py",),
@@ -222,12 +222,12 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "slopes[-1] > _FLAT -> slopes[-1] >= _FLAT",
     ): "a slope between logarithms is never the very double of an edge",
     (
-        "reports/comparison/describe.py",
+        "reports/comparison/comparison_document.py",
         'size = one.size if one.kind == "accuracy" else 0.0',
         "0.0 -> 1.0",
     ): "only sizes of one kind are compared",
     (
-        "reports/comparison/describe.py",
+        "reports/comparison/comparison_document.py",
         'word = "slow" if change.decades > 0.0 else "fast"',
         "change.decades > 0.0 -> change.decades >= 0.0",
     ): "a speed that is the same is no change",

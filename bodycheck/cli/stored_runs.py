@@ -105,7 +105,7 @@ def compare(
     new or missing. With --fail-on worse or moved, the exit status is also 1 if no case is in both runs.
     """
     from bodycheck.reports.comparison.compare import compare as compared
-    from bodycheck.reports.comparison.describe import (
+    from bodycheck.reports.comparison.comparison_document import (
         alerts_of,
         comparison_data,
         comparison_document,

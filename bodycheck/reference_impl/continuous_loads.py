@@ -11,7 +11,7 @@ eleven numbers, its kind and its constants. The rows follow one another in one a
 
 All other loads share one last row of any length:
 
-    recorded loads     5, the operations of tape.py that sum them, five numbers each
+    recorded loads     5, the operations of recorded_formula.py that sum them, five numbers each
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from bodycheck.reference_impl.kernels.small_vectors import (
     vector_at,
 )
 from bodycheck.reference_impl.loads.load import ContinuousLoad, checked_continuous, total_wrench
-from bodycheck.reference_impl.loads.tape import (
+from bodycheck.reference_impl.loads.recorded_formula import (
     CONSTANT,
     COSINE,
     DIFFERENCE,

@@ -32,7 +32,7 @@ from bodycheck.runs.audit_joints import HeldJoints, audited_joints
 from bodycheck.runs.audit_matrix import compared_matrices, matrices_of_file
 from bodycheck.runs.audit_run import Imported, compared, link_audit
 from bodycheck.scenarios.model_files import read_model
-from bodycheck.scenarios.model_files.exact import Frame, doubles
+from bodycheck.scenarios.model_files.exact_arithmetic import Frame, doubles
 from bodycheck.scenarios.model_files.model_file import Format, ModelFile, ModelLink
 
 _FRAME = 1e-6

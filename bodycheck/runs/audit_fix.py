@@ -12,7 +12,7 @@ from bodycheck._util.files import write_file
 from bodycheck._util.formatting import names
 from bodycheck.reports.audit.audit import Audit, LintFinding
 from bodycheck.scenarios.model_files import read_model
-from bodycheck.scenarios.model_files.exact import doubles
+from bodycheck.scenarios.model_files.exact_arithmetic import doubles
 from bodycheck.scenarios.model_files.urdf_text import Inertial, with_inertials
 from bodycheck.scenarios.model_files.xml_file import read_bytes
 

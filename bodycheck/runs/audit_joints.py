@@ -13,7 +13,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.audit.audit import JointAudit, JointComparison
 from bodycheck.reports.audit.causes import with_issue
 from bodycheck.reports.audit.joint_causes import JointFacts, Placement, joint_causes, not_held
-from bodycheck.scenarios.model_files.exact import Frame, doubles
+from bodycheck.scenarios.model_files.exact_arithmetic import Frame, doubles
 from bodycheck.scenarios.model_files.joint import StatedJoint
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink
 

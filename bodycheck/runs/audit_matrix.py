@@ -17,7 +17,7 @@ from bodycheck.reference_impl.rotations import exp_quaternion
 from bodycheck.reference_impl.trees.tree_dynamics import tree_dynamics
 from bodycheck.reports.audit.audit import FOLLOWS, SINGLE, MatrixComparison
 from bodycheck.runs.audit_joints import HeldJoints, matched_joints
-from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, exact, mp
+from bodycheck.scenarios.model_files.exact_arithmetic import ExactInertia, Frame, exact, mp
 from bodycheck.scenarios.model_files.joint import StatedJoint
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, StatedInertia
 from bodycheck.scenarios.model_files.model_tree import ModelTree, model_trees

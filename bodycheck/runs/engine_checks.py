@@ -17,7 +17,7 @@ from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reports.cache.answers import Answers, EngineClient
 from bodycheck.reports.document import Column, Command, Document, Sentence, Span, Table
 from bodycheck.reports.dynamics.engine_dynamics import LABELS
-from bodycheck.reports.probes.conformance import CHECKS, Check, CheckBench
+from bodycheck.reports.probes.adapter_checks import CHECKS, Check, CheckBench
 from bodycheck.reports.probes.examination import map_and_laws, replayed
 from bodycheck.reports.probes.finding import Finding
 from bodycheck.reports.probes.fingerprint import (

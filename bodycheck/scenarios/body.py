@@ -242,7 +242,7 @@ def _link_of_file(folder: Traversable, file: str, kind: str, name: str | None) -
 
     Raises InputError with one line if the file, its format or the link is wrong.
     """
-    from bodycheck.scenarios.model_files.exact import doubles  # imports mpmath
+    from bodycheck.scenarios.model_files.exact_arithmetic import doubles  # imports mpmath
 
     path = Path(str(folder)) / file
     model = read_model(path)

@@ -21,7 +21,7 @@ import pytest
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.free_rotation import FreeRotation, FreeRotations, free_rotations
-from bodycheck.reference_impl.free_rotation.set_up import set_up_tumbling
+from bodycheck.reference_impl.free_rotation.initial_constants import set_up_tumbling
 from tests.helpers.expected_messages import ExpectedMessage
 
 MP = mpmath.MPContext()

@@ -11,8 +11,8 @@ import pytest
 
 from bodycheck.reports.alerts import Alert, github_commands, sarif
 from bodycheck.reports.comparison.compare import compare
-from bodycheck.reports.comparison.describe import alerts_of as alerts_of_comparison
-from bodycheck.reports.comparison.describe import sentences
+from bodycheck.reports.comparison.comparison_document import alerts_of as alerts_of_comparison
+from bodycheck.reports.comparison.comparison_document import sentences
 from bodycheck.reports.gates.gate import gate_lines, parse_gates
 from bodycheck.reports.gates.gate_output import alerts_of, as_junit, badge_of, results_data, results_document
 from bodycheck.reports.gates.verdict import GateResult, check_gates

@@ -39,7 +39,7 @@ from bodycheck.runs.audit_merge import merge_audits, write_shard
 from bodycheck.runs.audit_run import AuditOptions, audit
 from bodycheck.runs.spelling_run import APART_RAD, run_spellings
 from bodycheck.scenarios.model_files import read_model
-from bodycheck.scenarios.model_files.exact import Frame, doubles
+from bodycheck.scenarios.model_files.exact_arithmetic import Frame, doubles
 from bodycheck.scenarios.model_files.model_file import ModelFile
 from tests.helpers.in_process_cli import run_bodycheck
 from tests.helpers.model_texts import sdf_of

@@ -13,7 +13,7 @@ from bodycheck.reports.audit.audit import Body, Difference
 from bodycheck.reports.audit.causes import body_causes
 from bodycheck.runs.audit_run import AuditOptions, audit
 from bodycheck.scenarios.model_files import read_model
-from bodycheck.scenarios.model_files.exact import doubles
+from bodycheck.scenarios.model_files.exact_arithmetic import doubles
 from bodycheck.scenarios.model_files.model_file import ModelFile
 
 INPUTS = Path(__file__).parent / "model_inputs"

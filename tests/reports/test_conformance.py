@@ -20,7 +20,7 @@ from bodycheck.adapters.execution import Answer, Case, record
 from bodycheck.adapters.registry import distribution_of, registered
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.document import Sentence, Table
-from bodycheck.reports.probes.conformance import CHECKS, Check, CheckBench
+from bodycheck.reports.probes.adapter_checks import CHECKS, Check, CheckBench
 from bodycheck.reports.probes.finding import Finding
 from bodycheck.runs.engine_checks import CheckResult, Conformance, check_adapter, conformance_document
 from tests.helpers.faulty_adapters import FAULTS, AdapterFault, FaultyExample

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from bodycheck._util.errors import InputError
 from bodycheck.runs.spelling_run import SPELLINGS, name_of
 from bodycheck.scenarios.model_files import read_model
-from bodycheck.scenarios.model_files.exact import composite, doubles
+from bodycheck.scenarios.model_files.exact_arithmetic import composite, doubles
 from bodycheck.scenarios.model_files.model_file import ModelFile
 from bodycheck.scenarios.model_files.rewriting import changed_text, excerpt
 from bodycheck.scenarios.model_files.urdf import resolved

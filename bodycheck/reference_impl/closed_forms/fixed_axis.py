@@ -11,8 +11,8 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.closed_forms.flight import DecayingMotion
 from bodycheck.reference_impl.closed_forms.piecewise_constant_loads import PiecewiseLoads
+from bodycheck.reference_impl.free_rotation.initial_constants import unit
 from bodycheck.reference_impl.free_rotation.principal_state import phase_sine_cosine
-from bodycheck.reference_impl.free_rotation.set_up import unit
 from bodycheck.reference_impl.free_rotation.tumbling_constants import FOUR_PI
 from bodycheck.reference_impl.kernels import double_double as dd
 from bodycheck.reference_impl.kernels.double_double import DoubleDouble, sine_and_cosine

@@ -13,7 +13,7 @@ from bodycheck.reference_impl.kernels import double_double as dd
 from bodycheck.reference_impl.kernels.double_double import DoubleDouble
 from bodycheck.reference_impl.kernels.jit import exact_kernel
 
-_NEGLIGIBLE_BITS = 960  # as in set_up.py
+_NEGLIGIBLE_BITS = 960  # as in initial_constants.py
 _MAX_BITS = 120  # of an integer before it is rounded to a double-double
 
 

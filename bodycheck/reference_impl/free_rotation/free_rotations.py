@@ -14,7 +14,7 @@ from bodycheck.reference_impl.free_rotation.classification import (
     is_certainly_tumbling,
     separation_of,
 )
-from bodycheck.reference_impl.free_rotation.packing import (
+from bodycheck.reference_impl.free_rotation.constants_row import (
     HORIZON,
     QUARTER_PERIOD,
     WIDTH,
@@ -25,8 +25,7 @@ from bodycheck.reference_impl.free_rotation.packing import (
     steady_in,
     tumbling_in,
 )
-from bodycheck.reference_impl.free_rotation.principal_state import phase_sine_cosine, state_at
-from bodycheck.reference_impl.free_rotation.set_up import (
+from bodycheck.reference_impl.free_rotation.initial_constants import (
     estimate_separations,
     frame_of,
     placed,
@@ -34,6 +33,7 @@ from bodycheck.reference_impl.free_rotation.set_up import (
     set_up_tumbling,
     unit,
 )
+from bodycheck.reference_impl.free_rotation.principal_state import phase_sine_cosine, state_at
 from bodycheck.reference_impl.free_rotation.tensor_axes import PrincipalAxes
 from bodycheck.reference_impl.free_rotation.tumbling_constants import numbered, tumbling_constants
 from bodycheck.reference_impl.kernels.jit import exact_kernel, long_exact_kernel

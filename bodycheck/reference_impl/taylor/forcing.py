@@ -17,7 +17,7 @@ from bodycheck.reference_impl.dynamics import gyration_radius
 from bodycheck.reference_impl.kernels.double_double import DoubleDouble
 from bodycheck.reference_impl.kernels.generic_precision import Numbers, high_part
 from bodycheck.reference_impl.loads.load import ContinuousLoad, Instants, checked_continuous, total_wrench
-from bodycheck.reference_impl.loads.tape import Tape, recorded
+from bodycheck.reference_impl.loads.recorded_formula import Tape, recorded
 from bodycheck.reference_impl.pivot import inertia_about
 from bodycheck.reference_impl.rational import (
     Vector,
@@ -68,9 +68,9 @@ class Forcing:
     kernels without it would be further kernels to compile. orbit (2,): 3 n^2 and n of the gravity
     gradient. translational (9,): constant acceleration in body axes and in world axes, drag over mass,
     1 / mass, radius of gyration. springs (n, 14): anchor, at, stiffness, rest length, then the low parts of
-    anchor and at. torsion (5,): stiffness and q(0). recorded (n, 5): the operations of tape.py that sum all
-    other loads, with the torque in body axes. on_parabola: the centre of mass moves under a constant
-    acceleration, independent of the rotation.
+    anchor and at. torsion (5,): stiffness and q(0). recorded (n, 5): the operations of recorded_formula.py
+    that sum all other loads, with the torque in body axes. on_parabola: the centre of mass moves under a
+    constant acceleration, independent of the rotation.
     """
 
     rotational: Numbers

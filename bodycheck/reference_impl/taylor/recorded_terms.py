@@ -30,7 +30,7 @@ from bodycheck.reference_impl.kernels.generic_precision import (
     times,
 )
 from bodycheck.reference_impl.kernels.jit import inlined_kernel, kernel
-from bodycheck.reference_impl.loads.tape import (
+from bodycheck.reference_impl.loads.recorded_formula import (
     CONSTANT,
     COSINE,
     DIFFERENCE,

@@ -20,7 +20,7 @@ from bodycheck._util.untrusted import read_json
 from bodycheck.adapters.importers import joint_of
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import principal_axes
-from bodycheck.scenarios.model_files.exact import ExactInertia, doubles
+from bodycheck.scenarios.model_files.exact_arithmetic import ExactInertia, doubles
 from bodycheck.scenarios.model_files.joint import StatedJoint
 
 Severity: TypeAlias = Literal["error", "warning", "note"]

@@ -21,7 +21,7 @@ from bodycheck.reports.audit.composite_causes import (
     invented,
     placed,
 )
-from bodycheck.scenarios.model_files.exact import (
+from bodycheck.scenarios.model_files.exact_arithmetic import (
     Frame,
     doubles,
     identity,

@@ -11,7 +11,7 @@ import numpy as np
 from bodycheck._util.formatting import names, number
 from bodycheck.reference_impl.dynamics import parallel_axis_tensor
 from bodycheck.reports.audit.audit import SINGLE, Body, Difference
-from bodycheck.scenarios.model_files.exact import Frame, doubles, identity
+from bodycheck.scenarios.model_files.exact_arithmetic import Frame, doubles, identity
 from bodycheck.scenarios.model_files.link_solids import parts_of, united
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink
 

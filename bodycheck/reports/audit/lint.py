@@ -19,7 +19,7 @@ from bodycheck.reports.audit.audit import Body, Confidence, LintFinding, Severit
 from bodycheck.reports.audit.mesh_lint import weighed_meshes
 from bodycheck.reports.audit.shape_lint import against_shapes, closer_to_shapes, fits_shapes, slip_of
 from bodycheck.reports.audit.shaped_link import is_placeholder
-from bodycheck.scenarios.model_files.exact import doubles
+from bodycheck.scenarios.model_files.exact_arithmetic import doubles
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, triangle_excess
 from bodycheck.scenarios.model_files.shape_sizes import half_extents, uniform
 

@@ -26,7 +26,7 @@ from bodycheck.reports.audit.shaped_link import (
     near,
 )
 from bodycheck.reports.audit.slips import NO_MASS, explained
-from bodycheck.scenarios.model_files.exact import doubles
+from bodycheck.scenarios.model_files.exact_arithmetic import doubles
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink
 from bodycheck.scenarios.shapes import DENSITIES
 

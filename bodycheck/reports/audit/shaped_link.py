@@ -13,7 +13,7 @@ from bodycheck._util.formatting import vector
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import MassProperties, primitive
 from bodycheck.reports.audit.audit import Body, Confidence, LintFinding, Severity
-from bodycheck.scenarios.model_files.exact import doubles, mp
+from bodycheck.scenarios.model_files.exact_arithmetic import doubles, mp
 from bodycheck.scenarios.model_files.link_solids import Part, masses_explain, parts_of, united
 from bodycheck.scenarios.model_files.mjcf_shapes import geom_inertia
 from bodycheck.scenarios.model_files.model_file import Format, ModelFile, ModelLink

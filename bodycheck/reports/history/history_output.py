@@ -12,7 +12,7 @@ import numpy as np
 from bodycheck._util.formatting import count, number
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.alerts import Alert
-from bodycheck.reports.comparison.describe import HEADINGS, change_tables, nothing, scope, searches
+from bodycheck.reports.comparison.comparison_document import HEADINGS, change_tables, nothing, scope, searches
 from bodycheck.reports.comparison.headlines import headlines, lines_of
 from bodycheck.reports.document import MEDIA, Column, Command, Document, Medium, Sentence, Table, page
 from bodycheck.reports.history.acceptances import acceptance_text

@@ -18,7 +18,7 @@ from bodycheck._util.formatting import count
 from bodycheck._util.untrusted import open_input
 from bodycheck.reports.comparison.change import FAILING
 from bodycheck.reports.comparison.compare import unversioned
-from bodycheck.reports.comparison.describe import HEADINGS
+from bodycheck.reports.comparison.comparison_document import HEADINGS
 from bodycheck.reports.history.acceptances import Acceptance, acceptance_text
 from bodycheck.reports.history.archive import TRAJECTORIES, started_at
 from bodycheck.reports.history.baseline import (

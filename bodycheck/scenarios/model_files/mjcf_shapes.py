@@ -13,7 +13,7 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
-from bodycheck.scenarios.model_files.exact import Exact, ExactInertia, exact, mp
+from bodycheck.scenarios.model_files.exact_arithmetic import Exact, ExactInertia, exact, mp
 
 MeshInertia: TypeAlias = Literal["convex", "exact", "legacy", "shell"]
 Moments: TypeAlias = tuple[Any, Any, Any]

@@ -11,7 +11,7 @@ from typing import Literal, TypeAlias
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
-from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, composite
+from bodycheck.scenarios.model_files.exact_arithmetic import ExactInertia, Frame, composite
 from bodycheck.scenarios.model_files.joint import StatedJoint
 
 Format: TypeAlias = Literal["urdf", "mjcf", "sdf", "usd"]

@@ -9,7 +9,7 @@ import numpy as np
 from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.rotations import matrix_to_quaternion
 from bodycheck.reference_impl.trees.tree_scene import Joint, TreeBody, TreeScene
-from bodycheck.scenarios.model_files.exact import Exact, Frame, doubles, exact, mp
+from bodycheck.scenarios.model_files.exact_arithmetic import Exact, Frame, doubles, exact, mp
 from bodycheck.scenarios.model_files.joint import StatedJoint
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink
 

@@ -14,7 +14,7 @@ from lxml import etree
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.untrusted import number_of
-from bodycheck.scenarios.model_files.exact import finite
+from bodycheck.scenarios.model_files.exact_arithmetic import finite
 from bodycheck.scenarios.model_files.mjcf import expanded
 from bodycheck.scenarios.model_files.model_file import Format, ModelFile
 from bodycheck.scenarios.model_files.sdf import linked, named_models

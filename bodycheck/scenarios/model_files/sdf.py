@@ -15,7 +15,14 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.untrusted import printable
-from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, composite, doubles, exact, mp
+from bodycheck.scenarios.model_files.exact_arithmetic import (
+    ExactInertia,
+    Frame,
+    composite,
+    doubles,
+    exact,
+    mp,
+)
 from bodycheck.scenarios.model_files.joint import UNLIMITED, StatedJoint, limit_of
 from bodycheck.scenarios.model_files.mjcf_shapes import geom_inertia
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, Shape, StatedInertia

@@ -12,7 +12,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from bodycheck._util.errors import InputError
-from bodycheck.scenarios.model_files.exact import Frame, finite, rotation_of_quaternion, rotation_of_rpy
+from bodycheck.scenarios.model_files.exact_arithmetic import (
+    Frame,
+    finite,
+    rotation_of_quaternion,
+    rotation_of_rpy,
+)
 from bodycheck.scenarios.model_files.xml_file import Node
 
 _BOOLEANS = {"true": True, "false": False, "1": True, "0": False}

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from bodycheck._util.errors import InputError
-from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, exact, mp, rotation_of_rpy
+from bodycheck.scenarios.model_files.exact_arithmetic import ExactInertia, Frame, exact, mp, rotation_of_rpy
 from bodycheck.scenarios.model_files.joint import UNLIMITED, StatedJoint, limit_of
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, Shape, StatedInertia
 from bodycheck.scenarios.model_files.xml_file import Node

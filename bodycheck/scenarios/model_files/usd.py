@@ -22,7 +22,7 @@ import numpy as np
 from bodycheck._util.child_python import child_python
 from bodycheck._util.errors import InputError
 from bodycheck._util.untrusted import open_input, printable
-from bodycheck.scenarios.model_files.exact import (
+from bodycheck.scenarios.model_files.exact_arithmetic import (
     ExactInertia,
     Frame,
     doubles,

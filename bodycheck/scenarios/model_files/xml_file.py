@@ -12,7 +12,7 @@ from lxml import etree
 from bodycheck._util import untrusted
 from bodycheck._util.errors import InputError
 from bodycheck._util.untrusted import printable
-from bodycheck.scenarios.model_files.exact import finite, words_of
+from bodycheck.scenarios.model_files.exact_arithmetic import finite, words_of
 
 _MAX_BYTES = 1 << 26
 _DECLARATION = re.compile(rb"\s*<\?xml\b[^>]*\?>")

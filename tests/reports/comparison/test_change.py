@@ -23,7 +23,7 @@ from bodycheck.reports.comparison.change import (
     stability_change,
 )
 from bodycheck.reports.comparison.compare import compare, newly_ended_well
-from bodycheck.reports.comparison.describe import (
+from bodycheck.reports.comparison.comparison_document import (
     _KINDS,
     HEADINGS,
     _best_change,

@@ -13,7 +13,7 @@ import pytest
 
 from bodycheck._util.formatting import count
 from bodycheck.reports.comparison.compare import Comparison, compare
-from bodycheck.reports.comparison.describe import (
+from bodycheck.reports.comparison.comparison_document import (
     comparison_document,
     comparison_page,
     groups,

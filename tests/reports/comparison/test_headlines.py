@@ -13,7 +13,7 @@ from markupsafe import escape
 
 from bodycheck.reports.comparison.change import Change, Status
 from bodycheck.reports.comparison.compare import Comparison, compare, paired_versions
-from bodycheck.reports.comparison.describe import (
+from bodycheck.reports.comparison.comparison_document import (
     comparison_document,
     comparison_page,
     release_searches,

@@ -15,7 +15,7 @@ from bodycheck._util.errors import InputError
 from bodycheck.reports import document
 from bodycheck.reports.comparison.change import FAILING, Change, Status
 from bodycheck.reports.comparison.compare import compare, renamed
-from bodycheck.reports.comparison.describe import (
+from bodycheck.reports.comparison.comparison_document import (
     HEADINGS,
     change_tables,
     comparison_data,

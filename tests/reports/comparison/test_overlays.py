@@ -7,7 +7,7 @@ import re
 import pytest
 
 from bodycheck.reports.comparison.compare import compare
-from bodycheck.reports.comparison.describe import comparison_page
+from bodycheck.reports.comparison.comparison_document import comparison_page
 from bodycheck.reports.comparison.overlays import Overlay, overlays_of
 from tests.reports.comparison.test_measure_track import ERROR, run
 

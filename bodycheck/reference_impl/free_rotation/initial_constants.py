@@ -12,7 +12,7 @@ from bodycheck.reference_impl.free_rotation.classification import (
     is_resolved,
     separation_of,
 )
-from bodycheck.reference_impl.free_rotation.packing import Steady, Tumbling, put_steady, put_tumbling
+from bodycheck.reference_impl.free_rotation.constants_row import Steady, Tumbling, put_steady, put_tumbling
 from bodycheck.reference_impl.free_rotation.principal_state import TumblingConstants, state_at
 from bodycheck.reference_impl.free_rotation.tensor_axes import PrincipalAxes, principal, quaternion_of
 from bodycheck.reference_impl.free_rotation.tumbling_constants import (

@@ -25,8 +25,8 @@ from bodycheck.reference_impl.scene import CallbackLoad, Link, Load, PointForce,
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.case import RunCase
 from bodycheck.reports.probes.finding import Finding, FindingLimit, Sampled, limit, noise
-from bodycheck.reports.probes.mistakes import Mistake, part_of, read_back_mistake, reading_mistake
 from bodycheck.reports.probes.probe import Probe, arithmetic_eps, built_in_probes, motions_of
+from bodycheck.reports.probes.reading_mistakes import Mistake, part_of, read_back_mistake, reading_mistake
 from bodycheck.reports.probes.readings import reading_findings
 from bodycheck.reports.probes.responses import integral, response_findings
 
