@@ -38,6 +38,25 @@ UNEXPECTED: dict[str, Callable[[], BaseException]] = {
 }
 
 
+def test_traceback_of_an_unexpected_error_is_printed_on_request(
+    faults: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """BODYCHECK_TRACEBACK=1 prints it before the line, which still comes last and names the stored one."""
+
+    def broken(_: str) -> NoReturn:
+        raise TypeError(3)
+
+    monkeypatch.setattr("bodycheck.reports.summary.catalogue.catalogue", broken)
+    monkeypatch.setenv("BODYCHECK_TRACEBACK", "1")
+    done = run_bodycheck(tmp_path, "list", "suites")
+    assert done.returncode == 70
+    *shown, line = done.stderr.splitlines()
+    assert shown[0] == "Traceback (most recent call last):"
+    assert shown[-1] == "TypeError: 3"
+    assert line.startswith("unexpected error in bodycheck list suites: TypeError: 3")
+    assert len(list(faults.iterdir())) == 1
+
+
 @pytest.mark.parametrize("words", UNEXPECTED)
 def test_unexpected_exception_is_one_line_and_status_70(
     words: str, faults: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

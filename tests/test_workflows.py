@@ -70,8 +70,8 @@ def test_commands_and_options_exist(file: Path) -> None:
 
 def test_tests_run_on_every_supported_python() -> None:
     """The versions are those that the package supports."""
-    tests = jobs(_FOLDER / "tests.yml")["tests"]
-    assert tests["strategy"]["matrix"]["python"] == ["3.11", "3.12", "3.13", "3.14"]
+    tests = (jobs(_FOLDER / "tests.yml")["tests"], jobs(_FOLDER / "nightly.yml")["release"])
+    assert all(job["strategy"]["matrix"]["python"] == ["3.11", "3.12", "3.13", "3.14"] for job in tests)
 
 
 def test_nightly_workflow_runs_the_nightly_tests() -> None:

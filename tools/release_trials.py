@@ -176,7 +176,7 @@ def _keeps_history(bodycheck: Callable[..., str], folder: Path) -> None:
     except NotAsItShould as first:
         must("status 3" in str(first), str(first))
     bodycheck(*words)
-    counted = bodycheck("history", "query", "nights", "SELECT count(*) AS n FROM nights", "--as", "json")
+    counted = bodycheck("history", "query", "nights", "SELECT count(*) AS n FROM nights", "--format", "json")
     must(json.loads(counted)[0]["n"] == 2, f"the history has {counted}")
     must((folder / "nights").is_dir(), "no history")
 
