@@ -57,12 +57,17 @@ def page_of(name: str, command: Command) -> str:
         panel = getattr(parameter, "rich_help_panel", None)
         title = "Arguments" if is_argument else panel if isinstance(panel, str) else "Options"
         rows.setdefault(title, []).append(record)
+    lines += [f"```{{program}} {name}", "```", ""]
     for title, records in sorted(rows.items(), key=lambda one: (one[0] != "Arguments", one[0] == "Options")):
-        lines += [f"## {title}", "", "| name | meaning |", "|---|---|"]
-        for option, meaning in records:
-            name_of = " ".join(option.replace("|", "\\|").split())
-            lines.append(f"| `{name_of}` | {cell(meaning)} |")
-        lines.append("")
+        lines += [f"## {title}", ""]
+        if title == "Arguments":
+            lines += ["| name | meaning |", "|---|---|"]
+            names = (argument.replace("|", "\\|") for argument, _ in records)
+            lines += [f"| `{one}` | {cell(what)} |" for one, (_, what) in zip(names, records, strict=True)]
+            lines.append("")
+        else:  # directives, so that the search finds options by name
+            for option, meaning in records:
+                lines += [f"```{{option}} {option.replace(' / ', ', ')}", cell(meaning), "```", ""]
     if command.epilog:
         lines += ["## Examples", "", "```sh", command.epilog, "```", ""]
     return "\n".join(lines)

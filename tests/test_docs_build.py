@@ -23,3 +23,5 @@ def test_docs_build_without_a_warning(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     pages = {page.relative_to(ROOT / source) for page in (ROOT / source).rglob("*.md")}
     assert {page for page in pages if (tmp_path / "html" / page.with_suffix(".html")).exists()} == pages
+    index = (tmp_path / "html/searchindex.js").read_text()
+    assert "--timeout-s" in index, "the search finds no option"
