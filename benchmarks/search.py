@@ -39,7 +39,7 @@ def tried(contender: Contender, problem: Problem, hardest: float) -> list[Tried]
 
 
 def cheapest(found: Iterable[Tried], target: float) -> Tried | None:
-    """Return the first, hence cheapest, whose error is at most the target, or None."""
+    """Return the first, and so the cheapest, whose error is at most the target, or None."""
     return next((one for one in found if one.error <= target), None)
 
 

@@ -14,8 +14,7 @@ from tests.helpers.doc_pages import pages
 
 ROOT = Path(__file__).parents[1]
 IDIOMS = {
-    r"unless (they are |it is )?told": "[default: ...]",
-    r"\b(is|are) told\b": "is reported, is detected",
+    r"\btold\b": "is reported, is detected, [default: ...]",
     r"\btells? of\b": "reports",
     r"\bis none of\b|\bare none of\b|\bis no [a-z]+ of\b": "is not a ...; unknown ... (available: ...)",
     r"\bkeeps? (an|the) error\b": "meets an error tolerance",
@@ -48,7 +47,10 @@ def _prose() -> Iterator[tuple[str, str]]:
         text = re.sub(r"\{[{%].*?[%}]\}", "", template.read_text(encoding="utf-8"), flags=re.DOTALL)
         yield str(template.relative_to(ROOT)), text
     scripts = (*(ROOT / ".github").rglob("*.yml"), *(ROOT / "bodycheck/reports/templates").glob("*.js"))
-    others = (ROOT / "pyproject.toml", ROOT / ".ci/run", ROOT / "scripts/nightly.sh")
+    others = [ROOT / name for name in ("pyproject.toml", ".ci/run", "action.yml", "Containerfile")]
+    for folder in ("scripts", "tools", "bodycheck/adapters"):
+        suffixes = (".sh", ".mjs", ".py") if folder == "tools" else (".sh", ".mjs")
+        others += (path for path in (ROOT / folder).rglob("*") if path.suffix in suffixes)
     for script in sorted((*scripts, *others)):
         for number, line in enumerate(script.read_text(encoding="utf-8").splitlines(), 1):
             yield f"{script.relative_to(ROOT)}, line {number}", line

@@ -102,7 +102,9 @@ def main() -> int:
                 shutil.rmtree(extra)
     print(f"{requested.trials} trials of seed {requested.seed} in {time.monotonic() - begin:.0f} s")
     print(dict(sorted(ways.items())))
-    print(f"a history of {requested.nights} nights; slowest {slowest:.1f} s, at most {megabytes:.0f} MB")
+    print(
+        f"a history of {requested.nights} nightly runs; slowest {slowest:.1f} s, at most {megabytes:.0f} MB"
+    )
     print(f"{len(failed)} failed" + (f": {failed}" if failed else ""))
     return 1 if failed or megabytes > MAX_MEGABYTES else 0
 

@@ -46,10 +46,10 @@ def faults(names: list[str], trees: int) -> int:
             found = dynamics(f"faulty-{fault.name}", (), DynamicsOptions(random=trees))
         named = is_named(fault, found)
         missed += not named
-        told = (
+        causes = (
             "; ".join(f"{cause.fault}: {cause.text} {cause.readings}" for cause in found.causes) or "nothing"
         )
-        print(f"{'named ' if named else 'MISSED'} {fault.kind:14} {fault.name:24} {told}", flush=True)
+        print(f"{'named ' if named else 'MISSED'} {fault.kind:14} {fault.name:24} {causes}", flush=True)
     print(f"{missed} missed")
     return missed
 

@@ -258,7 +258,7 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "for k, end in zip(indices, ends, strict=True)):",
         "abs(t[k] - end) > 1e-09 * scene.sample_interval_s -> "
         "abs(t[k] - end) >= 1e-09 * scene.sample_interval_s",
-    ): "the billionth is slack for round-off: no switch is this very double beside a sample",
+    ): "the billionth is slack for round-off: no switch is this very double next to a sample",
     (
         "adapters/versions/uv.py",
         "done = subprocess.run(command, capture_output=True, text=True, check=False)",

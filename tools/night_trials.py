@@ -104,12 +104,12 @@ def resumed(folder: Path, kills: int, seed: int) -> int:
             continue
         trial += 1
         process = begin(folder, history, ["--resume"])
-        told, _ = process.communicate()
+        output, _ = process.communicate()
         stored = set(History(history).runs()) - known
         left = [*history.glob("*.partial/request.json")]
         if len(stored) != 1 or left or run_tables(stored.pop()) != expected:
             failed += 1
-            print(f"resumed {trial}: status {process.returncode}, {len(stored)} stored\n{told}")
+            print(f"resumed {trial}: status {process.returncode}, {len(stored)} stored\n{output}")
     print(
         f"killed and resumed: {kills} ({late} others were killed too late); other tables: {failed}",
         flush=True,
@@ -195,7 +195,7 @@ def unchanged(folder: Path, nights: int) -> int:
             reported += 1
             print(f"night {night}: status {process.returncode}\n{text}")
     found = int(query(History(history).runs(), "SELECT count(*) AS n FROM changes")["n"][0])
-    print(f"unchanged nights: {nights}, changes told: {found}", flush=True)
+    print(f"unchanged nightly runs: {nights}, changes reported: {found}", flush=True)
     return reported + found
 
 
@@ -215,7 +215,9 @@ def measure(folder: Path, kept: Path, nights: int) -> None:
     while len(History(kept).runs()) < nights:
         process = subprocess.run(words, cwd=folder, capture_output=True, text=True)
         if process.returncode not in (0, 3):
-            sys.exit(f"a night that ended with status {process.returncode}\n{process.stdout}{process.stderr}")
+            sys.exit(
+                f"a nightly run ended with status {process.returncode}\n{process.stdout}{process.stderr}"
+            )
 
 
 def measured_nights(kept: Path) -> pd.DataFrame:
@@ -233,7 +235,7 @@ def as_they_came(nights: pd.DataFrame) -> int:
     """Judge the runs in order, then with each engine slower from each run on; return the number of faults."""
     count = nights.shape[1]
     reported = alarms(judged(nights))
-    print(f"{count} nights as they came, speeds told: {reported or 'none'}", flush=True)
+    print(f"{count} nightly runs as measured, speeds reported: {reported or 'none'}", flush=True)
     first_nights = range(MIN_BEFORE, count - _WITHIN + 1)
     planted = [(engine, first) for engine in engines_of(nights) for first in first_nights]
     delays = [delay(slowed(nights, engine, first), engine, first) for engine, first in planted]
@@ -245,9 +247,12 @@ def simulated(nights: pd.DataFrame, sequences: int, seed: int) -> int:
     chance = np.random.default_rng(seed)
     sample = judged(drawn(nights, chance, 30))
     usual = pooled_spread(sample.series.decades, list(sample.steps.values()))
-    print(f"chance changes a night by {100.0 * (10.0**usual - 1.0):.1f} % (sigma)")
+    print(f"chance changes a nightly run by {100.0 * (10.0**usual - 1.0):.1f} % (sigma)")
     false = sum(bool(alarms(judged(drawn(nights, chance, 30)))) for _ in range(sequences))
-    print(f"unchanged sequences of 30 nights drawn: {sequences}, with a speed told: {false}", flush=True)
+    print(
+        f"unchanged sequences of 30 nightly runs drawn: {sequences}, with a speed reported: {false}",
+        flush=True,
+    )
     engines = engines_of(nights)
     delays: list[int | None] = []
     for _ in range(sequences):

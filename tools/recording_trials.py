@@ -186,7 +186,7 @@ def written(path: Path, motion: Trajectory, resolution: str, *, translation: boo
 
 
 def explained(path: Path, scenario: Scenario, dt_s: float | None) -> Diagnosis | None:
-    """Return the diagnosis of a file; that of the scenario is beside it."""
+    """Return the diagnosis of a file; that of the scenario is next to it."""
     return runner.explain(path, path.parent / f"{scenario.name}.toml", dt_s=dt_s).diagnosis
 
 

@@ -56,7 +56,7 @@ class _Integration:
         self._last = self._start
 
     def reset(self) -> None:
-        """Nothing to go back from: each run starts anew."""
+        """Do nothing: each run begins at the initial state."""
 
     def run(self) -> None:
         """One call of solve_ivp, without dense output."""

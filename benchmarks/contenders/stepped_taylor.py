@@ -16,7 +16,7 @@ class _Solving:
         self._solved = self._motion.solve(self._t_s)
 
     def reset(self) -> None:
-        """Nothing to go back from: each run starts anew."""
+        """Do nothing: each run begins at the initial state."""
 
     def run(self) -> None:
         """Solve for the end."""

@@ -123,7 +123,7 @@ function newPanel(panel, motion, track) {
   canvas.setAttribute("role", "img");
   head.append(select);
   if (track === motion.truth) select.textContent = track.name;
-  return { track, select, canvas, told: head.appendChild(document.createElement("small")) };
+  return { track, select, canvas, error: head.appendChild(document.createElement("small")) };
 }
 
 function startPlayer(figure) {
@@ -147,10 +147,10 @@ function startPlayer(figure) {
     slider.value = (slider.max * t) / last;
     clock.textContent = `${t.toFixed(2)} s`;
     slider.setAttribute("aria-valuetext", clock.textContent);
-    for (const { track, canvas, told } of panels) {
+    for (const { track, canvas, error } of panels) {
       canvas.setAttribute("aria-label", `Motion and polhode of ${track.name}; arrow keys rotate the view, space plays`);
       drawTrack(canvas, motion, track, t);
-      if (track !== truth) told.textContent = `${short(errorAt(track, times, t), 2)} rad off`;
+      if (track !== truth) error.textContent = `${short(errorAt(track, times, t), 2)} rad off`;
     }
     moveCursor(section, t);
     figure.dataset.drawn = clock.textContent;
