@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
+import pytest
 
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.regression import Judgement
 from bodycheck.reports.run_files.run_tables import Run
-from bodycheck.runs.nightly_run import store_nightly
+from bodycheck.runs import nightly_run
 from tests.helpers.gate_tables import with_tables
 
 Change = Callable[[pd.DataFrame], pd.DataFrame]
@@ -55,12 +57,32 @@ def store_nightly_runs(
     *,
     first: int = 0,
     thresholds: Thresholds = DEFAULT_THRESHOLDS,
+    pages: bool = True,
     **manifest: Any,
 ) -> list[Judgement]:
-    """Store one nightly run per change, in their order; return the judgement of each."""
+    """Store one nightly run per change, in their order; return the judgement of each.
+
+    pages: whether to render the report and the trends, and to write the motions.
+    """
     history = History.at(folder)
     runs = (as_nightly_run(run, first + k, change, **manifest) for k, change in enumerate(changes))
-    return [store_nightly(run, history, thresholds)[0] for run in runs]
+    with nullcontext() if pages else without_pages():
+        return [nightly_run.store_nightly(run, history, thresholds)[0] for run in runs]
+
+
+def judged_nightly_runs(*args: Any, **kwargs: Any) -> list[Judgement]:
+    """Store nightly runs as store_nightly_runs does, without pages."""
+    return store_nightly_runs(*args, pages=False, **kwargs)
+
+
+@contextmanager
+def without_pages() -> Iterator[None]:
+    """Store nightly runs without the report, the trends and the motions, which take most of the time."""
+    with pytest.MonkeyPatch.context() as patched:
+        for name in ("write_nightly_report", "write_trajectories"):
+            patched.setattr(nightly_run, name, lambda *_: None)
+        patched.setattr(nightly_run, "trends_page", lambda _: "")
+        yield
 
 
 def slower(results: pd.DataFrame, engine: str, factor: float) -> pd.DataFrame:

@@ -16,6 +16,7 @@ from tests.helpers.expected_messages import ExpectedMessage
 
 IN_OTHER_AXES = "as if omega is read in the other axes, world for body or body for world"
 CASES = Path(__file__).parent / "cases"
+NIGHTLY = pytest.mark.nightly
 
 
 def diagnosis_of(case: str, file: str, scenario: str, dt_s: float | None = None) -> Diagnosis:
@@ -282,7 +283,9 @@ def test_damping_of_a_map_is_named_without_its_step(rate: float, tmp_path: Path)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("solver", ["RK45", "LSODA", "DOP853"])
+@pytest.mark.parametrize(
+    "solver", ["RK45", *(pytest.param(one, marks=NIGHTLY) for one in ("LSODA", "DOP853"))]
+)
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
 def test_a_solver_that_chooses_its_steps_is_right(solver: str, tolerance: float, tmp_path: Path) -> None:
     """What remains of the exact motion varies with the steps, or is not as one-sided as damping."""
@@ -291,7 +294,7 @@ def test_a_solver_that_chooses_its_steps_is_right(solver: str, tolerance: float,
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("solver", ["RK45", "LSODA"])
+@pytest.mark.parametrize("solver", ["RK45", pytest.param("LSODA", marks=NIGHTLY)])
 @pytest.mark.parametrize("fault", ["damped", "anti-damped", "another moment"])
 def test_the_errors_of_a_coarse_solver_hide_no_fault(solver: str, fault: str, tmp_path: Path) -> None:
     """At a tolerance of 1e-3, the energy that is lost or gained, or the other tensor, still shows."""

@@ -21,7 +21,7 @@ from bodycheck.reports.history.regression import Judgement
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs import nightly_run as nightly_run_module
-from tests.helpers.nightly_runs import Change, scaled, store_nightly_runs, unchanged
+from tests.helpers.nightly_runs import Change, judged_nightly_runs, scaled, unchanged
 
 Night = Callable[[Change, int], Judgement]
 
@@ -29,7 +29,7 @@ Night = Callable[[Change, int], Judgement]
 @pytest.fixture(scope="module")
 def _one_open(nightly_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("open")
-    store_nightly_runs(nightly_run, folder, [unchanged, scaled(2.0, "m1"), scaled(2.0, "m1")])
+    judged_nightly_runs(nightly_run, folder, [unchanged, scaled(2.0, "m1"), scaled(2.0, "m1")])
     return folder
 
 
@@ -44,7 +44,7 @@ def night(nightly_run: Run, history: History) -> Night:
     """Return a function that stores a further run with a change and returns its judgement."""
 
     def stored(change: Change, number: int) -> Judgement:
-        (judged,) = store_nightly_runs(nightly_run, history.folder, [change], first=number)
+        (judged,) = judged_nightly_runs(nightly_run, history.folder, [change], first=number)
         return judged
 
     return stored
@@ -166,7 +166,7 @@ def test_history_of_an_earlier_version_is_continued(tmp_path: Path, monkeypatch:
     assert [read_summary(run)["status"] for run in before] == statuses
     monkeypatch.setattr(nightly_run_module, "write_nightly_report", lambda *_: None)  # needs the motions
     run = as_run(before[-1])
-    same, worse, still = store_nightly_runs(
+    same, worse, still = judged_nightly_runs(
         run, tmp_path, [unchanged, scaled(2.0, "euler", scenario="tumble"), unchanged]
     )
     assert [judged.baseline.left_out for judged in (same, worse, still)] == [()] * 3

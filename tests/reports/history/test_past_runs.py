@@ -16,7 +16,7 @@ from bodycheck.reports.history.queries import query
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs.nightly_run import store_nightly
 from tests.helpers.expected_messages import ExpectedMessage
-from tests.helpers.nightly_runs import as_nightly_run, store_nightly_runs, unchanged
+from tests.helpers.nightly_runs import as_nightly_run, judged_nightly_runs, store_nightly_runs, unchanged
 
 pytestmark = pytest.mark.slow
 
@@ -25,12 +25,12 @@ def test_run_that_cannot_be_judged_is_stored(
     nightly_run: Run, tmp_path: Path, expected_message: ExpectedMessage
 ) -> None:
     """A run with inconsistent tables is refused after it is stored, and is not a baseline."""
-    store_nightly_runs(nightly_run, tmp_path, [unchanged])
+    judged_nightly_runs(nightly_run, tmp_path, [unchanged])
     with expected_message.raises(InputError):
         store_nightly(as_nightly_run(nightly_run, 1, outcomes={"ok": 1}), History(tmp_path))
     runs = History(tmp_path).runs()
     assert [read_summary(run)["status"] for run in runs] == ["insufficient history", "not judged"]
-    (judged,) = store_nightly_runs(nightly_run, tmp_path, [unchanged], first=2)
+    (judged,) = judged_nightly_runs(nightly_run, tmp_path, [unchanged], first=2)
     assert judged.comparison is not None
     assert judged.comparison.before.run_id == runs[0].name
     assert judged.baseline.left_out == (f"{runs[1]}: was not judged",)
@@ -46,7 +46,7 @@ def test_internal_error_of_judging_loses_no_run(
 
     monkeypatch.setattr("bodycheck.runs.nightly_run.judge_run", broken)
     with pytest.raises(TypeError) as raised:
-        store_nightly_runs(nightly_run, tmp_path, [unchanged])
+        judged_nightly_runs(nightly_run, tmp_path, [unchanged])
     (run,) = History(tmp_path).runs()
     assert raised.value.__notes__ == [f"the run is stored in {run}, but could not be judged"]
     assert read_summary(run)["status"] == "not judged"
@@ -110,7 +110,7 @@ def test_damaged_past_run_is_named_and_not_a_baseline(
     older, newer = History(history).runs()
     name, damage = DAMAGES[what]
     damage(newer / name)
-    (judged,) = store_nightly_runs(nightly_run, history, [unchanged], first=2)
+    (judged,) = judged_nightly_runs(nightly_run, history, [unchanged], first=2)
     (why,) = judged.baseline.left_out
     assert why.startswith(f"{newer / name}: ")
     assert judged.comparison is not None
@@ -136,7 +136,7 @@ def test_run_dated_in_the_future_is_reported_and_not_a_baseline(
     older, newer = History(history).runs()
     coming = history / "29990101T000000Z-00000f"
     shutil.copytree(newer, coming)
-    (judged,) = store_nightly_runs(nightly_run, history, [unchanged], first=2)
+    (judged,) = judged_nightly_runs(nightly_run, history, [unchanged], first=2)
     assert judged.baseline.left_out == (f"{coming}: is dated in the future",)
     assert judged.comparison is not None
     assert judged.comparison.before.run_id == newer.name

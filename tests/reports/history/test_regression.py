@@ -32,7 +32,15 @@ from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import Run, Tables
 from bodycheck.reports.run_files.tables import TABLES, as_csv, as_table
 from tests.helpers.gate_tables import make_tables, with_tables
-from tests.helpers.nightly_runs import Change, as_nightly_run, scaled, slower, store_nightly_runs, unchanged
+from tests.helpers.nightly_runs import (
+    Change,
+    as_nightly_run,
+    judged_nightly_runs,
+    scaled,
+    slower,
+    store_nightly_runs,
+    unchanged,
+)
 
 NOTHING_OPEN = NightlyState()
 ERROR = "orientation_error_rad"
@@ -398,7 +406,7 @@ def test_unchanged_runs_report_nothing(nightly_run: Run, tmp_path: Path, count: 
         results["relative_cpu"] *= 10.0 ** rng.normal(0.0, 0.02, len(results))
         return results
 
-    runs = store_nightly_runs(nightly_run, tmp_path, (count + 1) * [by_chance])
+    runs = judged_nightly_runs(nightly_run, tmp_path, (count + 1) * [by_chance])
     assert [judged.status for judged in runs[1:]] == count * ["no regression"]
     assert [changes_of(judged) for judged in runs[1:]] == count * [[]]
 
@@ -411,7 +419,7 @@ def test_change_is_named_and_only_worse_fails(
     nightly_run: Run, tmp_path: Path, factor: float, status: str
 ) -> None:
     """Engine, method, scenario, step and measure; below 2 % it has moved, above it is worse or improved."""
-    *_, judged = store_nightly_runs(nightly_run, tmp_path, [unchanged, scaled(factor)])
+    *_, judged = judged_nightly_runs(nightly_run, tmp_path, [unchanged, scaled(factor)])
     assert judged.comparison is not None
     (change,) = judged.comparison.changes
     assert (change.scenario, change.engine, change.method, change.fineness) == (
@@ -457,7 +465,7 @@ def test_stored_levels_are_read_as_written(tmp_path: Path) -> None:
 def test_small_steps_add_up(nightly_run: Run, tmp_path: Path, percent: float) -> None:
     """Ten steps of 0.5 % are reported when their sum passes 2 %: worse until accepted, or improved."""
     step = 1.0 + percent / 100.0
-    runs = store_nightly_runs(nightly_run, tmp_path, [scaled(step**k) for k in range(11)])
+    runs = judged_nightly_runs(nightly_run, tmp_path, [scaled(step**k) for k in range(11)])
     found = [judged.comparison.changes[0].status for judged in runs[1:] if judged.comparison]
     key = "slow", "reference", "m1", "dt", 0.01
     levels = [
@@ -492,7 +500,7 @@ def test_orders_and_stable_steps_that_creep_are_reported(
             limits = {"dt_stable_s": 0.1 * factor, "dt_unstable_s": 0.1001 * factor}
             found["stability"] = found["stability"].assign(**limits, outcome="ok")
         run = with_tables(nightly_run, **found)
-        (judged,) = store_nightly_runs(run, tmp_path, [unchanged], first=number)
+        (judged,) = judged_nightly_runs(run, tmp_path, [unchanged], first=number)
         opened.append({one.change.kind for one in judged.open})
     assert opened[:3] == 3 * [set()]
     assert opened[-1] == {kind}
@@ -510,7 +518,7 @@ def test_another_map_stays_open_until_it_returns_or_is_accepted(nightly_run: Run
             fingerprints=[{**row, "fingerprint": fingerprint}],
             laws=[{**row, "law": "boost", "verdict": verdict}],
         )
-        (judged,) = store_nightly_runs(run, tmp_path, [unchanged], first=number)
+        (judged,) = judged_nightly_runs(run, tmp_path, [unchanged], first=number)
         assert judged.status in ("no regression", "insufficient history")
         assert judged.open == ()
         return judged
@@ -544,7 +552,7 @@ def test_one_command_accepts_a_regression_and_the_map_that_changed_with_it(
     def night(number: int, fingerprint: str, factor: float) -> Judgement:
         row = {"engine": "reference", "method": "m1", "engine_version": "1", "reproduce": "bodycheck list"}
         run = nightly_run.with_rows(fingerprints=[{**row, "fingerprint": fingerprint}])
-        (judged,) = store_nightly_runs(run, tmp_path, [scaled(factor)], first=number)
+        (judged,) = judged_nightly_runs(run, tmp_path, [scaled(factor)], first=number)
         return judged
 
     night(0, "M1", 1.0)
@@ -561,7 +569,7 @@ def test_one_command_accepts_a_regression_and_the_map_that_changed_with_it(
 def test_custom_threshold_is_used(nightly_run: Run, tmp_path: Path) -> None:
     """Half of it has moved, and beyond it is worse."""
     thresholds = Thresholds(0.2)
-    runs = store_nightly_runs(nightly_run, tmp_path, map(scaled, (1.0, 1.1, 1.3)), thresholds=thresholds)
+    runs = judged_nightly_runs(nightly_run, tmp_path, map(scaled, (1.0, 1.1, 1.3)), thresholds=thresholds)
     assert [judged.status for judged in runs] == ["insufficient history", "no regression", "regression"]
 
 
@@ -571,7 +579,7 @@ def test_history_without_levels_is_compared_with_its_values(nightly_run: Run, tw
     for run in History(two_runs).runs():
         shutil.rmtree(run / "accepted")
         seal_run(run)
-    (judged,) = store_nightly_runs(nightly_run, two_runs, [scaled(1.05)], first=2)
+    (judged,) = judged_nightly_runs(nightly_run, two_runs, [scaled(1.05)], first=2)
     assert judged.status == "regression"
 
 
@@ -593,7 +601,7 @@ def test_missing_measurement_is_a_regression(nightly_run: Run, tmp_path: Path) -
             (emptied, "accuracy", "missing"),
         )
     ):
-        _, judged, back = store_nightly_runs(
+        _, judged, back = judged_nightly_runs(
             nightly_run, tmp_path / str(place), [unchanged, change, unchanged]
         )
         assert judged.status == "regression"
@@ -604,13 +612,13 @@ def test_missing_measurement_is_a_regression(nightly_run: Run, tmp_path: Path) -
 @pytest.mark.slow
 def test_stored_history_has_the_last_success_of_a_case(nightly_run: Run, tmp_path: Path) -> None:
     """Failures in three runs hide no change of what the case measures."""
-    store_nightly_runs(nightly_run, tmp_path / "worse", [unchanged, *3 * [ended("failed")]])
+    judged_nightly_runs(nightly_run, tmp_path / "worse", [unchanged, *3 * [ended("failed")]])
     shutil.copytree(tmp_path / "worse", tmp_path / "same")
-    (judged,) = store_nightly_runs(
+    (judged,) = judged_nightly_runs(
         nightly_run, tmp_path / "worse", [planted("orientation_error_rad", 0.1)], first=4
     )
     assert ("accuracy", "orientation_error_rad", "worse") in changes_of(judged)
-    (same,) = store_nightly_runs(nightly_run, tmp_path / "same", [unchanged], first=4)
+    (same,) = judged_nightly_runs(nightly_run, tmp_path / "same", [unchanged], first=4)
     assert changes_of(same) == []
     assert {one.change.kind for one in same.state.closed} == {"outcome"}
 
@@ -627,7 +635,7 @@ def test_slower_engine_is_reported_until_accepted(nightly_run: Run, tmp_path: Pa
 
         return change
 
-    runs = store_nightly_runs(nightly_run, tmp_path, [run(number) for number in range(18)])
+    runs = judged_nightly_runs(nightly_run, tmp_path, [run(number) for number in range(18)])
     alarms = {
         (number, change.method)
         for number, judged in enumerate(runs)
@@ -663,11 +671,11 @@ def test_step_in_the_speed_is_reported_with_its_size(factor: float, status: str)
 @pytest.mark.slow
 def test_runs_of_another_machine_class_are_not_compared(nightly_run: Run, two_runs: Path) -> None:
     """Two classes share a folder, and each run is compared with its own class."""
-    (other,) = store_nightly_runs(
+    (other,) = judged_nightly_runs(
         nightly_run, two_runs, [planted("energy_drift", 0.1)], first=2, cpu="another processor"
     )
     assert other.status == "insufficient history"
-    (mine,) = store_nightly_runs(nightly_run, two_runs, [unchanged], first=3)
+    (mine,) = judged_nightly_runs(nightly_run, two_runs, [unchanged], first=3)
     assert mine.status == "no regression"
     assert mine.comparison is not None
     assert mine.comparison.before.run_id == as_nightly_run(nightly_run, 1).run_id
@@ -678,7 +686,7 @@ def test_run_of_changed_scenarios_has_insufficient_history(nightly_run: Run, two
     """If no scenario is the same, there is nothing to compare with."""
     known = nightly_run.manifest["scenarios"]
     longer = {name: {**scenario, "duration_s": 2.0} for name, scenario in known.items()}
-    (judged,) = store_nightly_runs(nightly_run, two_runs, [slower_all], first=2, scenarios=longer)
+    (judged,) = judged_nightly_runs(nightly_run, two_runs, [slower_all], first=2, scenarios=longer)
     assert judged.status == "insufficient history"
     assert judged.comparison is not None
     assert set(judged.comparison.redefined) == {"slow", "quick"}

@@ -16,9 +16,9 @@ from bodycheck.reports.history.baseline import read_summary
 from bodycheck.reports.history.open_regressions import open_lines
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.run_files.run_tables import Run
-from bodycheck.runs import nightly_run as nightly_run_module
+from bodycheck.runs.nightly_run import store_nightly
 from tests.helpers.gate_tables import with_tables
-from tests.helpers.nightly_runs import as_nightly_run, unchanged
+from tests.helpers.nightly_runs import as_nightly_run, unchanged, without_pages
 
 STATUS = {0: "no regression", 1: "regression", 3: "insufficient history"}
 CAUSE = "the gyroscopic term omega x I omega is multiplied by 0.9"
@@ -180,13 +180,8 @@ def events(history: History) -> Iterator[list[str]]:
 
 
 @pytest.mark.slow
-def test_every_night_of_a_month_says_what_is_open(
-    engines_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_night_of_a_month_says_what_is_open(engines_run: Run, tmp_path: Path) -> None:
     """Status, first line, open list and feed are the right ones, whatever happened before."""
-    for name in ("write_nightly_report", "write_trajectories"):  # what is planted has no motions
-        monkeypatch.setattr(nightly_run_module, name, lambda *_: None)
-    monkeypatch.setattr(nightly_run_module, "trends_page", lambda _: "")
     history, said = History.at(tmp_path), []
     for number, night in enumerate(NIGHTS):
         if night.accepted:
@@ -195,7 +190,8 @@ def test_every_night_of_a_month_says_what_is_open(
             (tmp_path / ".unfinished-20260126T030000Z-000000").mkdir()
             said.append((0, "", ()))
             continue
-        judged, folder = nightly_run_module.store_nightly(planted(engines_run, night, number), history)
+        with without_pages():  # what is planted has no motions
+            judged, folder = store_nightly(planted(engines_run, night, number), history)
         summary = read_summary(folder)
         assert summary["headline"] in (folder / "night.html").read_text().replace("&#39;", "'")
         status = next(code for code, name in STATUS.items() if name == judged.status)
