@@ -59,7 +59,7 @@ def test_the_browser_draws_every_plot(opened: Page) -> None:
 def test_an_axis_of_a_decade_has_more_numbers_than_one(chromium: Browser) -> None:
     """The axis has 1, 2 and 5 of each decade as numbers; with more decades, or no points, it has powers."""
     page = chromium.new_page()
-    looks = f"const colour = () => '#000'; {asset('templates/looks.js')}"
+    looks = f"const colour = () => '#000'; {asset('templates/plot_style.js')}"
     texts = f"all => {{ {looks} return all.map(values => logAxis('', values).ticktext ?? []); }}"
     steps, finer, many, none = page.evaluate(texts, [[1e-3, 1e-2], [2e-5, 5e-5], [1e-5, 1e-2], []])
     page.close()
