@@ -20,10 +20,11 @@ import math
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
-from itertools import pairwise
+from itertools import count, pairwise, product
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -208,11 +209,12 @@ class HealthyTrial:
     is_alone_as_it_should: bool
 
 
-def healthy_trial(draw: np.random.Generator, scenarios: Sequence[Scenario], path: Path) -> HealthyTrial:
+def healthy_trial(
+    draw: np.random.Generator, scenarios: Sequence[Scenario], path: Path, made_by: str, resolution: str
+) -> HealthyTrial:
     """Write a healthy recording and explain it."""
-    scenario = scenarios[draw.integers(len(scenarios))]
-    made_by = [*MAPS, *SOLVERS][draw.integers(len(MAPS) + len(SOLVERS))]
-    resolution, off_by = RESOLUTIONS[draw.integers(len(RESOLUTIONS))], OFF_BY[draw.integers(len(OFF_BY))]
+    scenario = scenarios[int(draw.integers(len(scenarios)))]
+    off_by = OFF_BY[int(draw.integers(len(OFF_BY)))]
     direction = draw.normal(size=3)
     scene = scenario.scene
     omega = scene.initial.omega_body + off_by * direction / np.linalg.norm(direction)
@@ -248,8 +250,12 @@ def healthy(trials: int, seed: int, minutes: float, *, show: bool) -> bool:
         scenarios = [scenario_of(name, Path(folder)) for name in SCENES]
         found: list[HealthyTrial] = []
         begin = time.monotonic()
+        kinds: list[tuple[str, str]] = []
         while len(found) < trials and time.monotonic() - begin < 60.0 * minutes:
-            one = healthy_trial(draw, scenarios, Path(folder) / "motion.csv")
+            if not kinds:
+                every = [*product([*MAPS, *SOLVERS], RESOLUTIONS)]
+                kinds = [every[k] for k in draw.permutation(len(every)).tolist()]
+            one = healthy_trial(draw, scenarios, Path(folder) / "motion.csv", *kinds.pop())
             found.append(one)
             if show or one.is_accused or not one.is_named or not one.is_alone_as_it_should:
                 print("ACCUSED" if one.is_accused else "named" if one.is_named else "NOT NAMED", one.words,
@@ -427,8 +433,9 @@ def faults(
     begin, tried = time.monotonic(), 0
     with tempfile.TemporaryDirectory() as folder:
         trials = FaultTrials(Path(folder), draw)
-        for index in draw.permutation(len(FAULTS)):
-            fault = FAULTS[index]
+        shuffled = [FAULTS[index] for index in draw.permutation(len(FAULTS))]
+        places = defaultdict[str, Iterator[int]](count)
+        for fault in sorted(shuffled, key=lambda one: next(places[one.kind])):  # the kinds take turns
             if names and not any(fnmatchcase(fault.name, name) for name in names):
                 continue
             if time.monotonic() - begin < 60.0 * minutes:

@@ -203,8 +203,9 @@ class Flow:
 
     def of_map(self, base: Base) -> Flow:
         """Return the same candidates, each without a fault, with another map."""
+        _ = self._solid, self._features, self._again  # made once for all maps
         flow = copy.copy(self)
-        flow._base, flow._solid = base, self._solid
+        flow._base = base
         return flow
 
     def advance(self, y: States, steps: int, first: int = 0) -> States:

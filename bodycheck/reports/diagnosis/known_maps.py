@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.one_step_maps import EXACT
 from bodycheck.reports.diagnosis.flow import LIBRARY, Base, States
 from bodycheck.reports.diagnosis.transitions import Transitions
 
@@ -16,6 +18,44 @@ _NEAR = 1.4  # multiples of the limit, within which a map is whitened by its own
 _NEAR_BY_LOADS = 100.0  # multiples of the nearest map, within which other treatments of loads are tried
 _SAME_NORM = 3.0  # multiples of the resolution
 _ROUND_OFF = 1e-14
+FARTHER = 10.0
+"""Times as far from the exact motion as the representatives of its order: no map is farther."""
+
+HELD_ALIKE = 0.1
+"""Share of the effect of holding loads, by which it differs between maps of one order, besides `FARTHER`."""
+
+REPRESENTATIVES = {
+    1: (
+        "M1, pose from the old omega, omega in world axes, additive matrix",
+        "M3, pose from the old omega, omega in world axes",
+        "backward Euler, additive quaternion",
+        "backward Euler, omega in world axes, additive quaternion",
+        "backward Euler, angular momentum in world axes, additive quaternion",
+    ),
+    2: (
+        "SPIRAL",
+        "Heun 2, angular momentum in world axes, additive matrix projected",
+        "Buss 2000, order 2 augmented",
+        "Heun 2 on the rotation group, stages averaged, omega in world axes",
+        "Gauss 2, omega in world axes, additive quaternion",
+    ),
+    3: (
+        "Buss 2000, order 3",
+        "RK3 (Ralston), omega in world axes, additive matrix projected",
+        "CG3, omega in world axes",
+    ),
+    4: (
+        "Buss 2000, order 4",
+        "RK4 (3/8 rule), omega in world axes, additive matrix",
+        "RK4 (3/8 rule) Munthe-Kaas, two commutators, omega in world axes",
+    ),
+    5: (
+        "splitting6",
+        "RK5 (Nystrom), omega in world axes, additive matrix projected",
+        "RK5 (Fehlberg), angular momentum in world axes, additive matrix",
+    ),
+}
+"""Order of maps, 5 for all higher ones -> those that depart farthest from the exact motion."""
 
 
 def maps_of(transitions: Transitions) -> list[Base]:
@@ -26,17 +66,55 @@ def maps_of(transitions: Transitions) -> list[Base]:
     """
     every = replace(transitions, from_rows=True)
     few = every.alone().subset(_SCREENED)
-    plain = _with_costs(few, list(LIBRARY.values()))
-    near = _NEAR_BY_LOADS * min(cost for _, cost, _ in plain)
+    reach = _Reach(few)
+    held_maps = {base.name: [one for one in _held(base) if few.scene.loads and one in reach]
+                 for base in LIBRARY.values()}  # fmt: skip
+    plain = _with_costs(few, [one for one in LIBRARY.values() if held_maps[one.name] or one in reach])
+    near = _NEAR_BY_LOADS * min((cost for _, cost, _ in plain), default=0.0)
     possible = []
     for base, cost, state in plain:
-        held = _with_costs(few, list(_held(base))) if cost <= near and few.scene.loads else []
+        held = _with_costs(few, held_maps[base.name]) if cost <= near else []
         for one, off, after in [(base, cost, state), *held]:
             if off <= few.limit and _has_norm(few, one, after):
                 possible.append(one)
     return [
         base for base, cost, _ in _with_costs(every, possible) if _settled(every, base, cost) <= every.limit
     ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Reach:
+    """The maps that can have made transitions: those no farther than `FARTHER` allows."""
+
+    transitions: Transitions
+
+    def __contains__(self, base: Base) -> bool:
+        distance, limit = self._distances[min(base.order, max(REPRESENTATIVES)), base.in_body_axes]
+        return distance <= limit
+
+    @cached_property
+    def _distances(self) -> dict[tuple[int, bool | None], tuple[float, float]]:
+        """Order, axes in which loads are held -> the distance from these maps, and the largest allowed one.
+
+        In root mean square. Plain maps are around the exact motion; those with held loads around one of them.
+        """
+        some = self.transitions
+        found: dict[tuple[int, bool | None], tuple[float, float]] = {}
+        exact = self._differences([Base(EXACT.name, "", one=EXACT)])
+        for order, names in REPRESENTATIVES.items():
+            maps = [LIBRARY[name] for name in names]
+            departures = self._differences(maps) - exact
+            allowed = some.limit + FARTHER * max(map(some.cost_of, departures))
+            found[order, None] = some.cost_of(exact), allowed
+            for held in next(filter(None, ([*_held(one)] for one in maps))):
+                gap = self._differences([held])
+                also = HELD_ALIKE * some.cost_of(gap - exact)
+                found[order, held.in_body_axes] = some.cost_of(gap), allowed + also
+        return found
+
+    def _differences(self, maps: Sequence[Base]) -> Array:
+        some = self.transitions
+        return some.weighted(some.gaps_after(some.after(maps)))
 
 
 def _held(base: Base) -> Iterator[Base]:
