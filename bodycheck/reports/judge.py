@@ -106,10 +106,10 @@ def of_given_body(
                 f"{path}: has no angular velocity at which the motion of a body could start, nor three "
                 "attitudes from which to derive it; --scenario gives the start"
             )
-        arrays = dict(recorded.arrays)
+        arrays, is_unused = dict(recorded.arrays), False
         if "velocity_m_s" not in arrays:
-            arrays.pop("position_m", None)
-        kept.append(replace(recorded, arrays=arrays))
+            is_unused = arrays.pop("position_m", None) is not None
+        kept.append(replace(recorded, arrays=arrays, has_unused_position=is_unused))
     ends_s = [float(one.arrays["t_s"][-1]) for one in kept]
     return kept, body.scenario(max(ends_s), len(kept[0].arrays["t_s"]))
 

@@ -30,6 +30,8 @@ def conclusion(motion: JudgedMotion, case: ExplainedCase | None) -> Sentence:
     if not motion.case.ok:
         return Sentence(f"{motion.path.name} is unstable: {motion.row['message']}.", "bad", strong=True)
     parts = [*_derived(motion), *_conservation(motion), *_distance(motion), *_cause(motion, diagnosis, dt_s)]
+    if motion.has_unused_position:
+        parts.append("The position is not compared, as the file has no velocity with which it starts.")
     is_wrong = diagnosis is not None and diagnosis.verdict == "explained"
     tint = "bad" if is_wrong else "good" if is_true(motion) else "open"
     return Sentence(" ".join(parts), tint, strong=True)

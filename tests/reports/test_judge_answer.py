@@ -315,3 +315,16 @@ def test_a_reading_of_attitudes_alone_is_the_one_that_conserves_momentum(tmp_pat
     text = told(judged(attitudes_alone(tmp_path / "damped.csv", damped))).text
     assert "Angular momentum is not conserved" in text
     assert "Likely cause" not in text
+
+
+def test_a_position_without_a_velocity_is_not_compared_and_this_is_stated(
+    tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
+    """Nothing tells with which velocity the position starts."""
+    path = tmp_path / "sim.csv"
+    head = "t_s,x_m,y_m,z_m,qw,qx,qy,qz,wx_body_rad_s,wy_body_rad_s,wz_body_rad_s"
+    rows = np.column_stack([T_S, np.outer(T_S, [1.0, 2.0, 3.0]), *solved(T_S)])
+    np.savetxt(path, rows, "%.9f", ",", header=head, comments="")
+    ranking = judged(path)
+    assert not {"position_error", "position_error_abs"} & ranking.rows[0].keys()
+    expected_message(told(ranking).text)

@@ -365,16 +365,20 @@ class Search:
         None if there is none, or if a general fault of the nearest map does.
 
         A fault changes a step of all maps nearly alike. What it changes in the nearest map, taken off the
-        differences from every other map, leaves least with the right one. This is repeated from there.
+        differences from every other map, leaves least with the right one. This is repeated from there. A map
+        that is nearer without a fault than others with one shows which faults to try.
         """
         few = self._subset(nearest, _FIRST_LOOK)
         limit, whole = few.limit, few if few.whole is None else few.whole
         maps = [one for one in LIBRARY.values() if not _is_below(one, order)]
         sound = whole.weighted(whole.gaps_after(whole.after(maps)))
-        base, tried = nearest, {nearest.name}
+        base, tried, lowest = nearest, {nearest.name}, math.inf
         starts: list[Start] | None = None
         for _ in range(_NEIGHBOURS):
+            if self._healthy_cost(base) < lowest:
+                starts = None
             fits = self._first_look(base, starts, general=False)
+            lowest = min(lowest, fits[0].cost)
             if starts is None:
                 fits = sorted([*fits, *self._first_look(base, None, general=True)], key=lambda fit: fit.cost)
             if fits[0].cost <= limit:

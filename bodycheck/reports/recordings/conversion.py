@@ -63,12 +63,14 @@ class RecordedMotion:
     spacing of the numbers that the file can state, in the unit of the array: () for t_s, (3,) for a vector,
     (4,) for a quaternion, (3, 3) for a matrix. computed: the arrays that the file has in another form.
     has_derived_omega: whether omega is the derivative of the attitudes, as the file has none.
+    has_unused_position: whether a position was left out, as the file has no velocity with which it starts.
     """
 
     arrays: dict[str, Array]
     resolution: dict[str, Array]
     computed: frozenset[str] = frozenset()
     has_derived_omega: bool = False
+    has_unused_position: bool = False
 
     def with_omega(self) -> RecordedMotion | None:
         """Return the recording with omega derived from its attitudes; None where it has too few."""

@@ -69,7 +69,7 @@ class JudgedMotion:
     momentum: its largest changes, None where the file has no attitude or omega. energy: the largest change of
     the rotational energy since the first row, with its sign, over the largest, None without omega. floors:
     measure -> what the truth and the digits of the file leave open, relative as the measure is.
-    has_derived_omega: whether omega is the derivative of the attitudes.
+    has_derived_omega, has_unused_position: of the recording.
     """
 
     path: Path
@@ -82,6 +82,7 @@ class JudgedMotion:
     energy: float | None
     floors: Mapping[str, float]
     has_derived_omega: bool = False
+    has_unused_position: bool = False
 
 
 def judged_motion(
@@ -159,6 +160,7 @@ def judged_motion(
         _energy_change(compared) if "omega" in known else None,
         _floors(columns, at_samples, resolution, start),
         recorded.has_derived_omega,
+        recorded.has_unused_position,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,13 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
+from bodycheck.adapters.contract import Setting
+from bodycheck.adapters.execution import Case, record
+from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.diagnosis.diagnosis import Diagnosis
 from bodycheck.runs import runner
+from bodycheck.scenarios.library import load_scenario
 from tests.helpers.expected_messages import ExpectedMessage
 
 IN_OTHER_AXES = "as if omega is read in the other axes, world for body or body for world"
@@ -344,6 +349,32 @@ def test_a_fault_is_named_in_any_map_of_the_library(additive: bool, name: str, t
     assert found.base == name
     assert ("torque",) in listed(found)
     assert "torques are multiplied by 1.02" in found.sentence
+
+
+@pytest.mark.slow
+def test_a_fault_is_named_that_is_smaller_than_the_differences_between_maps(tmp_path: Path) -> None:
+    """Faults that fit the map that is nearest at first are not the only ones that are tried with others."""
+    loads = """[[forcing]]
+kind = "gravity"
+acceleration_m_s2 = [0.0, 0.0, -9.81]
+[[forcing]]
+kind = "force"
+axes = "body"
+value_n = [0.3, 0.2, 1.0]
+at_m = [0.05, -0.02, 0.1]
+"""
+    (tmp_path / "thrown.toml").write_text(FREE + loads)
+    scene = load_scenario(tmp_path / "thrown.toml").scene
+    wrong = replace(scene, gravity=1.001 * scene.gravity)
+    path = record(Reference(), Case(wrong, "lie-euler", Setting(dt_s=0.01))).trajectory
+    assert path is not None
+    arrays = {name: value for name, value in vars(path).items() if value is not None}
+    np.savez(tmp_path / "motion.npz", **arrays)
+    found = runner.explain(tmp_path / "motion.npz", tmp_path / "thrown.toml", dt_s=0.01).diagnosis
+    assert found is not None
+    assert (found.verdict, found.base) == ("explained", "Buss 2000, order 1")
+    assert [fault.name for fault in found.faults] == ["gravity"]
+    assert found.faults[0].parameters[0].value == pytest.approx(1.001, abs=1e-6)
 
 
 def mapped_rates(steps: int, *, midpoint: bool, damping: float = 0.0) -> Array:
