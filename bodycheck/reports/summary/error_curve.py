@@ -65,6 +65,13 @@ def cases_within(sequence: RefinementSequence, error: float, quantity: str) -> I
             return
 
 
+def cheapest(sequences: Iterable[RefinementSequence], error: float, quantity: str) -> CaseResult | None:
+    """Return the timed case of any method that meets an error tolerance with the least processor time."""
+    meeting = (case for sequence in sequences for case in cases_within(sequence, error, quantity))
+    timed = (case for case in meeting if "cpu_s" in case.columns)
+    return min(timed, key=lambda case: case.columns["cpu_s"], default=None)
+
+
 def without_round_off(sequence: RefinementSequence, quantity: str) -> RefinementSequence:
     """Return the cases of a method, finest first, without those that single precision makes worse."""
     if not sequence or sequence[0].columns.get("precision", "float64") == "float64":

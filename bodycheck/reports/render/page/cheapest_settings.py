@@ -18,6 +18,7 @@ from bodycheck.reports.summary.advice import Option, ScenarioAdvice, settings_wi
 from bodycheck.reports.summary.error_curve import (
     RefinementSequence,
     cases_within,
+    cheapest,
     curves_of,
     largest_error,
     sequences_of,
@@ -145,8 +146,6 @@ def cell_data(sequence: RefinementSequence) -> dict[str, Any]:
 
 
 def _fastest(sequence: RefinementSequence, error: float) -> float | None:
-    speeds = [
-        case.columns["duration_s"] / case.columns["cpu_s"] if case.columns.get("cpu_s") else 0.0
-        for case in cases_within(sequence, error, ORIENTATION)
-    ]
-    return rounded(max(speeds)) if speeds else None
+    if (case := cheapest([sequence], error, ORIENTATION)) is not None:
+        return rounded(case.columns["duration_s"] / case.columns["cpu_s"])
+    return 0.0 if any(cases_within(sequence, error, ORIENTATION)) else None

@@ -16,7 +16,7 @@ from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.render.styles import REFERENCE
 from bodycheck.reports.run_files.run_tables import MethodKey
-from bodycheck.reports.summary.error_curve import RefinementSequence, cases_within, sequences_of
+from bodycheck.reports.summary.error_curve import RefinementSequence, cheapest, sequences_of
 
 ERRORS = (ORIENTATION, "energy_drift", "angular_momentum_drift", "omega_error")
 """The errors for which costs are compared."""
@@ -48,16 +48,10 @@ def cheapest_cases(
     engines = [sequence for (engine, _), sequence in sequences.items() if engine != REFERENCE]
     found = []
     for target in TARGETS:
-        of_all = _cheapest(sequences.values(), error, target)
+        of_all = cheapest(sequences.values(), target, error)
         if target >= floor and of_all is not None:
-            found.append(Cheapest(target, of_all, _cheapest(engines, error, target)))
+            found.append(Cheapest(target, of_all, cheapest(engines, target, error)))
     return found
-
-
-def _cheapest(sequences: Iterable[RefinementSequence], error: str, target: float) -> CaseResult | None:
-    meeting = (case for sequence in sequences for case in cases_within(sequence, target, error))
-    timed = (case for case in meeting if "cpu_s" in case.columns)
-    return min(timed, key=lambda case: case.columns["cpu_s"], default=None)
 
 
 @dataclass(frozen=True)
@@ -118,7 +112,7 @@ def _cost(
 
 def _price(sequence: RefinementSequence, target: float, error: str) -> float:
     """Return the least cost that meets a tolerance, per simulated second; infinite if no case meets it."""
-    case = _cheapest([sequence], error, target)
+    case = cheapest([sequence], target, error)
     return math.inf if case is None else case.columns["cpu_s"] / case.columns["duration_s"]
 
 
