@@ -125,7 +125,12 @@ def test_example_adapter_passes_every_check() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", ["reference:m1", "reference:euler", "mujoco:rk4", "pybullet:multibody", "dart"]
+    "name",
+    [
+        "reference:m1",
+        pytest.param("reference:euler", marks=pytest.mark.nightly),
+        *("mujoco:rk4", "pybullet:multibody", "dart"),
+    ],
 )
 def test_built_in_adapters_pass_in_their_workers(name: str) -> None:
     """No check of a built-in engine fails, continuous loads as the first request of a kernel included."""
