@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -65,23 +66,19 @@ _Stored = TypeVar("_Stored", bound=StoredShard)
 
 
 @dataclass(frozen=True, eq=False)
-class _Manifest(StoredShard):
-    """A shard whose manifest has been read."""
+class _Part(StoredShard):
+    """A shard of a run: its manifest, and what is read once all shards are known to belong together."""
 
-    content: dict[str, Any]
+    manifest: dict[str, Any]
+    allow_code: bool
 
+    @cached_property
+    def run(self) -> Run:
+        return read_run(self.folder, allow_code=self.allow_code, cache=Cache.default())
 
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """A shard as stored: which one it is, its run, and its sentinels."""
-
-    shard: Shard
-    run: Run
-    sentinels: tuple[Sentinel, ...]
-
-    @property
-    def manifest(self) -> dict[str, Any]:
-        return self.run.manifest
+    @cached_property
+    def sentinels(self) -> tuple[Sentinel, ...]:
+        return read_sentinels(self.folder)
 
     @property
     def machine(self) -> str:
@@ -97,7 +94,7 @@ def merge(folders: Sequence[Path], *, allow_code: bool = False) -> Run:
     Raises InputError where a folder is not a complete shard, a shard is missing or given twice, or the
     shards are not of one request.
     """
-    parts = _parts(folders, allow_code=allow_code)
+    parts = all_shards([_part(folder, allow_code) for folder in folders], _request_faults)
     try:
         selection = _selection(parts)
     except (KeyError, TypeError) as error:
@@ -143,15 +140,6 @@ def merge(folders: Sequence[Path], *, allow_code: bool = False) -> Run:
     )
 
 
-def _parts(folders: Sequence[Path], *, allow_code: bool) -> list[_Part]:
-    """Read the shards, in order; raises InputError unless they are all shards of one request."""
-    cache = Cache.default()
-    return [
-        _Part(one.shard, read_run(one.folder, allow_code=allow_code, cache=cache), read_sentinels(one.folder))
-        for one in all_shards([_shard(folder) for folder in folders], _request_faults)
-    ]
-
-
 def all_shards(
     shards: Sequence[_Stored], request_faults: Callable[[_Stored, _Stored], Iterable[str]]
 ) -> list[_Stored]:
@@ -171,8 +159,8 @@ def all_shards(
     return sorted(shards, key=lambda one: one.shard.index)
 
 
-def _shard(folder: Path) -> _Manifest:
-    """Return which shard a folder holds, and its manifest."""
+def _part(folder: Path, allow_code: bool) -> _Part:
+    """Return the shard that a folder holds."""
     unfinished = partial_of(folder)
     if unfinished.exists() and not folder.exists():
         resume = f"bodycheck run --resume {shell_quote(str(folder))}"
@@ -184,12 +172,12 @@ def _shard(folder: Path) -> _Manifest:
         raise InputError(
             f"{folder}: not a shard (expected a folder written by `bodycheck run --shard`)"
         ) from None
-    return _Manifest(folder, Shard.parse(facts.shard), manifest)
+    return _Part(folder, Shard.parse(facts.shard), manifest, allow_code)
 
 
-def _request_faults(one: _Manifest, first: _Manifest) -> Iterator[str]:
+def _request_faults(one: _Part, first: _Part) -> Iterator[str]:
     """Yield how the requests of two shards differ: scenarios, steps, tolerances, speeds."""
-    manifest, expected = one.content, first.content
+    manifest, expected = one.manifest, first.manifest
     mine, its = (_requested(content) for content in (manifest, expected))
     for name in differing(mine, its):
         yield f"{one.folder}: {name} is {mine[name]}, but {its[name]} in {first.folder}"
