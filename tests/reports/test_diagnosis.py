@@ -251,7 +251,11 @@ def test_of_two_known_faults_only_those_with_an_effect_are_named() -> None:
 @pytest.mark.parametrize(
     ("scenario", "base", "planted_names", "names"),
     [
-        ("powered-flight", "m1", ("moment-1-percent", "moment-1e-4"), {"largest-moment", "smallest-moment"}),
+        pytest.param(
+            *("powered-flight", "m1", ("moment-1-percent", "moment-1e-4")),
+            {"largest-moment", "smallest-moment"},
+            marks=pytest.mark.nightly,
+        ),
         (
             "fast-flight",
             "m2",
