@@ -117,12 +117,13 @@ class Build:
 
 @dataclass(frozen=True, eq=False)
 class Engine:
-    """An engine as announced by its worker: name, version, methods by name, and build."""
+    """An engine as announced by its worker: name, version, methods by name, build, and trees or not."""
 
     name: str
     version: str
     methods: Mapping[str, Method]
     build: Build = Build()
+    moves_trees: bool = False
 
 
 @dataclass(frozen=True)
@@ -168,6 +169,18 @@ class ReadBack:
     dt_s: float | None
     gravity: Array
     state: Reading
+
+
+@dataclass(frozen=True, eq=False)
+class TreeReadBack:
+    """A tree as stored in an engine: the step in s, and arrays named as in `JointedLink` and `Joint`.
+
+    mass, stiffness, rest, damping and armature (b,); inertia (b, 3, 3); centre, place and axis (b, 3); zero
+    (b, 4); gravity (3,); q and u. What the engine does not store is absent.
+    """
+
+    dt_s: float | None
+    numbers: Mapping[str, Array]
 
 
 class Simulation(Protocol):
@@ -280,7 +293,7 @@ _BODY: Mapping[Precision, float] = {"float64": 1e-12, "float32": 8e-6, "mixed": 
 
 
 def read_back_mismatch(
-    scene: Scene, dt_s: float | None, found: ReadBack, precision: Precision = "float64"
+    scene: Scene, dt_s: float | None, found: ReadBack | TreeReadBack, precision: Precision = "float64"
 ) -> str | None:
     """Return how mass, inertia, step, gravity or initial state differ from the scene; None if they do not.
 
@@ -289,6 +302,8 @@ def read_back_mismatch(
     relative to those quantities. A state without attitude or without omega is a
     mismatch too, because it could not be compared.
     """
+    if isinstance(found, TreeReadBack):
+        return "the engine read back a tree, not one body"
     different = _differences(scene, dt_s, found, precision)
     if different and precision == "float64" and not _differences(scene, dt_s, found, "float32"):
         return f'the engine holds float32: state precision="float32" in its Method; {different[0]}'

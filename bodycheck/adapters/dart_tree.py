@@ -6,22 +6,24 @@ link's origin, in world axes. Bodies are numbered in the order of their creation
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import dartpy
 import numpy as np
 
+from bodycheck.adapters.contract import DEFAULTS, TreeReadBack
 from bodycheck.adapters.tree_contract import (
     RateMap,
     TreeModel,
+    held_loads,
     jointed_links,
     link_poses,
     swapped_in_world,
 )
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import matrix_to_quaternion, quaternion_to_matrix
-from bodycheck.reference_impl.trees.tree_scene import TreeScene
+from bodycheck.reference_impl.trees.tree_scene import TreeLoad, TreeScene
 
 _logarithm = dartpy.dynamics.BallJoint.convertToPositions
 _rotation = dartpy.dynamics.BallJoint.convertToRotation
@@ -148,9 +150,69 @@ class DartTree(TreeModel):
 
     def step(self, dt_s: float) -> tuple[Array, Array]:
         """Make the three calls of World::step."""
+        self._step(dt_s)
+        return self.state()
+
+    def _step(self, dt_s: float) -> None:
         self._skeleton.computeForwardDynamics()
         self._skeleton.integrateVelocities(dt_s)
         self._skeleton.integratePositions(dt_s)
+
+    # --------------------------------------------------------------------------------------------- motion
+
+    @classmethod
+    def unmoved(cls, scene: TreeScene, method: str) -> str | None:  # noqa: ARG003
+        """Refuse armatures."""
+        return "DART's joints have no armature" if any(b.joint.armature for b in scene.bodies) else None
+
+    def start(self, method: str, dt_s: float) -> None:
+        """Set the joints' springs and dampers, the step and the state; with its defaults, in a world."""
+        self._world = None
+        for joint, body in zip(self._joints, self._scene.bodies, strict=True):
+            for index in range(body.joint.of_kind.rates if body.joint.kind != "free" else 0):
+                joint.setDampingCoefficient(index, body.joint.damping)
+                if body.joint.stiffness:
+                    joint.setSpringStiffness(index, body.joint.stiffness)
+                    joint.setRestPosition(index, body.joint.rest)
+        self._skeleton.setTimeStep(dt_s)
+        self._skeleton.resetCommands()
+        self.set_state(self._scene.q0, self._scene.u0)
+        self._steps = 0
+        if method.endswith(DEFAULTS):
+            self._world = dartpy.simulation.World()
+            self._world.setGravity(self._scene.gravity)
+            self._world.setTimeStep(dt_s)
+            self._world.addSkeleton(self._skeleton)
+
+    def push(self, loads: Sequence[tuple[TreeLoad, float]]) -> None:
+        """Keep the loads, which every step sets anew: DART turns world forces with the body otherwise."""
+        self._loads = tuple(loads)
+        self._set_loads()
+
+    def _set_loads(self) -> None:
+        held = held_loads(
+            self._scene, self._loads, self._steps * self._skeleton.getTimeStep(), self.state()[0]
+        )
+        for joint, own in zip(self._joints, held.joint, strict=True):
+            joint.setForces(own)
+        for body, link, force, torque in zip(self._bodies, self._links, held.force, held.torque, strict=True):
+            body.clearExternalForces()
+            body.addExtForce(force, link.centre, False, True)
+            body.addExtTorque(torque, False)
+
+    def advance(self, steps: int) -> None:
+        """Set the loads and make a step, as often as wanted."""
+        for _ in range(steps):
+            if self._loads:
+                self._set_loads()
+            if self._world is None:
+                self._step(self._skeleton.getTimeStep())
+            else:
+                self._world.step(False)  # False: keep the forces
+            self._steps += 1
+
+    def state(self) -> tuple[Array, Array]:
+        """getPositions and getVelocities."""
         self._turn()
         parts = []
         for joint, link in zip(self._joints, self._links, strict=True):
@@ -161,3 +223,30 @@ class DartTree(TreeModel):
                 own = matrix_to_quaternion(np.array(_rotation(own)))
             parts.append(own)
         return np.concatenate(parts), self._map.own_rates(np.array(self._skeleton.getVelocities()))
+
+    def held(self) -> TreeReadBack:
+        """Read the skeleton."""
+        inertias = [body.getInertia() for body in self._bodies]
+        poses = [joint.getTransformFromParentBodyNode() for joint in self._joints]
+        kinds = [link.kind for link in self._links]
+        q, u = self.state()
+        axes = [
+            np.array(joint.getAxis()) if kind in ("hinge", "slide") else np.zeros(3)
+            for joint, kind in zip(self._joints, kinds, strict=True)
+        ]
+        numbers = {
+            "mass": [one.getMass() for one in inertias],
+            "inertia": [np.array(one.getMoment()) for one in inertias],
+            "centre": [np.array(one.getLocalCOM()) for one in inertias],
+            "place": [np.array(pose.translation()) for pose in poses],
+            "zero": [matrix_to_quaternion(np.array(pose.rotation())) for pose in poses],
+            "axis": axes,
+            "stiffness": [joint.getSpringStiffness(0) for joint in self._joints],
+            "rest": [joint.getRestPosition(0) for joint in self._joints],
+            "damping": [joint.getDampingCoefficient(0) for joint in self._joints],
+            "gravity": np.array(self._skeleton.getGravity()),
+            "q": q,
+            "u": u,
+        }
+        stored = {name: np.array(values, dtype=np.float64) for name, values in numbers.items()}
+        return TreeReadBack(float(self._skeleton.getTimeStep()), stored)

@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Literal, Protocol, TypeAlias, cast
+from typing import Any, Literal, Protocol, TypeAlias, cast
 
 import numpy as np
 
@@ -19,10 +19,13 @@ from bodycheck.adapters.contract import (
     Solver,
     SolvingAdapter,
     Stepping,
+    TreeReadBack,
 )
+from bodycheck.adapters.tree_contract import TreeSimulation, moved_tree, tree_model_of
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reference_impl.wrench import Leg, StepPlan, Wrench, plan_steps
 
 _LAP_S = 2e-3  # a lap is the whole case, or its first steps for about this long
@@ -35,7 +38,7 @@ Ending: TypeAlias = Literal["ok", "unsupported", "failed", "timeout"]
 class Case:
     """A scene, the name of a method, and its step size or tolerance."""
 
-    scene: Scene
+    scene: Scene | TreeScene
     method: str
     setting: Setting
 
@@ -51,7 +54,7 @@ class Answer:
     outcome: Ending
     message: str = ""
     trajectory: Trajectory | None = None
-    read_back: ReadBack | None = None
+    read_back: ReadBack | TreeReadBack | None = None
     stepping: Stepping | None = None
     steps: int | None = None
     build: str = ""
@@ -66,20 +69,20 @@ def record(adapter: Adapter, case: Case, *, again: bool = False) -> Answer:
     scene, method, setting = case.scene, case.method, case.setting
     if method not in adapter.methods:
         return Answer("unsupported", f"no method {method!r}")
-    if reason := adapter.unsupported(scene, method):
+    if reason := refusal(adapter, scene, method):
         return Answer("unsupported", reason)
     if setting.dt_s is None:
-        solver = cast(SolvingAdapter, adapter).solver(scene, method, setting.tolerance)
+        solver = cast(SolvingAdapter, adapter).solver(cast(Scene, scene), method, setting.tolerance)
         try:
             if again:
                 solver.solve()
-            model = solver.read_back()
+            model: ReadBack | TreeReadBack = solver.read_back()
             solved = solver.solve()
             return Answer("ok", "", solved, model, "native", solver.steps)
         finally:
             solver.close()
     plan = plan_steps(scene, setting.dt_s)
-    simulation = adapter.build(scene, method, plan.dt_s)
+    simulation = built(adapter, scene, method, plan.dt_s)
     try:
         if again:
             readings_along(simulation, plan.legs())
@@ -87,14 +90,41 @@ def record(adapter: Adapter, case: Case, *, again: bool = False) -> Answer:
         if again:
             simulation.reset()
         readings = readings_along(simulation, plan.legs())
-        return Answer("ok", "", trajectory_of(scene.sample_times, readings), model, simulation.stepping)
+        motion = motion_of(scene, scene.sample_times, readings)
+        return Answer("ok", "", motion, model, simulation.stepping)
     finally:
         simulation.close()
 
 
-def readings_along(simulation: Simulation, legs: Iterable[Leg]) -> list[Reading]:
+def refusal(adapter: Adapter, scene: Scene | TreeScene, method: str) -> str | None:
+    """Return why a method cannot represent a scene; None if it can."""
+    if not isinstance(scene, TreeScene):
+        return adapter.unsupported(scene, method)
+    model = tree_model_of(adapter)
+    return f"the adapter of {adapter.name} builds no trees" if model is None else model.unmoved(scene, method)
+
+
+def built(
+    adapter: Adapter, scene: Scene | TreeScene, method: str, dt_s: float
+) -> Simulation | TreeSimulation:
+    """Build a scene, of one body or of a tree."""
+    if not isinstance(scene, TreeScene):
+        return adapter.build(scene, method, dt_s)
+    model = tree_model_of(adapter)
+    assert model is not None
+    return TreeSimulation(model, scene, method, dt_s)
+
+
+def motion_of(scene: Scene | TreeScene, t_s: Array, readings: list[Any]) -> Trajectory:
+    """Return the readings at the times t_s (n,) as one trajectory; of a tree, with all poses."""
+    if isinstance(scene, TreeScene):
+        return moved_tree(scene, t_s, readings)
+    return trajectory_of(t_s, readings)
+
+
+def readings_along(simulation: Simulation | TreeSimulation, legs: Iterable[Leg]) -> list[Any]:
     """Step a fresh simulation along the legs, and return the states at the start and at the samples."""
-    readings = [simulation.read()]
+    readings: list[Any] = [simulation.read()]
     wrench: Wrench | None = None
     for leg in legs:
         if leg.wrench is not wrench:
@@ -146,17 +176,19 @@ class Stopwatch(Protocol):
 def stopwatch(adapter: Adapter, case: Case) -> Stopwatch:
     """Build a case and run it once without timing, so that it is ready to be timed."""
     if case.setting.dt_s is None:
-        solver = cast(SolvingAdapter, adapter).solver(case.scene, case.method, case.setting.tolerance)
+        solver = cast(SolvingAdapter, adapter).solver(
+            cast(Scene, case.scene), case.method, case.setting.tolerance
+        )
         with _closed_on_failure(solver):
             return _SolverStopwatch(solver)
     plan = plan_steps(case.scene, case.setting.dt_s)
-    simulation = adapter.build(case.scene, case.method, plan.dt_s)
+    simulation = built(adapter, case.scene, case.method, plan.dt_s)
     with _closed_on_failure(simulation):
         return _StepStopwatch(simulation, plan)
 
 
 @contextmanager
-def _closed_on_failure(built: Simulation | Solver) -> Iterator[None]:
+def _closed_on_failure(built: Simulation | TreeSimulation | Solver) -> Iterator[None]:
     try:
         yield
     except BaseException:
@@ -181,7 +213,7 @@ class _SolverStopwatch:
 class _StepStopwatch:
     """Times the first steps of a case without stopping at samples, and scales to all of its steps."""
 
-    def __init__(self, simulation: Simulation, plan: StepPlan) -> None:
+    def __init__(self, simulation: Simulation | TreeSimulation, plan: StepPlan) -> None:
         self._simulation = simulation
         trial = min(_TRIAL_STEPS, plan.steps)
         self._legs, self._scale = list(_first_steps(plan, trial)), 1.0

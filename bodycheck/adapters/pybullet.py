@@ -176,7 +176,7 @@ class PyBulletSimulation:
 
     def reset(self) -> None:
         """Restore the initial state, without a wrench, as freshly built."""
-        _set_substeps(self._client, self._substep_s, self._substeps)
+        set_substeps(self._client, self._substep_s, self._substeps)
         if self._is_maximal:
             self._refresh_world_inertia()
         self.apply(NO_WRENCH)
@@ -221,14 +221,14 @@ class PyBulletSimulation:
     def advance(self, steps: int) -> None:
         """Make many steps in one call, unless the wrench rotates with the body and changes at every step."""
         if self._rotates_with_body or self._continuous:
-            _set_substeps(self._client, self._substep_s, self._substeps)
+            set_substeps(self._client, self._substep_s, self._substeps)
             for _ in range(steps):
                 if self._continuous:
                     self._push_continuous_loads()
                 self._step()
         else:
-            for substeps in _powers_of_two(steps * self._substeps):
-                _set_substeps(self._client, self._substep_s, substeps)
+            for substeps in powers_of_two(steps * self._substeps):
+                set_substeps(self._client, self._substep_s, substeps)
                 self._step()
 
     def read(self) -> Reading:
@@ -355,7 +355,7 @@ class PivotedPyBulletSimulation:
         pybullet.resetJointStateMultiDof(
             self._body, _LINK, (x, y, z, w), tuple(omega), physicsClientId=self._client
         )
-        _set_substeps(self._client, self._dt_s, 1)
+        set_substeps(self._client, self._dt_s, 1)
         self._continuous.reset()
         self.apply(NO_WRENCH)
 
@@ -366,11 +366,11 @@ class PivotedPyBulletSimulation:
     def advance(self, steps: int) -> None:
         """Make many steps in one call, unless a load rotates with the body and is set at every step."""
         if self._wrench.is_zero and not self._continuous:
-            for substeps in _powers_of_two(steps):
-                _set_substeps(self._client, self._dt_s, substeps)
+            for substeps in powers_of_two(steps):
+                set_substeps(self._client, self._dt_s, substeps)
                 pybullet.stepSimulation(self._client)
             return
-        _set_substeps(self._client, self._dt_s, 1)
+        set_substeps(self._client, self._dt_s, 1)
         for _ in range(steps):
             self._push()
             pybullet.stepSimulation(self._client)
@@ -487,7 +487,7 @@ def _read_back(client: int, body: int, link: int, axes: Array, state: Reading) -
     )
 
 
-def _set_substeps(client: int, dt_s: float, count: int) -> None:
+def set_substeps(client: int, dt_s: float, count: int) -> None:
     """Make one call perform `count` steps, a power of two.
 
     Then count dt_s and count dt_s / count are exact. Bullet makes int(fixedTimeStep / substep) steps, and
@@ -496,7 +496,7 @@ def _set_substeps(client: int, dt_s: float, count: int) -> None:
     pybullet.setPhysicsEngineParameter(fixedTimeStep=count * dt_s, numSubSteps=count, physicsClientId=client)
 
 
-def _powers_of_two(steps: int) -> Iterator[int]:
+def powers_of_two(steps: int) -> Iterator[int]:
     """Yield powers of two, at most _MAX_SUBSTEPS, whose sum is `steps`."""
     full_calls, rest = divmod(steps, _MAX_SUBSTEPS)
     for _ in range(full_calls):

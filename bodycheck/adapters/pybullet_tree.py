@@ -9,16 +9,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pybullet
 
+from bodycheck.adapters.contract import DEFAULTS, VARIANT, TreeReadBack
+from bodycheck.adapters.pybullet import powers_of_two, set_substeps
 from bodycheck.adapters.tree_contract import (
     JointedLink,
     RateMap,
     TreeModel,
     UnreportedError,
+    held_loads,
     jointed_links,
 )
 from bodycheck.reference_impl.arrays import Array
@@ -29,7 +32,7 @@ from bodycheck.reference_impl.rotations import (
     quaternion_product,
     quaternion_to_matrix,
 )
-from bodycheck.reference_impl.trees.tree_scene import TreeScene
+from bodycheck.reference_impl.trees.tree_scene import TreeLoad, TreeScene
 
 _SHORT_S = 1e-7
 _KINDS = {
@@ -60,8 +63,8 @@ class PyBulletTree(TreeModel):
         self._scene, self._links = scene, jointed_links(scene)
         kinds = [link.kind for link in self._links]
         self._is_floating = kinds[0] == "free"
-        if "free" in kinds[1:] or (self._is_floating and [link.parent for link in self._links].count(-1) > 1):
-            raise UnreportedError("a btMultiBody has one base: a free body is the first and the only root")
+        if reason := _unbuilt(self._links):
+            raise UnreportedError(reason)
         if PyBulletTree._client is None:
             PyBulletTree._client = pybullet.connect(pybullet.DIRECT)
         self._at = {"physicsClientId": PyBulletTree._client}
@@ -77,7 +80,9 @@ class PyBulletTree(TreeModel):
             start += {"ball": 3}.get(kinds[k], 1)
         self._map = RateMap(scene, starts)
 
-    def _created(self, links: Sequence[JointedLink], masses_were: float) -> int:
+    def _created(
+        self, links: Sequence[JointedLink], masses_were: float = 1.0, *, defaults: bool = False
+    ) -> int:
         jointed = links[1:] if self._is_floating else links
         first = 0 if self._is_floating else 1
         base: dict[str, object] = {"baseMass": 0.0}
@@ -102,30 +107,32 @@ class PyBulletTree(TreeModel):
             name = pybullet.getJointInfo(body, index, **self._at)[1].decode()
             self._indices[int(name.removeprefix("joint")) - first] = index
         self._body = body
-        self._set_inertias([*links], masses_were)
+        self._set_inertias([*links], masses_were, defaults=defaults)
         for index, link in zip(self._indices, links, strict=True):
+            if index == _BASE:
+                continue
+            pybullet.enableJointForceTorqueSensor(body, index, 1, **self._at)
+            if defaults:
+                continue
             if link.kind == "ball":
                 pybullet.setJointMotorControlMultiDof(
                     body, index, pybullet.POSITION_CONTROL, targetPosition=[0, 0, 0, 1],
                     positionGain=0, velocityGain=0, force=[0, 0, 0], **self._at,
                 )  # fmt: skip
-            elif link.kind != "free":
+            else:
                 pybullet.setJointMotorControl2(body, index, pybullet.VELOCITY_CONTROL, force=0, **self._at)
-            if index != _BASE:
-                pybullet.enableJointForceTorqueSensor(body, index, 1, **self._at)
         return int(body)
 
-    def _set_inertias(self, links: Sequence[JointedLink], factor: float = 1.0) -> None:
+    def _set_inertias(
+        self, links: Sequence[JointedLink], factor: float = 1.0, *, defaults: bool = False
+    ) -> None:
         # together, these leave the inertia at zero, or change the base in place of the link
-        changes: tuple[dict[str, object], ...]
         for index, link in zip(self._indices, links, strict=True):
             moments = factor * diagonalised(link.inertia)[0]
-            changes = (
-                {"linearDamping": 0, "angularDamping": 0, "jointDamping": 0},
-                {"mass": factor * link.mass, "localInertiaDiagonal": moments.tolist()},
-                {"maxJointVelocity": math.inf},
-            )
-            for change in changes:
+            inertia = {"mass": factor * link.mass, "localInertiaDiagonal": moments.tolist()}
+            undamped = {"linearDamping": 0, "angularDamping": 0, "jointDamping": 0}
+            unclamped = {"maxJointVelocity": math.inf}
+            for change in (inertia,) if defaults else (undamped, inertia, unclamped):
                 pybullet.changeDynamics(self._body, index, **change, **self._at)
 
     def _order(self) -> list[int]:
@@ -235,11 +242,117 @@ class PyBulletTree(TreeModel):
         """stepSimulation."""
         pybullet.setTimeStep(dt_s, **self._at)
         pybullet.stepSimulation(**self._at)
-        q, u = self._read()
+        q, u = self.state()
         self._q, self._u, self._has_stepped = q, u, True
         return q, u
 
-    def _read(self) -> tuple[Array, Array]:
+    # --------------------------------------------------------------------------------------------- motion
+
+    @classmethod
+    def unmoved(cls, scene: TreeScene, method: str) -> str | None:
+        """Refuse maximal coordinates, springs and armatures."""
+        name, _, _ = method.partition(VARIANT)
+        if name != "multibody":
+            return "a body in maximal coordinates has no joints"
+        for what in ("stiffness", "armature"):
+            if any(getattr(body.joint, what) for body in scene.bodies):
+                return f"Bullet's joints have no {what}"
+        return _unbuilt(jointed_links(scene))
+
+    def start(self, method: str, dt_s: float) -> None:
+        """Set dampers, step and state; for Bullet's defaults, build the bodies again, with motors."""
+        _, _, variant = method.partition(VARIANT)
+        self._substeps = 4 if variant == "substeps" else 1
+        if VARIANT + variant == DEFAULTS:
+            pybullet.removeBody(self._body, **self._at)
+            self._body = self._created(self._links, defaults=True)
+        for body, index in zip(self._scene.bodies, self._indices, strict=True):
+            if body.joint.damping:
+                pybullet.changeDynamics(self._body, index, jointDamping=body.joint.damping, **self._at)
+        self._dt_s, self._steps = dt_s, 0
+        self.set_state(self._scene.q0, self._scene.u0)
+
+    def push(self, loads: Sequence[tuple[TreeLoad, float]]) -> None:
+        """Keep the loads, which Bullet forgets after every step."""
+        self._loads = tuple(loads)
+        self.stepping = "python" if loads else "native"
+
+    def advance(self, steps: int) -> None:
+        """Make many steps in one call, unless loads are set before each."""
+        if not self._loads:
+            for substeps in powers_of_two(steps * self._substeps):
+                set_substeps(self._at["physicsClientId"], self._dt_s / self._substeps, substeps)
+                pybullet.stepSimulation(**self._at)
+        else:
+            set_substeps(self._at["physicsClientId"], self._dt_s / self._substeps, self._substeps)
+            for _ in range(steps):
+                self._push_loads()
+                pybullet.stepSimulation(**self._at)
+                self._steps += 1
+
+    def _push_loads(self) -> None:
+        """Apply the loads at the present state.
+
+        A force acts about the centre of mass of the last kinematics, which getLinkState computes anew.
+        """
+        held = held_loads(self._scene, self._loads, self._steps * self._dt_s, self.state()[0])
+        places = self.poses()[:, :3]
+        loaded = {load.body for load, _ in self._loads}
+        for k in loaded:
+            index, axes, kind = self._indices[k], self._axes[k], self._links[k].kind
+            if kind == "ball":
+                pybullet.setJointMotorControlMultiDof(
+                    self._body,
+                    index,
+                    pybullet.TORQUE_CONTROL,
+                    force=(axes.T @ held.joint[k]).tolist(),
+                    **self._at,
+                )
+            elif kind != "free":
+                pybullet.setJointMotorControl2(
+                    self._body, index, pybullet.TORQUE_CONTROL, force=held.joint[k][0], **self._at
+                )
+            pybullet.applyExternalForce(
+                self._body,
+                index,
+                held.force[k].tolist(),
+                places[k].tolist(),
+                pybullet.WORLD_FRAME,
+                **self._at,
+            )
+            pybullet.applyExternalTorque(
+                self._body, index, held.torque[k].tolist(), pybullet.WORLD_FRAME, **self._at
+            )
+
+    def held(self) -> TreeReadBack:
+        """Read getDynamicsInfo and getJointInfo."""
+        world = pybullet.getPhysicsEngineParameters(**self._at)
+        numbers: dict[str, list[Any]] = {}
+        for link, index, axes in zip(self._links, self._indices, self._axes, strict=True):
+            info = pybullet.getDynamicsInfo(self._body, index, **self._at)
+            held = quaternion_to_matrix(np.roll(info[4], 1))
+            one: dict[str, Any] = {"mass": info[0], "inertia": held @ np.diag(info[2]) @ held.T}
+            one["centre"] = info[3]
+            if index == _BASE:
+                place, zero, axis, damping = link.place, link.zero, np.zeros(3), 0.0
+            else:
+                joint = pybullet.getJointInfo(self._body, index, **self._at)
+                # the parent frame is relative to the parent's inertial frame
+                before = self._links[link.parent] if link.parent >= 0 else None
+                turned = self._axes[link.parent] if before is not None else np.eye(3)
+                place = turned @ np.array(joint[14]) + (0.0 if before is None else before.centre)
+                zero = matrix_to_quaternion(turned @ quaternion_to_matrix(np.roll(joint[15], 1)).T @ axes.T)
+                axis, damping = axes @ np.array(joint[13]), joint[6]
+            one |= {"place": place, "zero": zero, "axis": axis, "damping": damping}
+            for name, value in one.items():
+                numbers.setdefault(name, []).append(value)
+        q, u = self.state()
+        stored = {name: np.array(values, dtype=np.float64) for name, values in numbers.items()}
+        gravity = np.array([world[f"gravityAcceleration{axis}"] for axis in "XYZ"])
+        return TreeReadBack(self._dt_s, stored | {"gravity": gravity, "q": q, "u": u})
+
+    def state(self) -> tuple[Array, Array]:
+        """Return the pose and velocities of the base, and the state of each joint."""
         q, u = [], []
         for link, index, axes in zip(self._links, self._indices, self._axes, strict=True):
             if link.kind == "free":
@@ -258,6 +371,15 @@ class PyBulletTree(TreeModel):
                 q.append(np.array([coordinate]))
                 u.append(np.array([rate]))
         return np.concatenate(q), np.concatenate(u)
+
+
+def _unbuilt(links: Sequence[JointedLink]) -> str | None:
+    """Return why Bullet cannot build a tree; None if it can."""
+    frees = [link.kind for link in links].count("free")
+    roots = [link.parent for link in links].count(-1)
+    if frees and (links[0].kind != "free" or roots > 1):
+        return "a btMultiBody has one base: a free body is the first and the only root"
+    return None
 
 
 def _scalar_last(rotation: Array) -> list[float]:

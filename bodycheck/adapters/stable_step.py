@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 
 from bodycheck.adapters.contract import Adapter
-from bodycheck.adapters.execution import Case, Ending, readings_along, trajectory_of
+from bodycheck.adapters.execution import Case, Ending, built, motion_of, readings_along, refusal
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.pivot import kinetic_energies
 from bodycheck.reference_impl.trajectory import Trajectory
@@ -128,7 +128,7 @@ def stable_step(adapter: Adapter, search: StableStepSearch) -> StableStep:
     Exceptions of the engine propagate.
     """
     case = search.case
-    if reason := adapter.unsupported(case.scene, case.method):
+    if reason := refusal(adapter, case.scene, case.method):
         return StableStep("unsupported", reason)
     assert case.setting.dt_s is not None
     broken = partial(_breakdown, adapter, case, search.kinetic_limit_j)
@@ -169,17 +169,17 @@ def _breakdown(adapter: Adapter, case: Case, limit_j: float, dt_s: float) -> str
     scene = replace(case.scene, duration_s=steps * dt_s, samples=2)
     plan = plan_steps(scene, dt_s)
     legs = list(_legs_to_readings(plan, max(plan.steps // min(case.scene.samples - 1, _MAX_READINGS), 1)))
-    simulation = adapter.build(scene, case.method, plan.dt_s)
+    simulation = built(adapter, scene, case.method, plan.dt_s)
     try:
         readings = readings_along(simulation, legs)
     finally:
         simulation.close()
     t_s = plan.dt_s * np.cumsum([0, *(leg.steps for leg in legs)])
-    motion = trajectory_of(t_s, readings)
+    motion = motion_of(scene, t_s, readings)
     with np.errstate(over="ignore", invalid="ignore"):  # in diverged states
         if reason := invalid_state(motion):
             return reason
-        kinetic, _ = kinetic_energies(scene, motion)
+        kinetic = kinetic_energies(scene, motion)[0]
         return energy_blowup(kinetic, limit_j, t_s)
 
 

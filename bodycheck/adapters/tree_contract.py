@@ -1,4 +1,4 @@
-"""The contract for trees: what an engine reports of the equations of a tree, without a step.
+"""The contract for trees: what an engine reports of the equations of a tree, and how it moves one.
 
 An adapter that builds trees has the attribute `tree_model`, a subclass of `TreeModel`. The model takes and
 returns everything in the conventions of `reference_impl.trees`: bodies in the order of the scene, u with the
@@ -7,16 +7,28 @@ velocity of a free body in world axes and its omega in body axes, rates of a bal
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from bodycheck.adapters.contract import Adapter, Precision
+from bodycheck.adapters.contract import DEFAULTS, Adapter, Precision, Stepping, TreeReadBack
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.loads.kinds.torque import Torque
 from bodycheck.reference_impl.rotations import matrix_to_quaternion, quaternion_to_matrix
-from bodycheck.reference_impl.trees.tree_scene import TreeScene
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.trees.joint_kind import Rotation
+from bodycheck.reference_impl.trees.tree_bodies import tree_trajectory
+from bodycheck.reference_impl.trees.tree_scene import (
+    BodyLoad,
+    JointSineTorque,
+    JointTorque,
+    TreeLoad,
+    TreeScene,
+)
+from bodycheck.reference_impl.wrench import Wrench
 
 
 class UnreportedError(Exception):
@@ -90,6 +102,141 @@ class TreeModel:
         """Make one step by the engine's default method; return q (nq,) and u (nu,) after it."""
         raise UnreportedError("the engine has no step of its own")
 
+    # ------------------------------------------------------------------------------------------- motion
+
+    stepping: Stepping = "python"
+
+    @classmethod
+    def unmoved(cls, scene: TreeScene, method: str) -> str | None:  # noqa: ARG003
+        """Return why a method cannot move a tree under its loads; None if it can."""
+        return "the adapter reports of trees, but moves none"
+
+    def start(self, method: str, dt_s: float) -> None:
+        """Choose a method and its step, give the joints their springs and dampers, and set the start."""
+        raise NotImplementedError
+
+    def push(self, loads: Sequence[tuple[TreeLoad, float]]) -> None:
+        """Replace the acting loads, each with its share, until the next call; sines follow the time."""
+        if loads:
+            raise NotImplementedError
+
+    def advance(self, steps: int) -> None:
+        """Make this many steps."""
+        raise NotImplementedError
+
+    def state(self) -> tuple[Array, Array]:
+        """Return q (nq,) and u (nu,) as the engine stores them."""
+        raise NotImplementedError
+
+    def held(self) -> TreeReadBack:
+        """Return the model and the state as read from the engine, not from the scene."""
+        raise NotImplementedError
+
+
+class TreeSimulation:
+    """The motion of a tree: the interface of `Simulation`, with states that are (q, u)."""
+
+    def __init__(self, model: type[TreeModel], scene: TreeScene, method: str, dt_s: float) -> None:
+        self._scene, self._method, self._dt_s = scene, method, dt_s
+        self._model = model(scene)
+        self.reset()
+
+    @property
+    def stepping(self) -> Stepping:
+        """As for `Simulation`."""
+        return self._model.stepping
+
+    def read_back(self) -> TreeReadBack:
+        """Return the model as read from the engine."""
+        return self._model.held()
+
+    def reset(self) -> None:
+        """Restore the start."""
+        self._model.start(self._method, self._dt_s)
+        self._model.push(())
+
+    def apply(self, wrench: Wrench) -> None:
+        """Replace the acting loads."""
+        self._model.push(wrench.of_tree)
+
+    def advance(self, steps: int) -> None:
+        """Make this many steps."""
+        self._model.advance(steps)
+
+    def read(self) -> tuple[Array, Array]:
+        """Return copies of q and u."""
+        return self._model.state()
+
+    def close(self) -> None:
+        """Do nothing: models are freed with this object."""
+
+
+def moved_tree(scene: TreeScene, t_s: Array, states: Sequence[tuple[Array, Array]]) -> Trajectory:
+    """Return the trajectory of the states (q, u) at the times t_s (n,)."""
+    q, u = (np.array([state[part] for state in states], dtype=np.float64) for part in (0, 1))
+    return tree_trajectory(scene, t_s, q, u)
+
+
+_SLACK: Mapping[Precision, float] = {"float64": 1e-11, "float32": 8e-6, "mixed": 8e-6}
+"""Relative to the largest number: attitudes may go through rotation vectors, inertias through axes."""
+_PASSIVE = ("damping", "armature", "stiffness", "rest")
+
+
+def tree_mismatch(
+    scene: TreeScene, method: str, dt_s: float | None, found: TreeReadBack, precision: Precision
+) -> str | None:
+    """Return how a tree that was read back differs from the scene; None if it does not.
+
+    Quaternions may have either sign. With an engine's defaults, joints may have damping.
+    """
+    links, joints = jointed_links(scene), [body.joint for body in scene.bodies]
+    expected: dict[str, Array] = {
+        name: np.array([getattr(link, name) for link in links])
+        for name in ("mass", "inertia", "centre", "place", "zero", "axis")
+    }
+    expected |= {name: np.array([getattr(joint, name) for joint in joints]) for name in _PASSIVE}
+    expected |= {"gravity": scene.gravity, "q": scene.q0, "u": scene.u0}
+    springs, axes = expected["stiffness"] > 0.0, np.array([joint.of_kind.has_axis for joint in joints])
+    faults = []
+    if dt_s is not None and not (
+        found.dt_s is not None and abs(found.dt_s - dt_s) <= _SLACK[precision] * dt_s
+    ):
+        faults.append(f"step is {found.dt_s} in the engine, not {dt_s!r}")
+    for name, stored in found.numbers.items():
+        right, held = expected[name], np.asarray(stored, dtype=np.float64)
+        if name in _PASSIVE and method.endswith(DEFAULTS):
+            continue
+        if held.shape != right.shape:
+            faults.append(f"{name} has the shape {held.shape} in the engine, not {right.shape}")
+            continue
+        difference = np.abs(held - right)
+        if name == "zero":
+            difference = np.minimum(difference, np.abs(held + right).max(axis=1, keepdims=True))
+        if name == "q":
+            _forget_signs(scene, held, right, difference)
+        if name in ("axis", "rest"):
+            difference = difference[axes if name == "axis" else springs]
+        if np.any(
+            ~(
+                difference
+                <= _SLACK[precision] * max(1.0 if name in ("zero", "q") else 0.0, np.max(np.abs(right)))
+            )
+        ):
+            worst = np.unravel_index(int(np.argmax(np.abs(held - right))), right.shape)
+            body = scene.bodies[worst[0]].name if len(right) == len(links) and name not in "qu" else ""
+            faults.append(
+                f"{name}{f' of {body}' * bool(body)} is {held[worst]} in the engine, not {right[worst]}"
+            )
+    return "; ".join(faults) or None
+
+
+def _forget_signs(scene: TreeScene, held: Array, right: Array, difference: Array) -> None:
+    for body, part in zip(scene.bodies, scene.coordinate_slices, strict=True):
+        if body.joint.of_kind.rotation is Rotation.BALL:
+            own = slice(part.stop - 4, part.stop)
+            if held[own] @ right[own] < 0.0:
+                difference[own] = np.abs(held[own] + right[own])
+
 
 _NOT_READ = "the adapter does not read it"
 
@@ -158,6 +305,42 @@ def link_poses(links: Sequence[JointedLink], places: Sequence[Array], rotations:
     """Return the poses (n, 7) of bodies whose link frames have these places (3,) and rotations (3, 3)."""
     rows = zip(links, places, rotations, strict=True)
     return np.array([np.concatenate([x + R @ one.centre, matrix_to_quaternion(R)]) for one, x, R in rows])
+
+
+@dataclass(frozen=True, eq=False)
+class HeldLoads:
+    """The loads on a tree at one instant, for engines that accept them between steps only.
+
+    joint: of each body, at the rates of its joint. force, torque (b, 3): on each body at its centre of mass,
+    in world axes.
+    """
+
+    joint: list[Array]
+    force: Array
+    torque: Array
+
+
+def held_loads(scene: TreeScene, loads: Sequence[tuple[TreeLoad, float]], t_s: float, q: Array) -> HeldLoads:
+    """Return the sum of loads, each with its share, at a time and at coordinates q (nq,)."""
+    joint = [np.zeros(part.stop - part.start) for part in scene.rate_slices]
+    force, torque = np.zeros((2, len(scene.bodies), 3))
+    on_bodies = any(isinstance(load, BodyLoad) for load, _ in loads)
+    turned = tree_trajectory(scene, np.zeros(1), q[None], scene.u0[None]).quaternion if on_bodies else None
+    for load, share in loads:
+        if isinstance(load, JointSineTorque):
+            joint[load.body] += load.amplitude * math.sin(load.rate * t_s + load.phase)
+        elif isinstance(load, JointTorque):
+            joint[load.body] += share * load.value
+        else:
+            assert turned is not None
+            rotation, one = quaternion_to_matrix(turned[0, load.body]), load.load
+            value = share * (rotation @ one.value if one.axes == "body" else one.value)
+            if isinstance(one, Torque):
+                torque[load.body] += value
+            else:
+                force[load.body] += value
+                torque[load.body] += np.cross(rotation @ one.at, value)
+    return HeldLoads(joint, force, torque)
 
 
 class RateMap:

@@ -13,6 +13,8 @@ from bodycheck.reference_impl.loads.load import checked
 from bodycheck.reference_impl.rational import Vector, dot, fractions
 from bodycheck.reference_impl.scene import PointForce, Scene
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.trees.tree_bodies import tree_kinetic_energies
+from bodycheck.reference_impl.trees.tree_scene import TreeScene
 
 
 def inertia_about(inertia: Vector, mass: Fraction, point: Vector) -> Vector:
@@ -37,11 +39,13 @@ def rotational_inertia(scene: Scene) -> Array:
     return np.array(about_pivot, dtype=np.float64).reshape(3, 3)
 
 
-def kinetic_energies(scene: Scene, motion: Trajectory) -> tuple[Array, Array]:
+def kinetic_energies(scene: Scene | TreeScene, motion: Trajectory) -> tuple[Array, Array]:
     """K = 1/2 omega . I omega + 1/2 m |v|^2 and its rotational part: (n,) and (n,) in J.
 
-    About a pivot, which is at rest, K is the rotational part alone.
+    About a pivot, which is at rest, K is the rotational part alone. Of a tree, the sums over its bodies.
     """
+    if isinstance(scene, TreeScene):
+        return tree_kinetic_energies(scene, motion)
     rotational = rotational_energy(rotational_inertia(scene), motion.omega_body)
     if scene.pivot is not None:
         return rotational, rotational

@@ -17,8 +17,9 @@ class Trajectory:
 
     t_s (n,); position_m and velocity_m_s (n, 3) of the centre of mass, world axes; quaternion (n, 4),
     scalar first, and/or rotation (n, 3, 3), body to world; omega_world_rad_s and/or omega_body_rad_s
-    (n, 3), whichever the engine itself stores. Derived quantities are computed once. Raises ValueError for
-    a wrong shape and for a missing attitude or omega.
+    (n, 3), whichever the engine itself stores. Of a tree of b bodies, the arrays are (n, b, ...), and there
+    are q (n, coordinates) and u (n, rates) as `TreeScene` orders them. Derived quantities are computed once.
+    Raises ValueError for a wrong shape and for a missing attitude or omega.
     """
 
     t_s: Array
@@ -28,16 +29,18 @@ class Trajectory:
     rotation: Array | None = None
     omega_world_rad_s: Array | None = None
     omega_body_rad_s: Array | None = None
+    q: Array | None = None
+    u: Array | None = None
 
     def __post_init__(self) -> None:
-        n = len(self.t_s)
+        n = (len(self.t_s), *np.shape(self.position_m)[1:-1])  # and the number of bodies, if a tree
         shapes = {
-            "position_m": (n, 3),
-            "velocity_m_s": (n, 3),
-            "quaternion": (n, 4),
-            "rotation": (n, 3, 3),
-            "omega_world_rad_s": (n, 3),
-            "omega_body_rad_s": (n, 3),
+            "position_m": (*n, 3),
+            "velocity_m_s": (*n, 3),
+            "quaternion": (*n, 4),
+            "rotation": (*n, 3, 3),
+            "omega_world_rad_s": (*n, 3),
+            "omega_body_rad_s": (*n, 3),
         }
         for name, shape in shapes.items():
             value = getattr(self, name)
@@ -69,7 +72,7 @@ class Trajectory:
         if self.omega_body_rad_s is not None:
             return self.omega_body_rad_s
         assert self.omega_world_rad_s is not None
-        return np.einsum("nji,nj->ni", self.rotation_matrices, self.omega_world_rad_s)
+        return np.einsum("...ji,...j->...i", self.rotation_matrices, self.omega_world_rad_s)
 
     @cached_property
     def omega_world(self) -> Array:
@@ -77,4 +80,4 @@ class Trajectory:
         if self.omega_world_rad_s is not None:
             return self.omega_world_rad_s
         assert self.omega_body_rad_s is not None
-        return np.einsum("nij,nj->ni", self.rotation_matrices, self.omega_body_rad_s)
+        return np.einsum("...ij,...j->...i", self.rotation_matrices, self.omega_body_rad_s)

@@ -12,6 +12,7 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.loads.load import Instants, Load, WrenchFunction, checked
 from bodycheck.reference_impl.scene import ConstantLoad, PointForce, RigidBody, Scene, Torque, unknown_load
+from bodycheck.reference_impl.trees.tree_scene import TreeLoad, TreeScene, interval
 
 _MAX_STEPS = 1e9
 _ON_GRID = 1e-9  # of a step: a switch this near to a step's end counts as being there
@@ -26,6 +27,7 @@ class Wrench:
     force_body (3,), force_world (3,): forces through the centre of mass, N, without gravity.
     point_forces: pairs (at (3,) in body axes from the centre of mass, m; force (3,) in world axes, N)
     of the world forces that have a moment; force_world does not include them.
+    of_tree: all loads on a tree, each with its share; the other fields are 0 then.
     """
 
     torque_body: Array
@@ -33,6 +35,7 @@ class Wrench:
     force_body: Array
     force_world: Array
     point_forces: tuple[tuple[Array, Array], ...]
+    of_tree: tuple[tuple[TreeLoad, float], ...] = ()
 
     @property
     def is_zero(self) -> bool:
@@ -91,20 +94,30 @@ def constant_loads_between(scene: Scene, begin_s: float, end_s: float) -> list[C
 
 def shares_of_loads(scene: Scene, begin_s: float, end_s: float) -> list[tuple[ConstantLoad, float]]:
     """Return the piecewise constant loads that act within [begin_s, end_s), each with its share of it."""
-    shares: list[tuple[ConstantLoad, float]] = []
-    for load in scene.piecewise_constant_loads:
-        overlap = min(end_s, load.until_s) - max(begin_s, load.from_s)
-        share = min(max(overlap / (end_s - begin_s), 0.0), 1.0)
-        if share > _ON_GRID:
-            shares.append((load, 1.0 if share > 1.0 - _ON_GRID else share))
-    return shares
+    shares = (
+        (load, _share(load.from_s, load.until_s, begin_s, end_s)) for load in scene.piecewise_constant_loads
+    )
+    return [(load, share) for load, share in shares if share > 0.0]
 
 
-def wrench_between(scene: Scene, begin_s: float, end_s: float) -> Wrench:
+def _share(from_s: float, until_s: float, begin_s: float, end_s: float) -> float:
+    """Return the share of [begin_s, end_s) within [from_s, until_s): 0 or 1 where it is that to rounding."""
+    overlap = min(end_s, until_s) - max(begin_s, from_s)
+    share = min(max(overlap / (end_s - begin_s), 0.0), 1.0)
+    if share <= _ON_GRID:
+        return 0.0
+    return 1.0 if share > 1.0 - _ON_GRID else share
+
+
+def wrench_between(scene: Scene | TreeScene, begin_s: float, end_s: float) -> Wrench:
     """Return the mean of the piecewise constant loads within [begin_s, end_s); exact if none switches inside.
 
-    Continuous loads are not included: they are not constant, and a simulation evaluates them itself.
+    Continuous loads are not included: they are not constant, and a simulation evaluates them itself. Of a
+    tree, all loads are.
     """
+    if isinstance(scene, TreeScene):
+        shares = ((load, _share(*interval(load), begin_s, end_s)) for load in scene.loads)
+        return replace(NO_WRENCH, of_tree=tuple((load, share) for load, share in shares if share > 0.0))
     return wrench_of(tuple(shares_of_loads(scene, begin_s, end_s)))
 
 
@@ -210,7 +223,7 @@ def steps_per_sample(interval_s: float, dt_s: float) -> int:
     )
 
 
-def plan_steps(scene: Scene, dt_s: float) -> StepPlan:
+def plan_steps(scene: Scene | TreeScene, dt_s: float) -> StepPlan:
     """Map the scene's piecewise constant loads to the grid of steps k dt_s.
 
     Raises ValueError where dt_s does not divide the sampling interval.

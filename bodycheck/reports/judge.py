@@ -193,7 +193,7 @@ def explained_motion(
     assert trajectory is not None
     if resolution_text is not None:
         resolution = resolution.with_given(resolution_text)
-    scene = _sampled_at(problem.scenario.scene, trajectory.t_s, resolution.stamp)
+    scene = _sampled_at(problem.of_body.scene, trajectory.t_s, resolution.stamp)
     if dt_s is not None:
         _check_step(scene, trajectory.t_s, dt_s)
     known, found, reason = motion.known, None, "the motion is not finite"

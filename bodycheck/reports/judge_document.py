@@ -61,7 +61,7 @@ def _share(value: float) -> str:
 
 def _conservation(motion: JudgedMotion) -> Iterator[str]:
     """Yield whether angular momentum and energy are conserved, or how far they are from the truth."""
-    row, free = motion.row, is_free(motion.problem.scenario.scene)
+    row, free = motion.row, is_free(motion.problem.of_body.scene)
     if motion.momentum is not None:
         yield _momentum_sentence(motion.momentum, motion.floors.get("angular_momentum_drift", 0.0), free=free)
     name = next((name for name in _ENERGIES if f"{name}{SIGNED}" in row), None)

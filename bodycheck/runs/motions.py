@@ -22,7 +22,7 @@ from bodycheck.reports.run_files.sentinels import Sentinel
 from bodycheck.runs.request import Request
 from bodycheck.runs.run_progress import Progress
 from bodycheck.runs.selection import Selection
-from bodycheck.scenarios.model import Scenario
+from bodycheck.scenarios.reader import AnyScenario
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +178,7 @@ def run_motions(
 
         return Task(engine.name, -1.0, do)  # last of all, as it ends the engine's worker
 
-    def repeat(index: int, scenario: Scenario, engine: Engine, method: Method, setting: Setting) -> Task:
+    def repeat(index: int, scenario: AnyScenario, engine: Engine, method: Method, setting: Setting) -> Task:
         def do(engine_pool: EnginePool) -> None:
             answer = answers.sentinel(engine_pool, engine, Case(scenario.scene, method.name, setting))
             compared[index] = Sentinel.of(scenario.name, engine, method, setting, answer)

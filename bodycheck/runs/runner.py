@@ -45,6 +45,7 @@ from bodycheck.runs.speed import Clock, last_core, measure_speeds
 from bodycheck.scenarios.given_motion import GivenMotion
 from bodycheck.scenarios.library import PROBES, load_scenario
 from bodycheck.scenarios.model import Scenario
+from bodycheck.scenarios.reader import AnyScenario
 
 
 @with_options_of(Request)
@@ -190,7 +191,7 @@ def _diagnoses(
     return [diagnosis_row(one) for one in explained_cases(problems, cases, rows, orders)]
 
 
-def _solved(scenario: Scenario, scenario_spec: str, cache: Cache, progress: Progress) -> Problem:
+def _solved(scenario: AnyScenario, scenario_spec: str, cache: Cache, progress: Progress) -> Problem:
     """Return a scenario with its truth; report first if the truth is not cached and may take long."""
     scene = scenario.scene
     if not is_known(scene, scene.sample_times, cache):
@@ -209,7 +210,8 @@ def _compile(selection: Selection, cache: Cache, progress: Progress) -> bool:
         compilations.append(done)
         progress.compiling(done, total)
 
-    scenes = [scenario.scene for _, scenario in selection.scenarios]
+    # the kernel of trees, one for all, is compiled when it is first called
+    scenes = [scenario.scene for _, scenario in selection.scenarios if isinstance(scenario, Scenario)]
     # a user's function is first called when its truth is solved, which reports its errors
     scenes = [scene for scene in scenes if not scene.has_callback_load]
     unsolved = [scene for scene in scenes if not is_known(scene, scene.sample_times, cache)]

@@ -19,8 +19,8 @@ from bodycheck.adapters.step_function import StepModule
 from bodycheck.adapters.workers.engine_pool import Announcement, announcing
 from bodycheck.adapters.workers.launcher import RUN_PID
 from bodycheck.reference_impl.wrench import steps_per_sample
-from bodycheck.scenarios.library import load_scenarios
-from bodycheck.scenarios.model import Scenario
+from bodycheck.scenarios.library import load_any
+from bodycheck.scenarios.reader import AnyScenario
 from bodycheck.scenarios.user_functions import user_function
 
 Predicate: TypeAlias = Callable[[Engine, Method], bool]
@@ -31,7 +31,7 @@ Predicate: TypeAlias = Callable[[Engine, Method], bool]
 class Selection:
     """What a run measures, fully checked."""
 
-    scenarios: tuple[tuple[str, Scenario], ...]
+    scenarios: tuple[tuple[str, AnyScenario], ...]
     methods: tuple[tuple[Engine, Method], ...]
     unavailable: dict[str, str]
     dt_s: tuple[float, ...] | None
@@ -49,7 +49,7 @@ class Selection:
         """Whether a run adds steps where an order needs them."""
         return self.dt_s is None and self.single_steps is None
 
-    def runs_on(self, scenario: Scenario, engine: Engine, method: Method) -> bool:
+    def runs_on(self, scenario: AnyScenario, engine: Engine, method: Method) -> bool:
         """Return whether the method runs on this scenario.
 
         Its cases stay in one shard, because the results of some determine the steps of others.
@@ -60,7 +60,7 @@ class Selection:
             return (scenario.name, engine.name, method.name) in self.single_steps
         return (engine.name, method.name) not in self.off_centre_only or scenario.scene.is_off_centre
 
-    def settings(self, scenario: Scenario, engine: Engine, method: Method) -> list[Setting]:
+    def settings(self, scenario: AnyScenario, engine: Engine, method: Method) -> list[Setting]:
         """Return the step sizes or tolerances of a method on a scenario, coarsest first."""
         if self.single_steps is not None:
             return [Setting(dt_s=self.single_steps[scenario.name, engine.name, method.name])]
@@ -87,7 +87,7 @@ class Selection:
         )
         return replace(part, scenarios=needed)
 
-    def sentinels(self) -> list[tuple[Scenario, Engine, Method, Setting]]:
+    def sentinels(self) -> list[tuple[AnyScenario, Engine, Method, Setting]]:
         """Return the cases that every shard runs: each method at its coarsest setting on one scenario.
 
         That is the scenario with the fewest steps among those that name no function.
@@ -214,12 +214,12 @@ def checked_scenarios(
     tolerances: Sequence[float] | None = None,
     *,
     allow_code: bool = False,
-) -> list[tuple[str, Scenario]]:
+) -> list[tuple[str, AnyScenario]]:
     """Return (spec, scenario) for names, suites and paths, after checking that the steps and tolerances fit.
 
     Raises InputError with one line per error: unknown names, wrong files, steps that do not fit.
     """
-    loaded = load_scenarios(scenarios, allow_code=allow_code)
+    loaded = load_any(scenarios, allow_code=allow_code)
     faults = [
         *(
             f"{scenario.name}: {fault}"

@@ -25,7 +25,7 @@ from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reports.cache.answers import Answers
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.scenarios.model import Scenario
+from bodycheck.scenarios.reader import AnyScenario
 
 _LAPS = 5
 _LAPS_OF_ONE_OF_MANY = 2
@@ -135,7 +135,7 @@ class _Timed:
         return cls(engine, case, request)
 
 
-def _reference_case(scenario: Scenario) -> Message:
+def _reference_case(scenario: AnyScenario) -> Message:
     case = Case(scenario.scene, _REFERENCE[1], Setting(dt_s=min(scenario.steps)))
     return case_messages.case_message(case)
 
@@ -218,7 +218,7 @@ class Clock:
         self.core = core
         self._engine_pool, self._reference = EnginePool(core), _Reference(core)
 
-    def warm_up(self, scenario: Scenario) -> None:
+    def warm_up(self, scenario: AnyScenario) -> None:
         """Start the reference, and compile its method, while the run does something else.
 
         The first laps wait until that is done, so that nothing is compiled next to a case being timed.

@@ -34,8 +34,8 @@ from bodycheck.runs.request import Request
 from bodycheck.runs.run_progress import ProgressFactory, no_progress
 from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import Selection, checked_scenarios
-from bodycheck.scenarios.model import Scenario
 from bodycheck.scenarios.model_files import read_model
+from bodycheck.scenarios.reader import AnyScenario
 
 if TYPE_CHECKING:
     from bodycheck.reports.audit.audit import Audit
@@ -160,7 +160,7 @@ def search(
     return found.found(scenario.name, request.measure, map(track, methods.values()))
 
 
-def _one_scenario(request: ReleaseSearch) -> tuple[str, Scenario]:
+def _one_scenario(request: ReleaseSearch) -> tuple[str, AnyScenario]:
     """Return the spec and the requested scenario; raises InputError if the spec names several."""
     first, *others = checked_scenarios([request.scenario], request.dt_s, allow_code=request.allow_code)
     if others:
@@ -170,7 +170,7 @@ def _one_scenario(request: ReleaseSearch) -> tuple[str, Scenario]:
     return first
 
 
-def _measure_of(request: ReleaseSearch, scenario: Scenario, method: Method) -> OneMeasure:
+def _measure_of(request: ReleaseSearch, scenario: AnyScenario, method: Method) -> OneMeasure:
     """Return the measure of a method at the finest requested step or tolerance."""
     fineness = method.setting(min(request.dt_s or scenario.steps)).fineness
     key = scenario.name, request.engine, method.name
@@ -187,7 +187,7 @@ def _finding(one: OneMeasure, release: _Release) -> ReleaseFinding:
 def _run(
     request: ReleaseSearch,
     name: str,
-    scenario: tuple[str, Scenario],
+    scenario: tuple[str, AnyScenario],
     options: Request,
     make_progress: ProgressFactory,
 ) -> _Release | str:

@@ -4,16 +4,24 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import nearest, suggestion
 from bodycheck.scenarios.model import Scenario
-from bodycheck.scenarios.reader import Members, parse_members, parse_trees, read_members, read_trees
+from bodycheck.scenarios.reader import (
+    AnyScenario,
+    parse_any,
+    parse_members,
+    parse_trees,
+    read_any,
+    read_members,
+    read_trees,
+)
 
 if TYPE_CHECKING:
     from bodycheck.scenarios.tree_model import TreeScenario
@@ -27,13 +35,16 @@ RECORDED = ("nesc-tumbling-brick",)
 """Scenarios of published recordings, for `judge --like`; part of no suite."""
 
 
+_STANDARD_TREES = ("free-chain", "double-pendulum")
+
+
 def scenario_names() -> tuple[str, ...]:
     """Return the names of the built-in scenarios and families, in alphabetical order."""
     return tuple(sorted(entry.name[:-5] for entry in _LIBRARY.iterdir() if entry.name.endswith(".toml")))
 
 
 def tree_names() -> tuple[str, ...]:
-    """Return the names of the built-in trees of bodies, in alphabetical order; part of no suite."""
+    """Return the names of the built-in trees of bodies, in alphabetical order."""
     return tuple(sorted(entry.name[:-5] for entry in _TREES.iterdir()))
 
 
@@ -41,17 +52,19 @@ def tree_names() -> tuple[str, ...]:
 def suites() -> dict[str, tuple[str, ...]]:
     """Return the suites: name -> scenario names.
 
-    The tags "forcings" and "hard" put a scenario into the suite of that name; standard has those without.
+    The tags "forcings" and "hard" put a scenario into the suite of that name; standard has those without, and
+    two trees of bodies.
     """
     full = tuple(name for name in scenario_names() if name not in (*PROBES, *RECORDED))
     tags = {name: _file(name).get("tags", ()) for name in full}
     forcings, hard = (tuple(name for name in full if tag in tags[name]) for tag in ("forcings", "hard"))
     return {
         "smoke": ("free-flight", "powered-flight", "fast-flight"),
-        "standard": tuple(name for name in full if name not in (*forcings, *hard)),
+        "standard": (*(name for name in full if name not in (*forcings, *hard)), *_STANDARD_TREES),
         "forcings": forcings,
         "hard": hard,
-        "full": full,
+        "trees": tree_names(),
+        "full": (*full, *tree_names()),
     }
 
 
@@ -108,7 +121,7 @@ def load_scenario(name: str | Path, *, allow_code: bool = False) -> Scenario:
         raise InputError(f"a scenario must be a name or a path, not {name!r}")
     if members := suites().get(str(name)):
         raise InputError(f"{name}: is a suite; name one of its scenarios: {', '.join(members)}")
-    found = _members(name, allow_code=allow_code)
+    found = cast("list[tuple[str, Scenario]]", _members(name, allow_code=allow_code, trees=False))
     if len(found) > 1:
         raise InputError(
             f"{name}: is a family; name one of its scenarios: {', '.join(spec for spec, _ in found)}"
@@ -117,15 +130,36 @@ def load_scenario(name: str | Path, *, allow_code: bool = False) -> Scenario:
 
 
 def load_scenarios(specs: Sequence[str | Path], *, allow_code: bool = False) -> list[tuple[str, Scenario]]:
-    """Return (spec, scenario) for names, suites and paths; a family gives all of its children.
+    """Return (spec, scenario) as `load_any` does, without the trees of suites.
+
+    Raises InputError also for a tree that is named.
+    """
+    of_suites = [
+        name for one in specs for name in suites().get(str(one), (one,)) if name not in _in_suites(one)
+    ]
+    return cast("list[tuple[str, Scenario]]", _loaded(of_suites, allow_code=allow_code, trees=False))
+
+
+def _in_suites(spec: str | Path) -> Sequence[str]:
+    """Return the trees of a suite; none for anything else."""
+    return tree_names() if str(spec) in suites() else ()
+
+
+def load_any(specs: Sequence[str | Path], *, allow_code: bool = False) -> list[tuple[str, AnyScenario]]:
+    """Return (spec, scenario) for names, suites and paths, also of trees; a family gives all its children.
 
     Duplicates are dropped. Raises InputError with all errors, or if two different scenarios share a name.
     """
-    found: dict[str, tuple[str, Scenario]] = {}
+    members = [member for one in specs for member in suites().get(str(one), (one,))]
+    return _loaded(members, allow_code=allow_code, trees=True)
+
+
+def _loaded(names: Sequence[str | Path], *, allow_code: bool, trees: bool) -> list[tuple[str, AnyScenario]]:
+    found: dict[str, tuple[str, AnyScenario]] = {}
     faults: list[str] = []
-    for name in (member for one in specs for member in suites().get(str(one), (one,))):
+    for name in names:
         try:
-            members = _members(name, allow_code=allow_code)
+            members = _members(name, allow_code=allow_code, trees=trees)
         except InputError as error:
             faults.append(str(error))
             continue
@@ -137,10 +171,10 @@ def load_scenarios(specs: Sequence[str | Path], *, allow_code: bool = False) -> 
     return list(found.values())
 
 
-def _members(name: str | Path, *, allow_code: bool) -> list[tuple[str, Scenario]]:
+def _members(name: str | Path, *, allow_code: bool, trees: bool) -> list[tuple[str, AnyScenario]]:
     """Return (spec, scenario) for all scenarios of a name; the spec names a single scenario."""
     source, child = _source_and_child(name)
-    members = _read(source, allow_code=allow_code)
+    members = _read(source, allow_code=allow_code, trees=trees)
     found = [
         (str(source) if label is None else f"{source}/{label}", scenario)
         for label, scenario in members.items()
@@ -176,12 +210,12 @@ def _same(label: str, value: str) -> bool:
         return False
 
 
-def _read(name: str | Path, *, allow_code: bool) -> Members:
+def _read(name: str | Path, *, allow_code: bool, trees: bool) -> Mapping[str | None, AnyScenario]:
     if isinstance(name, Path) or name.endswith(".toml") or "/" in name:
-        return read_members(Path(name), allow_code=allow_code)
+        return (read_any if trees else read_members)(Path(name), allow_code=allow_code)
     if name not in (*scenario_names(), *tree_names()):
         raise InputError(f"{name}: is neither a .toml file nor a built-in scenario or suite; {_hint(name)}")
-    return parse_members(_text(name), where=f"{name}.toml", folder=_LIBRARY)
+    return (parse_any if trees else parse_members)(_text(name), where=f"{name}.toml", folder=_LIBRARY)
 
 
 def _hint(name: str) -> str:

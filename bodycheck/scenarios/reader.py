@@ -105,8 +105,14 @@ def _has(place: Any, step: int | str) -> bool:
     return isinstance(place, dict) and step in place
 
 
+AnyScenario: TypeAlias = "Scenario | TreeScenario"
+"""A scenario of one body or of a tree."""
+
 Members: TypeAlias = dict[str | None, Scenario]
 """The scenarios of a file: None -> the only one, or label of the value -> child of a family."""
+
+AnyMembers: TypeAlias = "dict[str | None, AnyScenario]"
+"""The same, with trees."""
 
 
 def read_members(path: Path, *, allow_code: bool = False) -> Members:
@@ -127,6 +133,16 @@ def parse_members(text: str, where: str, folder: Traversable, *, allow_code: boo
     return _members(text, where, folder, _single, allow_code=allow_code)
 
 
+def read_any(path: Path, *, allow_code: bool = False) -> AnyMembers:
+    """Read the scenarios of a file as read_members does, or its trees."""
+    return parse_any(read_text(path), where=str(path), folder=path.parent, allow_code=allow_code)
+
+
+def parse_any(text: str, where: str, folder: Traversable, *, allow_code: bool = False) -> AnyMembers:
+    """Read TOML text as parse_members does; a tree of several bodies is read as one."""
+    return _members(text, where, folder, _any, allow_code=allow_code)
+
+
 TreeMembers: TypeAlias = "dict[str | None, TreeScenario]"
 """The same as Members, of a file with trees."""
 
@@ -144,7 +160,7 @@ def parse_trees(text: str, where: str, folder: Traversable) -> TreeMembers:
     return _members(text, where, folder, _tree)
 
 
-_S = TypeVar("_S", bound=ScenarioTable)
+_S = TypeVar("_S", bound="ScenarioTable")
 _Validate: TypeAlias = Callable[[dict[str, Any], dict[str, Any]], _S]
 
 
@@ -163,17 +179,24 @@ def _members(
         raise InputError("\n".join(f"{where}: {line}" for line in fault_lines(error))) from None
 
 
-def _single(data: dict[str, Any], context: dict[str, Any]) -> Scenario:
-    """Return the scenario of one body. Raises InputError for a tree that is none."""
+def _any(data: dict[str, Any], context: dict[str, Any]) -> AnyScenario:
+    """Return the scenario of one body, or the tree that is none."""
     if not isinstance(data.get("body"), list):
         return Scenario.model_validate(data, context=context)
     from bodycheck.scenarios.tree_model import as_single_body  # makes the tables of every kind of joint
 
-    single = as_single_body(data, _tree(data, context))
-    if single is None:
-        hint = "'bodycheck dynamics' compares engines with it"
-        raise InputError(f"{context['file']}: is a tree of bodies, unsupported by this command; {hint}")
-    return Scenario.model_validate(single, context=context)
+    tree = _tree(data, context)
+    single = as_single_body(data, tree)
+    return tree if single is None else Scenario.model_validate(single, context=context)
+
+
+def _single(data: dict[str, Any], context: dict[str, Any]) -> Scenario:
+    """Return the scenario of one body. Raises InputError for a tree that is none."""
+    found = _any(data, context)
+    if isinstance(found, Scenario):
+        return found
+    hint = "'bodycheck run' and 'bodycheck dynamics' compare engines with it"
+    raise InputError(f"{context['file']}: is a tree of bodies, unsupported by this command; {hint}")
 
 
 def _tree(data: dict[str, Any], context: dict[str, Any]) -> TreeScenario:

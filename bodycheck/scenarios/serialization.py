@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import ValidationError
@@ -14,33 +14,39 @@ from bodycheck.reference_impl.mass_properties.solid import MassProperties
 from bodycheck.scenarios.body import MODEL_FORMATS, FileBody, LinkOfFile, MeshBody, ShapeBody
 from bodycheck.scenarios.mesh_files.decimation import read_obj_text
 from bodycheck.scenarios.model import Scenario
-from bodycheck.scenarios.reader import fault_lines
+from bodycheck.scenarios.reader import AnyScenario, fault_lines
 from bodycheck.scenarios.shapes import MeshSolid
+
+if TYPE_CHECKING:
+    from bodycheck.scenarios.tree_model import TreeScenario
 
 _LINK = ("link_offset_m", "link_quaternion")
 _MESH = ("mesh_unit", "mesh_overlap")
 _NUMBERS = ("mass_kg", "inertia_kg_m2", *_LINK)
 
 
-def serialized(scenario: Scenario) -> dict[str, Any]:
+def serialized(scenario: AnyScenario) -> dict[str, Any]:
     """Return a scenario as plain data, with the numbers computed from its mesh or shape."""
     return scenario.model_dump(mode="json", exclude_none=True)
 
 
 def deserialized(
     data: Mapping[str, Any], where: str, *, allow_code: bool = False, file: Path | None = None
-) -> Scenario:
+) -> AnyScenario:
     """Return the scenario from the output of `serialized`; `where` names it in messages.
 
     allow_code: it may name functions, whose code runs. file: has the data. Raises InputError with one line
     per error, also if `serialized` would not give the same data again.
     """
     try:
-        by_numbers = {name: data["body"][name] for name in _NUMBERS if name in data["body"]}
         context = {"stored": True, "allow_code": allow_code, "file": file}
-        scenario = Scenario.model_validate({**data, "body": by_numbers}, context=context)
-        if (shaped := _shaped(data["body"])) is not None:
-            scenario = scenario.model_copy(update={"body": shaped})
+        scenario: AnyScenario
+        if isinstance(data["body"], list):
+            scenario = _tree(data, context)
+        else:
+            scenario = Scenario.model_validate({**data, "body": _by_numbers(data["body"])}, context=context)
+            if (shaped := _shaped(data["body"])) is not None:
+                scenario = scenario.model_copy(update={"body": shaped})
         is_same = serialized(scenario) == data
     except ValidationError as error:
         raise InputError("\n".join(f"{where}: {line}" for line in fault_lines(error))) from None
@@ -49,6 +55,18 @@ def deserialized(
     if not is_same:
         raise InputError(f"{where}: is not a scenario as this version of bodycheck writes it")
     return scenario
+
+
+def _by_numbers(body: Mapping[str, Any], kept: tuple[str, ...] = ()) -> dict[str, Any]:
+    return {name: body[name] for name in (*_NUMBERS, *kept) if name in body}
+
+
+def _tree(data: Mapping[str, Any], context: dict[str, Any]) -> TreeScenario:
+    """Return a tree whose bodies from meshes, shapes and files have their stored numbers."""
+    from bodycheck.scenarios.tree_model import TreeScenario  # makes the tables of every kind of joint
+
+    bodies = [_by_numbers(body, ("name", "joint")) for body in data["body"]]
+    return TreeScenario.model_validate({**data, "body": bodies}, context=context)
 
 
 def _shaped(data: Mapping[str, Any]) -> MeshBody | ShapeBody | FileBody | None:

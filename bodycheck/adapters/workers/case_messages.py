@@ -19,7 +19,25 @@ from bodycheck.adapters.workers.protocol import Message, packed, unpacked
 from bodycheck.reference_impl.loads import load_kinds
 from bodycheck.reference_impl.loads.load import checked
 from bodycheck.reference_impl.random_bodies import Bodies
-from bodycheck.reference_impl.scene import CallbackLoad, Link, Load, RigidBody, Scene, State
+from bodycheck.reference_impl.scene import (
+    CallbackLoad,
+    Link,
+    Load,
+    PointForce,
+    RigidBody,
+    Scene,
+    State,
+    Torque,
+)
+from bodycheck.reference_impl.trees.tree_scene import (
+    BodyLoad,
+    Joint,
+    JointSineTorque,
+    JointTorque,
+    TreeBody,
+    TreeLoad,
+    TreeScene,
+)
 from bodycheck.scenarios.user_functions import UserWrench, user_function
 
 
@@ -49,6 +67,7 @@ def batch_message(batch: Batch) -> Message:
 def batch_of(message: Message) -> Batch:
     """Return the batch of a message."""
     case = case_of(message["case"])
+    assert isinstance(case.scene, Scene)
     bodies = Bodies(**{name: unpacked(array) for name, array in message["bodies"].items()})
     return Batch(case.scene, bodies, case.method, case.setting)
 
@@ -78,11 +97,13 @@ def search_of(message: Message) -> StableStepSearch:
     )
 
 
-def scene_message(scene: Scene) -> Message:
+def scene_message(scene: Scene | TreeScene) -> Message:
     """Return a scene as plain data, in SI units, loads by the kinds of the scenario format.
 
-    A pivot and a link frame are present only if the scene has them.
+    A pivot and a link frame are present only if the scene has them; of a tree, its bodies are a list.
     """
+    if isinstance(scene, TreeScene):
+        return _tree_message(scene)
     message = {
         "body": _plain(scene.body),
         "initial": {name: value for name, value in _plain(scene.initial).items() if value is not None},
@@ -98,8 +119,10 @@ def scene_message(scene: Scene) -> Message:
     return message
 
 
-def scene_of(message: Message) -> Scene:
+def scene_of(message: Message) -> Scene | TreeScene:
     """Return the scene of a message."""
+    if "bodies" in message:
+        return _tree(message)
     return Scene(
         body=RigidBody(**_arrays(message["body"])),
         initial=State(**_arrays(message["initial"])),
@@ -110,6 +133,55 @@ def scene_of(message: Message) -> Scene:
         pivot=np.array(message["pivot"], dtype=np.float64) if "pivot" in message else None,
         link=Link(**_arrays(message["link"])) if "link" in message else None,
     )
+
+
+def _tree_message(scene: TreeScene) -> Message:
+    return {
+        "bodies": [
+            {
+                "name": body.name,
+                "mass": body.mass,
+                "inertia": body.inertia.tolist(),
+                "joint": _plain(body.joint),
+            }
+            for body in scene.bodies
+        ],
+        "loads": [_tree_load_message(load) for load in scene.loads],
+        "gravity": scene.gravity.tolist(),
+        "duration_s": scene.duration_s,
+        "samples": scene.samples,
+    }
+
+
+def _tree(message: Message) -> TreeScene:
+    return TreeScene(
+        bodies=tuple(
+            TreeBody(body["name"], body["mass"], np.array(body["inertia"]), Joint(**_arrays(body["joint"])))
+            for body in message["bodies"]
+        ),
+        loads=tuple(_tree_load(load) for load in message["loads"]),
+        gravity=np.array(message["gravity"], dtype=np.float64),
+        duration_s=message["duration_s"],
+        samples=message["samples"],
+    )
+
+
+_JOINT_LOADS = {"joint-torque": JointTorque, "joint-sine-torque": JointSineTorque}
+
+
+def _tree_load_message(load: TreeLoad) -> Message:
+    if isinstance(load, BodyLoad):
+        return {**_load_message(load.load), "body": load.body}
+    return {"kind": next(kind for kind, of in _JOINT_LOADS.items() if isinstance(load, of)), **_plain(load)}
+
+
+def _tree_load(message: Message) -> TreeLoad:
+    if (of := _JOINT_LOADS.get(message["kind"])) is not None:
+        values = _arrays({name: value for name, value in message.items() if name != "kind"})
+        return of(**{name: math.inf if value is None else value for name, value in values.items()})
+    load = _load({name: value for name, value in message.items() if name != "body"})
+    assert isinstance(load, Torque | PointForce)
+    return BodyLoad(message["body"], load)
 
 
 def _load_message(load: Load) -> Message:

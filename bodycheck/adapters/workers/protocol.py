@@ -19,9 +19,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from bodycheck.adapters.batches import BatchAnswer
-from bodycheck.adapters.contract import Adapter, Build, ReadBack
+from bodycheck.adapters.contract import Adapter, Build, ReadBack, TreeReadBack
 from bodycheck.adapters.execution import Answer
 from bodycheck.adapters.stable_step import StableStep
+from bodycheck.adapters.tree_contract import tree_model_of
 from bodycheck.reference_impl.arrays import Array
 
 VERSION = 1
@@ -136,6 +137,7 @@ def announcement(adapter: Adapter, build: Build) -> Message:
         "version": adapter.version,
         "methods": [asdict(method) for method in adapter.methods.values()],
         "limits": {"message_bytes": LARGEST_MESSAGE},
+        "trees": tree_model_of(adapter) is not None,
         **build_message(build),
     }
 
@@ -154,7 +156,8 @@ def answer_limit_of(request: Message) -> int:
         return min(LONGEST_ANNOUNCEMENT + rows * (_LONGEST_TEXT * 6 + 80 * samples), LARGEST_MESSAGE)
     has_samples = request.get("do") in ("record", "replay") and "case" in request
     samples = request["case"]["scene"]["samples"] if has_samples else 0
-    return min(LONGEST_ANNOUNCEMENT + _BYTES_PER_SAMPLE * samples, LARGEST_MESSAGE)
+    bodies = len(request["case"]["scene"].get("bodies", "1")) if has_samples else 1
+    return min(LONGEST_ANNOUNCEMENT + _BYTES_PER_SAMPLE * samples * bodies, LARGEST_MESSAGE)
 
 
 def answer_message(answer: Answer) -> Message:
@@ -179,8 +182,10 @@ def batch_answer_message(answer: BatchAnswer) -> Message:
     }
 
 
-def read_back_message(read_back: ReadBack) -> Message:
+def read_back_message(read_back: ReadBack | TreeReadBack) -> Message:
     """Return a model that was read back as plain data."""
+    if isinstance(read_back, TreeReadBack):
+        return {"dt_s": read_back.dt_s, "tree": {name: packed(n) for name, n in read_back.numbers.items()}}
     return {
         "mass": _number(read_back.mass),
         "inertia": packed(read_back.inertia),

@@ -36,6 +36,7 @@ from bodycheck.adapters.contract import (
     ReadBack,
     Reading,
     Stepping,
+    TreeReadBack,
 )
 from bodycheck.adapters.execution import Answer, Ending, trajectory_of
 from bodycheck.adapters.stable_step import StableStep
@@ -130,6 +131,7 @@ class AnnouncementMessage(_Message):
     limits: _Limits
     build: Annotated[str, Field(strict=True, max_length=200), AfterValidator(escaped)] = ""
     kind: BuildKind = "plug-in"
+    trees: Annotated[bool, Field(strict=True)] = False
     loaded: Annotated[dict[_RawText, _RawText], Field(max_length=_MAX_PARTS), AfterValidator(escaped)] = {}
 
 
@@ -149,7 +151,7 @@ class ArrayMessage(BaseModel):
 
     model_config = ConfigDict(extra="forbid", json_schema_extra=_or_lists)
 
-    shape: Annotated[list[Annotated[int, Field(strict=True, ge=0, le=10**9)]], Field(max_length=3)]
+    shape: Annotated[list[Annotated[int, Field(strict=True, ge=0, le=10**9)]], Field(max_length=4)]
     base64: Annotated[str, Field(strict=True)]
 
     @model_validator(mode="before")
@@ -179,6 +181,15 @@ class ReadBackMessage(BaseModel):
     state: _Arrays
 
 
+class TreeReadBackMessage(BaseModel):
+    """A tree as read from the engine."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    dt_s: Number | None
+    tree: _Arrays
+
+
 class AnswerMessage(_Message):
     """The answer to `record` for a case with the outcome ok."""
 
@@ -186,7 +197,10 @@ class AnswerMessage(_Message):
         Annotated[_Arrays, Tag("arrays")] | Annotated[list[_Arrays], Tag("states")],
         Discriminator(lambda value: "states" if isinstance(value, list) else "arrays"),
     ]
-    read_back: ReadBackMessage
+    read_back: Annotated[
+        Annotated[ReadBackMessage, Tag("body")] | Annotated[TreeReadBackMessage, Tag("tree")],
+        Discriminator(lambda value: "tree" if isinstance(value, dict) and "tree" in value else "body"),
+    ]
     stepping: Stepping = "native"
     steps: Annotated[int, Field(strict=True, ge=0, le=_MAX_STEPS)] | None = None
 
@@ -258,7 +272,7 @@ def engine_of(message: Message) -> tuple[Engine, int]:
     methods = {method.name: Method.of(method.model_dump()) for method in parsed.methods}
     build = Build(parsed.build, parsed.kind, {name: one_line(text) for name, text in parsed.loaded.items()})
     max_bytes = min(parsed.limits.message_bytes, LARGEST_MESSAGE)
-    return Engine(parsed.engine, parsed.version, methods, build), max_bytes
+    return Engine(parsed.engine, parsed.version, methods, build, moves_trees=parsed.trees), max_bytes
 
 
 def check_engine(adapter: Adapter) -> None:
@@ -332,15 +346,22 @@ def stored_part(message: Message, answer: Answer | StableStep) -> Message:
     return {"outcome": answer.outcome, "message": answer.message, **texts, **found}
 
 
-def read_back_of(read_back: Message) -> ReadBack:
+def read_back_of(read_back: Message) -> ReadBack | TreeReadBack:
     """Return the model that was read back.
 
     Raises ProtocolError if the message is invalid.
     """
-    return _read_back(checked(ReadBackMessage, read_back, "invalid read-back"))
+    of_tree = "tree" in read_back
+    return _read_back(
+        checked(TreeReadBackMessage if of_tree else ReadBackMessage, read_back, "invalid read-back")
+    )
 
 
-def _read_back(read_back: ReadBackMessage) -> ReadBack:
+def _read_back(read_back: BaseModel) -> ReadBack | TreeReadBack:
+    if isinstance(read_back, TreeReadBackMessage):
+        numbers = {name: unpacked(vars(array)) for name, array in read_back.tree.items()}
+        return TreeReadBack(read_back.dt_s, numbers)
+    assert isinstance(read_back, ReadBackMessage)
     return ReadBack(
         mass=math.nan if read_back.mass is None else read_back.mass,
         inertia=_unpacked_as(read_back.inertia, "inertia", 3, 3),

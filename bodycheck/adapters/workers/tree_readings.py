@@ -11,13 +11,12 @@ import numpy as np
 from bodycheck.adapters.contract import Adapter, Precision
 from bodycheck.adapters.reading_names import READINGS
 from bodycheck.adapters.tree_contract import TreeModel, UnreportedError, tree_model_of
-from bodycheck.adapters.workers import protocol
+from bodycheck.adapters.workers import case_messages, protocol
 from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.trees.tree_scene import Joint, TreeBody, TreeScene
+from bodycheck.reference_impl.trees.tree_scene import TreeScene
 
 STAGE_STEP_S = 1e-3
-_VECTORS = ("at_parent", "at_body", "zero", "axis")
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,35 +54,14 @@ def dynamics_request(
     scene: TreeScene, q: Array, u: Array, masses_were: float = 1.0, readings: Sequence[str] = READINGS
 ) -> Message:
     """Return the request; q (k, nq) and u (k, nu): the states."""
-    bodies = [
-        {
-            "name": body.name,
-            "mass": body.mass,
-            "inertia": body.inertia.tolist(),
-            "kind": body.joint.kind,
-            "parent": body.joint.parent,
-            **{name: getattr(body.joint, name).tolist() for name in _VECTORS},
-        }
-        for body in scene.bodies
-    ]
     states = {"q": protocol.packed(q), "u": protocol.packed(u)}
     return {
         "do": "dynamics",
-        "bodies": bodies,
-        "gravity": scene.gravity.tolist(),
+        "scene": case_messages.scene_message(without_loads(scene)),
         **states,
         "masses_were": masses_were,
         "readings": list(readings),
     }
-
-
-def _scene_of(request: Message) -> TreeScene:
-    bodies = []
-    for one in request["bodies"]:
-        vectors: dict[str, Any] = {name: np.array(one[name]) for name in _VECTORS}
-        joint = Joint(one["kind"], one["parent"], **vectors)
-        bodies.append(TreeBody(one["name"], one["mass"], np.array(one["inertia"]), joint))
-    return TreeScene(tuple(bodies), (), np.array(request["gravity"]), duration_s=1.0, samples=2)
 
 
 def answered_dynamics(adapter: Adapter, request: Message) -> Message:
@@ -93,7 +71,9 @@ def answered_dynamics(adapter: Adapter, request: Message) -> Message:
         return {"outcome": "unsupported", "message": f"the adapter of {adapter.name} builds no trees"}
     q, u = (protocol.unpacked(request[name]) for name in ("q", "u"))
     try:
-        model = model_class(_scene_of(request), request["masses_were"])
+        scene = case_messages.scene_of(request["scene"])
+        assert isinstance(scene, TreeScene)
+        model = model_class(scene, request["masses_were"])
     except UnreportedError as error:
         return {"outcome": "unsupported", "message": str(error)}
     values: dict[str, list[Array]] = {name: [] for name in request["readings"]}

@@ -168,6 +168,21 @@ class TreeScene:
         return np.concatenate([body.joint.rates for body in self.bodies])
 
     @property
+    def has_callback_load(self) -> bool:
+        """Whether a load is given by a function: never, in a tree."""
+        return False
+
+    @property
+    def is_off_centre(self) -> bool:
+        """Whether an engine's own frame of a free body lies off its centre of mass: never, in a tree."""
+        return False
+
+    @property
+    def continuous_loads(self) -> tuple[JointSineTorque, ...]:
+        """The loads that act throughout."""
+        return tuple(load for load in self.loads if isinstance(load, JointSineTorque))
+
+    @property
     def is_floating(self) -> bool:
         """Whether a body moves freely."""
         return any(body.joint.of_kind.translation is Translation.SPACE for body in self.bodies)

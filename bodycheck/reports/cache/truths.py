@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import fields
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from bodycheck._util.platform_identity import numeric_parts
 from bodycheck.adapters.registry import own_code
 from bodycheck.adapters.workers import case_messages
 from bodycheck.adapters.workers.protocol import Message, packed, unpacked
-from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.arrays import Array, largest_norm
 from bodycheck.reference_impl.precompile import (
     closed_forms_compiled,
     compile_kernels,
@@ -21,11 +21,15 @@ from bodycheck.reference_impl.precompile import (
 )
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reference_impl.truth.truth import Truth
+from bodycheck.reference_impl.trees.tree_scene import TreeScene
+from bodycheck.reference_impl.truth.truth import Kind, Truth
 from bodycheck.reports.cache.disk_cache import Cache, key_of
 
+if TYPE_CHECKING:
+    from bodycheck.reference_impl.trees.tree_truth import TreeTruth
 
-def known_truth(scene: Scene, t_s: Array, cache: Cache | None) -> Truth:
+
+def known_truth(scene: Scene | TreeScene, t_s: Array, cache: Cache | None) -> Truth:
     """Return solve_truth(scene, t_s) from the cache; on a miss, solve and store it.
 
     t_s (n,) in s. A truth that depends on a user's function is never stored, because its code may change.
@@ -42,7 +46,11 @@ def known_truth(scene: Scene, t_s: Array, cache: Cache | None) -> Truth:
     return truth
 
 
-def _solved(scene: Scene, t_s: Array) -> Truth:
+def _solved(scene: Scene | TreeScene, t_s: Array) -> Truth:
+    if isinstance(scene, TreeScene):
+        from bodycheck.reference_impl.trees.tree_truth import certified_tree  # imports numba
+
+        return _of_tree(certified_tree(scene, t_s))
     from bodycheck.reference_impl.truth.certification import (
         solve_truth,  # imported here: numba takes a second to start
     )
@@ -55,12 +63,40 @@ def _solved(scene: Scene, t_s: Array) -> Truth:
     return solve_truth(scene, t_s)
 
 
-def is_known(scene: Scene, t_s: Array, cache: Cache) -> bool:
+def _of_tree(truth: TreeTruth) -> Truth:
+    """Return the truth of a tree by the quantities of one body: the largest bounds of any body or joint."""
+    motion = truth.motion
+    kinetic = float(np.max(motion.kinetic)) or 1.0
+    momentum = largest_norm(motion.angular_momentum) or 1.0
+    parts: dict[str, Array] = {}
+    for prefix, bounds in (("bound", truth.bounds), ("round_off", truth.round_offs)):
+        for name in ("rad", "omega_rad_s", "m", "m_s"):
+            joint = f"joint_{'rad_s' if name == 'omega_rad_s' else name}"
+            parts[f"{prefix}_{name}"] = np.maximum(bounds[name], bounds[joint])
+        parts[f"{prefix}_energy"] = bounds["energy_j"] / kinetic
+        parts[f"{prefix}_momentum"] = bounds["angular_momentum_n_m_s"] / momentum
+    return Truth(
+        Trajectory(
+            motion.t_s,
+            motion.position,
+            motion.velocity,
+            motion.quaternion,
+            omega_body_rad_s=motion.omega_body,
+            q=motion.q,
+            u=motion.u,
+        ),
+        cast("Kind", truth.kind),
+        trusted_until_s=truth.trusted_until_s,
+        **parts,
+    )
+
+
+def is_known(scene: Scene | TreeScene, t_s: Array, cache: Cache) -> bool:
     """Whether the cache has a file for this truth; the file may be damaged."""
     return not scene.has_callback_load and cache.has(_key(scene, t_s))
 
 
-def _key(scene: Scene, t_s: Array) -> str:
+def _key(scene: Scene | TreeScene, t_s: Array) -> str:
     # includes the numerical libraries, because another build may round or order operations differently
     scene_message = case_messages.scene_message(scene)
     return key_of(truth=scene_message, t_s=packed(t_s), code=own_code(), evaluated_by=numeric_parts())

@@ -42,7 +42,7 @@ def is_refuted(
     """
     units = {parameter.unit for fault in fit.faults for parameter in fault.parameters}
     of_body = any(fault.kind == "body" and fault.is_general for fault in fit.faults)  # such as a whole tensor
-    scene = problem.scenario.scene
+    scene = problem.of_body.scene
     if of_body or units & _OF_THE_SCENE or obstacle(scene, motion, ALL_QUANTITIES):
         return False
     with np.errstate(all="ignore"):

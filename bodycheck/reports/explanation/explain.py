@@ -100,7 +100,7 @@ def explained(
     """
     assert case.trajectory is not None
     found = diagnosed(
-        problem.scenario.scene,
+        problem.of_body.scene,
         case.trajectory,
         problem.scales,
         case.dt_s,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -10,19 +10,31 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from bodycheck._util.untrusted import shell_join, shell_split
-from bodycheck.adapters.contract import Build, Engine, Method, ReadBack, Setting, read_back_mismatch
+from bodycheck.adapters.contract import (
+    Build,
+    Engine,
+    Method,
+    ReadBack,
+    Setting,
+    TreeReadBack,
+    read_back_mismatch,
+)
 from bodycheck.adapters.engine_names import with_method
 from bodycheck.adapters.execution import Answer, Case
 from bodycheck.adapters.registry import program_file
 from bodycheck.adapters.stable_step import energy_blowup, invalid_state, kinetic_limit
+from bodycheck.adapters.tree_contract import tree_mismatch
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reference_impl.wrench import StepPlan, plan_steps
 from bodycheck.reports.measurement.convergence import LARGEST_ERROR
 from bodycheck.reports.measurement.invariants import worst_drift
+from bodycheck.reports.measurement.joint_errors import joint_rows, worst_body
 from bodycheck.reports.measurement.measure_bounds import bound_of
 from bodycheck.reports.measurement.measures import (
+    IDENTITY,
     MEASURES,
     ORIENTATION,
     QUANTITIES,
@@ -73,7 +85,7 @@ class CaseResult:
 
     columns: dict[str, Any]
     motion: MeasuredMotion | Callable[[], MeasuredMotion] = MeasuredMotion()
-    read_back: ReadBack | None = None
+    read_back: ReadBack | TreeReadBack | None = None
 
     @cached_property
     def _motion(self) -> MeasuredMotion:
@@ -114,6 +126,14 @@ class CaseResult:
         """Whether the case ended well and was measured."""
         return bool(self.columns["outcome"] == "ok")
 
+    @property
+    def joint_rows(self) -> Iterator[dict[str, Any]]:
+        """The rows of joints.csv without run_id; none for one body."""
+        if "worst_body" not in self.columns:
+            return iter(())
+        shared = {name: self.columns.get(name) for name in (*IDENTITY, "dt_s", "tolerance")}
+        return joint_rows(self.series, shared)
+
     @cached_property
     def largest_errors(self) -> dict[str, float]:
         """measured + bound: upper bounds of the true errors, by measure; empty unless it ended well."""
@@ -125,7 +145,10 @@ def run_case(problem: Problem, engine: Engine, method: Method, setting: Setting,
     """Run one case and measure it; any failure becomes its outcome."""
     scene = problem.scenario.scene
     columns = _identity(problem, engine, method, setting)
-    answer = ask(engine, Case(scene, method.name, setting))
+    if isinstance(scene, TreeScene) and not engine.moves_trees:
+        answer = Answer("unsupported", f"the adapter of {engine.name} builds no trees")
+    else:
+        answer = ask(engine, Case(scene, method.name, setting))
     columns |= origin_of(answer)
     if answer.outcome == "unsupported":
         return CaseResult({**columns, "outcome": "unsupported", "message": answer.message})
@@ -139,7 +162,7 @@ def run_case(problem: Problem, engine: Engine, method: Method, setting: Setting,
     trajectory, read_back = answer.trajectory, answer.read_back
     if trajectory is None or read_back is None:
         return ended(answer.outcome, answer.message)
-    if fault := read_back_mismatch(scene, None if plan is None else plan.dt_s, read_back, method.precision):
+    if fault := _mismatch(scene, method, None if plan is None else plan.dt_s, read_back):
         return ended("invalid", fault)
     motion = stable_motion(scene, trajectory, problem.motion)
     if isinstance(motion, str):
@@ -150,12 +173,24 @@ def run_case(problem: Problem, engine: Engine, method: Method, setting: Setting,
     return CaseResult(columns, moved, read_back)
 
 
+def _mismatch(
+    scene: Scene | TreeScene, method: Method, dt_s: float | None, found: ReadBack | TreeReadBack
+) -> str | None:
+    if isinstance(scene, TreeScene):
+        if not isinstance(found, TreeReadBack):
+            return "the engine read back one body, not a tree"
+        return tree_mismatch(scene, method.name, dt_s, found, method.precision)
+    return read_back_mismatch(scene, dt_s, found, method.precision)
+
+
 def origin_of(answer: Answer) -> dict[str, Any]:
     """Return the columns that say where an answer comes from: reused and build."""
     return {"reused": answer.reused, "build": Build(answer.build).short}
 
 
-def stable_motion(scene: Scene, trajectory: Trajectory, true: EnergyAndMomentum) -> EnergyAndMomentum | str:
+def stable_motion(
+    scene: Scene | TreeScene, trajectory: Trajectory, true: EnergyAndMomentum
+) -> EnergyAndMomentum | str:
     """Return energy and momentum along a trajectory, or the reason why it is unstable.
 
     true: energy and momentum along the truth.
@@ -181,15 +216,19 @@ def measured_by(
     departures = departures_of(compared)
     series = {name: values[:n] for name, values in series_of(compared, departures).items()}
     columns: dict[str, Any] = dict(reduced(series, departures, problem.scales))
+    if compared.joints is not None:
+        joints = {name: values[:n] for name, values in compared.joints.series.items()}
+        columns |= {"worst_body": worst} if (worst := worst_body(joints)) else {}
+        series |= joints
     if problem.is_chaotic:
         columns["horizon_s"] = _horizon(problem.times, series[ORIENTATION])
-    if worst := worst_drift(compared.invariant_drifts):
-        columns |= worst.columns
+    if drift := worst_drift(compared.invariant_drifts):
+        columns |= drift.columns
     judged = {name: scale_of(problem.columns, name) for name in QUANTITIES if name in columns}
     return columns, MeasuredMotion(
         trajectory,
         series,
-        departures={name: departures[name][:n] / scale for name, scale in judged.items()},
+        departures={name: departures[name][:n].reshape(n, -1) / scale for name, scale in judged.items()},
         floors={name: MEASURES[name].floor(compared) / scale for name, scale in judged.items()},
     )
 

@@ -11,8 +11,12 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array, largest_norm
 from bodycheck.reference_impl.dynamics import angular_momentum, principal_axes, rotational_energy
 from bodycheck.reference_impl.pivot import rotational_inertia
+from bodycheck.reference_impl.rotations import normalised, rotate
 from bodycheck.reference_impl.scene import GravityGradient, Scene
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.trees.joint_kind import Rotation, Translation
+from bodycheck.reference_impl.trees.tree_bodies import tree_momenta
+from bodycheck.reference_impl.trees.tree_scene import WORLD, BodyLoad, TreeScene
 
 _EQUAL = 1e-12  # relative tolerance: equal moments, and arms along or across an axis
 _ORBIT_NORMAL = np.array([0.0, 1.0, 0.0])
@@ -66,8 +70,10 @@ def worst_drift(drifts: Sequence[InvariantDrift]) -> InvariantDrift | None:
     return max(drifts, key=lambda drift: drift.columns.get("invariant_drift", -1.0), default=None)
 
 
-def invariants_of(scene: Scene) -> list[Invariant]:
+def invariants_of(scene: Scene | TreeScene) -> list[Invariant]:
     """Return the invariants of the scene besides energy and momentum."""
+    if isinstance(scene, TreeScene):
+        return list(_momentum_of_the_root(scene))
     return [*_spin(scene), *_vertical_momentum(scene), *_jacobi(scene), *_kovalevskaya(scene)]
 
 
@@ -169,6 +175,45 @@ def _kovalevskaya(scene: Scene) -> Iterator[Invariant]:
         return float(np.max((np.abs(spin) + np.abs(pull)) ** 2))
 
     yield Invariant("Kovalevskaya's invariant", frozenset({"attitude", "omega"}), kovalevskaya, size)
+
+
+def _momentum_of_the_root(scene: TreeScene) -> Iterator[Invariant]:
+    """L . e about the root's joint, or P . e along it, where nothing outside the tree acts so."""
+    roots = [k for k, body in enumerate(scene.bodies) if body.joint.parent == WORLD]
+    joint = scene.bodies[roots[0]].joint
+    pushed = [load for load in scene.loads if isinstance(load, BodyLoad) or load.body == roots[0]]
+    kind, weight = joint.of_kind, float(np.linalg.norm(scene.gravity))
+    if len(roots) > 1 or pushed or joint.stiffness or joint.damping or kind.translation is Translation.SPACE:
+        return
+    along = rotate(normalised(joint.zero), normalised(joint.axis)) if kind.has_axis else None
+    if kind.rotation is Rotation.NONE and along is not None:
+        if abs(scene.gravity @ along) > _EQUAL * weight:
+            return
+        slide = along
+        yield Invariant(
+            "momentum along the root's slide",
+            frozenset({"velocity"}),
+            lambda motion: tree_momenta(scene, motion)[0] @ slide,
+            lambda truth: largest_norm(tree_momenta(scene, truth)[0]),
+        )
+        return
+    if along is None and weight:
+        along = scene.gravity / weight
+    if along is None or kind.translation or np.linalg.norm(np.cross(scene.gravity, along)) > _EQUAL * weight:
+        return
+
+    axis = along
+
+    def about(motion: Trajectory) -> Array:
+        linear, angular = tree_momenta(scene, motion)
+        return angular - np.cross(joint.at_parent, linear)
+
+    yield Invariant(
+        "angular momentum about the root's axis" if kind.has_axis else "vertical angular momentum",
+        frozenset({"position", "velocity", "attitude", "omega"}),
+        lambda motion: about(motion) @ axis,
+        lambda truth: largest_norm(about(truth)),
+    )
 
 
 def _momentum(scene: Scene, motion: Trajectory) -> Array:

@@ -28,9 +28,8 @@ def relative(value: float, columns: Mapping[str, Any], measure: str) -> float:
 
     columns: of results.csv, either of one case or those shared by all cases of a scenario.
     """
-    kind = MEASURES[measure].bound
-    scale = columns.get(_SCALES[kind], 0.0) if kind in _SCALES else 1.0
-    own = MEASURES[measure].scale
+    kind, own = MEASURES[measure].bound, MEASURES[measure].scale
+    scale = columns.get(_SCALES[kind], 0.0) if kind in _SCALES and own is not None else 1.0
     if kind == "energy" and own not in (None, "energy_scale_j"):  # the bound is relative to that scale
         energy_scale = columns.get("energy_scale_j", 0.0)
         scale = columns.get(own, 0.0) / energy_scale if energy_scale else 0.0

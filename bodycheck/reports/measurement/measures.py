@@ -20,10 +20,13 @@ from bodycheck.reference_impl.pivot import kinetic_energies, rotational_inertia
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.trees.tree_bodies import tree_momenta, tree_potential_energy
+from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reference_impl.truth.motion_distance import potential_energy
 from bodycheck.reports.measurement.invariants import Invariant, InvariantDrift, invariant_drifts, worst_drift
+from bodycheck.reports.measurement.joint_errors import JointErrors, joint_errors
 from bodycheck.reports.measurement.scales import Scales
-from bodycheck.reports.measurement.work import work_done, working_loads
+from bodycheck.reports.measurement.work import does_work, work_done
 
 IDENTITY = ("scenario", "family", "engine", "engine_version", "method")
 """The columns that identify a row's method, in each table but probes.csv."""
@@ -41,7 +44,7 @@ BoundKind: TypeAlias = Literal["rad", "energy", "momentum", "omega_rad_s", "m", 
 The floor of a measure is its bound, divided by a scale of the true motion:
 rad, of the attitude: by none;
 energy, momentum: relative already, to the largest kinetic energy and |L|;
-omega_rad_s, m, m_s: by the scale of omega, of length or of speed, also for a measure without a scale.
+omega_rad_s, m, m_s: by the scale of omega, of length or of speed, unless the measure has no scale.
 """
 Judgement: TypeAlias = Literal["limit", "property"]
 
@@ -57,12 +60,16 @@ class EnergyAndMomentum:
     linear_momentum: Array
 
     @classmethod
-    def of(cls, scene: Scene, trajectory: Trajectory) -> EnergyAndMomentum:
+    def of(cls, scene: Scene | TreeScene, trajectory: Trajectory) -> EnergyAndMomentum:
         """E = K + U, U from gravity (zero at the start) and loads; L about the centre of mass, world axes.
 
-        For a body with a pivot, E and L are taken about the pivot.
+        For a body with a pivot, E and L are taken about the pivot; of a tree, L about the world's origin.
         """
         kinetic, rotational = kinetic_energies(scene, trajectory)
+        if isinstance(scene, TreeScene):
+            linear, angular = tree_momenta(scene, trajectory)
+            energy = kinetic + tree_potential_energy(scene, trajectory)
+            return cls(kinetic, rotational, energy, angular, linear)
         inertia = rotational_inertia(scene)
         return cls(
             kinetic=kinetic,
@@ -80,7 +87,7 @@ class Compared:
     until: number of leading samples at which the truth can be trusted.
     """
 
-    scene: Scene
+    scene: Scene | TreeScene
     truth: Trajectory
     true: EnergyAndMomentum
     trajectory: Trajectory
@@ -92,15 +99,20 @@ class Compared:
     def balance(self) -> tuple[Array, float] | None:
         """E - E(0) - W (n,) and the error of W, in J; None where the samples are too coarse to resolve W."""
         gained = self.motion.energy - self.motion.energy[0]
-        if not self.scene.piecewise_constant_loads and not working_loads(
-            self.scene, 0.0, self.scene.duration_s
-        ):
+        if not does_work(self.scene):
             return gained, 0.0
         done = work_done(self.scene, self.trajectory)
         if done is None:
             return None
         work, error = done
         return (gained - work, error) if _RESOLVED * error <= _largest(np.abs(gained - work)) else None
+
+    @cached_property
+    def joints(self) -> JointErrors | None:
+        """The errors of the joints of a tree; None for one body."""
+        if not isinstance(self.scene, TreeScene):
+            return None
+        return joint_errors(self.scene, self.truth, self.trajectory)
 
     @cached_property
     def invariant_drifts(self) -> list[InvariantDrift]:
@@ -113,15 +125,16 @@ class Compared:
 class Measure:
     """One measure: the maximum of `series` over the samples, divided by a scale of the scene if it has one.
 
-    departure: signed difference from the truth, (n,) or (n, k), in SI units; None where the case does not
-    define it. It is smooth in the step, so the limit under step refinement is computed from it. series: its
-    size over time (n,) [default: the norm of the departure]. scale: field of `Scales`; None if the measure
-    needs none. unit: unit of the column `_abs`; "" if there is no such column. bound: which of the truth's
-    error bounds applies. floor: error of the measure itself in one case, in the unit of the departure. needs:
-    which of position, velocity, attitude and omega a trajectory must provide. judged: "limit": by its limit
-    under step refinement; "property": as a property of the engine's state, not necessarily a fault; None: not
-    judged. last_of: the measure of which this one is the last value. signed: whether the column `_signed` has
-    the departure of the largest size with its sign, over the scale.
+    departure: signed difference from the truth, (n,), (n, k) or, per body of a tree, (n, b, k), in SI
+    units; None where the case does not define it. It is smooth in the step, so the limit under step
+    refinement is computed from it. series: its size over time (n,) [default: the norm of the departure,
+    the largest of any body]. scale: field of `Scales`; None if the measure needs none. unit: unit of the
+    column `_abs`; "" if there is no such column. bound: which of the truth's error bounds applies. floor:
+    error of the measure itself in one case, in the unit of the departure. needs: which of position,
+    velocity, attitude and omega a trajectory must provide. judged: "limit": by its limit under step
+    refinement; "property": as a property of the engine's state, not necessarily a fault; None: not
+    judged. last_of: the measure of which this one is the last value. signed: whether the column `_signed`
+    has the departure of the largest size with its sign, over the scale.
     """
 
     name: str
@@ -141,7 +154,7 @@ class Measure:
         """Return the measure over time (n,), in SI units; None where the case does not define it."""
         if self.series is not None:
             return self.series(compared)
-        return None if departure is None else np.asarray(np.linalg.norm(departure, axis=-1))
+        return None if departure is None else _over_bodies(np.linalg.norm(departure, axis=-1))
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -162,27 +175,32 @@ def _needed_by_energy(scene: Scene) -> frozenset[str]:
     )
 
 
+def _over_bodies(values: Array) -> Array:
+    """Return values (n,) as they are, and of several bodies (n, b) the largest."""
+    return np.asarray(values if values.ndim == 1 else np.max(values, axis=1))
+
+
 def _attitude_departure(compared: Compared) -> Array:
     """(R - R*) / sqrt 2 as (n, 9), of norm 2 sin(angle / 2); unlike an angle, it has no jump at pi."""
     difference = compared.trajectory.rotation_matrices - compared.truth.rotation_matrices
-    return difference.reshape(len(difference), 9) / math.sqrt(2.0)
+    return difference.reshape(*difference.shape[:-2], 9) / math.sqrt(2.0)
 
 
 def _gram_departure(compared: Compared) -> Array | None:
     rotation = compared.trajectory.rotation
     if rotation is None:
         return None
-    return (np.swapaxes(rotation, -1, -2) @ rotation - np.eye(3)).reshape(len(rotation), 9)
+    return (np.swapaxes(rotation, -1, -2) @ rotation - np.eye(3)).reshape(*rotation.shape[:-2], 9)
 
 
 def _determinant_departure(compared: Compared) -> Array | None:
     rotation = compared.trajectory.rotation
-    return None if rotation is None else np.asarray(np.linalg.det(rotation) - 1.0)
+    return None if rotation is None else np.asarray(np.linalg.det(rotation) - 1.0)[..., None]
 
 
 def _norm_apart(compared: Compared) -> Array | None:
     q = compared.trajectory.quaternion
-    return None if q is None else np.asarray(np.linalg.norm(q, axis=-1) - 1.0)
+    return None if q is None else np.asarray(np.linalg.norm(q, axis=-1) - 1.0)[..., None]
 
 
 def _invariants_apart(compared: Compared) -> Array | None:
@@ -303,7 +321,7 @@ _ALL = (
         "max geodesic angle to the truth",
         _attitude_departure,
         _needing("attitude"),
-        series=lambda c: geodesic_angle(c.truth.attitude, c.trajectory.attitude),
+        series=lambda c: _over_bodies(geodesic_angle(c.truth.attitude, c.trajectory.attitude)),
         bound="rad",
     ),
     Measure(
@@ -341,6 +359,36 @@ _ALL = (
         unit="m/s",
         bound="m_s",
     ),
+    Measure(
+        "joint_error_rad",
+        "max |q - q*| of any hinge, and the angle to the truth of any ball joint; of trees",
+        lambda c: None if c.joints is None else c.joints.angles,
+        _needing("attitude"),
+        series=lambda c: None if c.joints is None else c.joints.largest("rad"),
+        bound="rad",
+    ),
+    Measure(
+        "joint_error_m",
+        "max |q - q*| of any slide; of trees",
+        lambda c: None if c.joints is None else c.joints.lengths,
+        _needing("position", "attitude"),
+        series=lambda c: None if c.joints is None else c.joints.largest("m"),
+        bound="m",
+    ),
+    Measure(
+        "constraint_drift_m",
+        "max distance between the points that a joint holds together, of engines that store poses",
+        needs=_needing("position", "attitude"),
+        series=lambda c: None if c.joints is None else c.joints.gap_m,
+        judged=None,
+    ),
+    Measure(
+        "constraint_drift_rad",
+        "max angle by which a joint turns otherwise than it permits, of engines that store poses",
+        needs=_needing("attitude"),
+        series=lambda c: None if c.joints is None else c.joints.gap_rad,
+        judged=None,
+    ),
 )
 
 MEASURES = {measure.name: measure for measure in _ALL}
@@ -367,7 +415,9 @@ def scale_of(columns: Mapping[str, Any], measure: str) -> float:
 def departures_of(compared: Compared) -> dict[str, Array]:
     """Return the signed departure from the truth (n, k), in SI units, of each measure the case defines."""
     found = ((measure.name, measure.departure(compared)) for measure in _ALL)
-    return {name: values.reshape(len(values), -1) for name, values in found if values is not None}
+    return {
+        name: values[:, None] if values.ndim == 1 else values for name, values in found if values is not None
+    }
 
 
 def series_of(compared: Compared, departures: Mapping[str, Array]) -> dict[str, Array]:
@@ -392,7 +442,7 @@ def reduced(series: Mapping[str, Array], departures: Mapping[str, Array], scales
         if scale > 0.0:
             columns[name] = largest / scale
             if MEASURES[name].signed and name in departures:
-                columns[f"{name}{SIGNED}"] = float(departures[name][np.argmax(values), 0]) / scale
+                columns[f"{name}{SIGNED}"] = float(departures[name][np.argmax(values)].flat[0]) / scale
     for measure in _ALL:
         if measure.last_of is not None and measure.last_of in series:
             columns[measure.name] = float(series[measure.last_of][-1])

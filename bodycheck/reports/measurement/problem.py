@@ -12,6 +12,8 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reference_impl.truth.truth import QUANTITIES, Truth
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.truths import known_truth
@@ -20,6 +22,7 @@ from bodycheck.reports.measurement.invariants import Invariant, invariants_of
 from bodycheck.reports.measurement.measures import EnergyAndMomentum
 from bodycheck.reports.measurement.scales import Scales, scene_scales
 from bodycheck.scenarios.model import Scenario
+from bodycheck.scenarios.tree_model import TreeScenario
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +33,7 @@ class Problem:
     trusted; a chaotic motion is not compared beyond them.
     """
 
-    scenario: Scenario
+    scenario: Scenario | TreeScenario
     truth: Truth
     motion: EnergyAndMomentum
     scales: Scales
@@ -38,13 +41,15 @@ class Problem:
     compared: int
 
     @classmethod
-    def of(cls, scenario: Scenario, scenario_spec: str | Path, cache: Cache | None = None) -> Problem:
+    def of(
+        cls, scenario: Scenario | TreeScenario, scenario_spec: str | Path, cache: Cache | None = None
+    ) -> Problem:
         """Solve the truth at the scenario's samples, or take it from the cache.
 
         Raises InputError where the motion exceeds the range of double precision, or the truth ends before the
         second sample.
         """
-        scene = scenario.scene
+        scene: Scene | TreeScene = scenario.scene
         try:
             truth = known_truth(scene, scene.sample_times, cache)
         except ValueError as error:
@@ -64,6 +69,13 @@ class Problem:
             str(scenario_spec),
             compared,
         )
+
+    @property
+    def of_body(self) -> Scenario:
+        """The scenario of one body. Raises InputError for a tree."""
+        if isinstance(self.scenario, Scenario):
+            return self.scenario
+        raise InputError(f"{self.scenario_spec}: is a tree of bodies, unsupported by this command")
 
     @property
     def times(self) -> Array:

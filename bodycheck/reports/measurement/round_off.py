@@ -74,7 +74,7 @@ class RoundOff:
         rotates = kind not in translates
         if not rotates:  # far from the origin, the components are larger than the scale
             typical = max(1.0, relative(largest_norm(summed[-1]), problem.columns, quantity))
-        components = tuple(_components(motion.t_s, values) for values in summed)
+        components = tuple(_components(motion.t_s, values.reshape(len(values), -1)) for values in summed)
         return cls(
             unit,
             duration_s,

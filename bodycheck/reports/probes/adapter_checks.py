@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from bodycheck.adapters.contract import Engine, Method, read_back_mismatch
+from bodycheck.adapters.contract import Engine, Method, ReadBack, read_back_mismatch
 from bodycheck.adapters.execution import Answer, Case
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum, linear_momentum
@@ -152,7 +152,7 @@ def _model(bench: CheckBench) -> Iterator[Finding]:
     for name, variant in (("read_back", scene), ("read_back_of_link", replace(scene, link=_LINK))):
         case = bench.case(variant, variant.sample_interval_s)
         answer = bench.record(bench.engine, case)
-        if answer.read_back is None:
+        if not isinstance(answer.read_back, ReadBack):
             yield _unanswered(name, answer)
             continue
         dt_s = case.setting.dt_s

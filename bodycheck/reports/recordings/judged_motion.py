@@ -17,6 +17,7 @@ from bodycheck.reference_impl.pivot import rotational_inertia
 from bodycheck.reference_impl.rotations import geodesic_angle, matrix_to_quaternion, project_to_so3, rotate
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.truths import known_truth
 from bodycheck.reports.diagnosis.quantity_resolution import Resolution
@@ -96,8 +97,8 @@ def judged_motion(
     arrays, known = recorded.arrays, frozenset(quantities_of(recorded.arrays))
     resolution = Resolution.of(recorded.resolution)
     t_s = arrays["t_s"]
-    _check(path, t_s, known, problem.scenario)
-    scenario, scales = problem.scenario, problem.scales
+    _check(path, t_s, known, problem.of_body)
+    scenario, scales = problem.of_body, problem.scales
     if start == "first-sample":
         scenario = _started(scenario, arrays, known, cache)
         scales = Problem.of(scenario, problem.scenario_spec, cache).scales
@@ -182,9 +183,9 @@ def _check(path: Path, t_s: Array, known: frozenset[str], scenario: Scenario) ->
         )
 
 
-def is_free(scene: Scene) -> bool:
+def is_free(scene: Scene | TreeScene) -> bool:
     """Whether no torque acts, so that angular momentum and rotational energy are conserved."""
-    return not scene.loads and scene.pivot is None
+    return isinstance(scene, Scene) and not scene.loads and scene.pivot is None
 
 
 def _momentum_change(compared: Compared) -> MomentumChange:
@@ -218,7 +219,7 @@ def _floors(
     momentum = float(np.max(np.linalg.norm(problem.motion.angular_momentum[:n], axis=-1)))
     energy = float(np.max(problem.motion.rotational[:n]))
     speed = largest_norm(truth.trajectory.omega_body[:n])
-    largest_moment = float(np.linalg.norm(rotational_inertia(problem.scenario.scene), 2))
+    largest_moment = float(np.linalg.norm(rotational_inertia(problem.of_body.scene), 2))
     of_momentum = float(np.max(truth.bound_momentum[:n]))
     of_energy = float(np.max(truth.bound_energy[:n]))
     found = {ORIENTATION: columns["truth_bound_rad"] + _HALF_SPACING * resolution.attitude}

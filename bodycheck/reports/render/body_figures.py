@@ -60,7 +60,7 @@ def polhode(trajectory: Trajectory, truth: Trajectory, inertia: Array) -> Array:
 
 
 def _polhodes(page: Figure, problem: Problem, cases_drawn: Sequence[CaseResult]) -> None:
-    inertia = rotational_inertia(problem.scenario.scene)
+    inertia = rotational_inertia(problem.of_body.scene)
     moments, _ = diagonalised(inertia)
     semiaxes = 1.0 / np.sqrt(moments)
     truth = problem.truth.trajectory
@@ -81,7 +81,7 @@ def draw_frames(page: Figure, problem: Problem, cases_drawn: Sequence[CaseResult
     """Draw each case at FRAMES times, one row per case, the truth as an outline."""
     truth = problem.truth.trajectory
     frames = np.linspace(0, problem.compared - 1, FRAMES).round().astype(np.intp)
-    surface = surface_of(problem.scenario.body)
+    surface = surface_of(problem.of_body.body)
     page.set_figheight(_ROW_IN * len(cases_drawn) + 0.4)
     for row, case in enumerate(cases_drawn):
         if case.trajectory is None:

@@ -139,7 +139,7 @@ def _panels(page: Figure, problem: Problem, cases: Sequence[CaseResult]) -> Call
     rows, columns = -(-len(cases) // _MAX_IN_ROW), min(len(cases), _MAX_IN_ROW)
     page.set_size_inches(_PANEL_IN * columns, (_PANEL_IN + 0.2) * rows + 0.4)
     page.subplots_adjust(left=0.0, right=1.0, bottom=0.05, top=0.84, wspace=0.0)
-    surface, truth = surface_of(problem.scenario.body), problem.truth.trajectory
+    surface, truth = surface_of(problem.of_body.body), problem.truth.trajectory
     title = page.suptitle("", fontsize=9)
     momentum = _momentum(problem)
     arrow = "" if momentum is None else "; arrow: angular momentum"
@@ -173,7 +173,7 @@ def _panels(page: Figure, problem: Problem, cases: Sequence[CaseResult]) -> Call
 
 def _momentum(problem: Problem) -> Array | None:
     """Return an arrow along the angular momentum, (3,) in world axes; None where it is not constant."""
-    scene = problem.scenario.scene
+    scene = problem.of_body.scene
     if not scene.is_free_rotation:
         return None
     momentum = problem.motion.angular_momentum[0]

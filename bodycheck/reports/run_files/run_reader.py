@@ -197,7 +197,8 @@ def _problems(folder: Path, tables: Tables, cache: Cache | None, *, allow_code: 
         if "quaternion" not in stored or len(stored["t_s"]) != len(problem.truth.trajectory.t_s):
             raise InputError(f"{path}: not a truth of {name}")
         gap = geodesic_angle(stored["quaternion"], problem.truth.trajectory.attitude)[: problem.compared]
-        if not np.all(gap <= 2.0 * problem.truth.bound_rad[: problem.compared]):
+        bound = problem.truth.bound_rad[: problem.compared]
+        if not np.all(gap.reshape(len(bound), -1) <= 2.0 * bound[:, None]):
             raise InputError(f"{path}: differs from the truth of {name} as solved now")
         yield problem
 
@@ -311,7 +312,7 @@ class _Scenario(BaseModel):
 
     duration_s: Annotated[_Number, Field(gt=0.0)]
     samples: Annotated[int, Field(strict=True, ge=2, le=10**9)]
-    body: _Body
+    body: _Body | list[_Body]
     forcing: list[_Load] = []
 
 

@@ -132,12 +132,12 @@ _ALL = (
             *_CASE,
             *_SCALES,
             *(column for measure in MEASURES.values() for column in measure.columns),
-            *("invariant", "successive_difference_rad"),
+            *("invariant", "worst_body", "successive_difference_rad"),
             *_TRUTH,
             *_SPEED,
         ),
         needed=(*_OF_STUDY, "control", "outcome", "reproduce"),
-        words=("precision", "invariant", "truth", "stepping"),
+        words=("precision", "invariant", "worst_body", "truth", "stepping"),
         choices={"outcome": _ENDINGS},
         intervals=("cpu_s",),
         in_every_run=True,
@@ -199,6 +199,16 @@ _ALL = (
         made_of=lambda measured: [
             study.stability_row for study in measured.studies if study.stability_row is not None
         ],
+    ),
+    TableKind(
+        name="joints",
+        columns=(
+            *("run_id", *IDENTITY, "dt_s", "tolerance", "body", "unit"),
+            *("joint_error", "joint_error_final", "joint_rate_error"),
+        ),
+        needed=(*_OF_STUDY, "body"),
+        words=("body", "unit"),
+        made_of=lambda measured: (row for case in measured.cases for row in case.joint_rows),
     ),
     TableKind(
         name="probes",

@@ -26,7 +26,7 @@ MAX_BYTES = 1 << 28
 _ALWAYS_BYTES = 1 << 25
 _MAX_PACKED = 50  # above that, times the file size: denser files are zip bombs, or a body at rest
 _DOUBLE_BYTES = 8
-_MAX_DIMENSIONS = 3
+_MAX_DIMENSIONS = 4  # of the rotations of a tree
 _EXACT = 2**53  # every integer up to here is a double
 _ENCRYPTED = 0x1
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what numpy writes
@@ -125,6 +125,9 @@ COLUMNS = {
 }
 """Array of the npz -> its columns in the CSV."""
 
+_OF_TREES = ("q", "u")
+"""Arrays of a tree; its others have an axis for bodies after that of samples."""
+
 
 def trajectory_table(trajectory: Trajectory) -> pd.DataFrame:
     """Return t_s, x_m, ..., qw, ..., wz_body_rad_s, one row per sample; omega in both axes."""
@@ -145,7 +148,7 @@ def trajectory_table(trajectory: Trajectory) -> pd.DataFrame:
 
 def stored_arrays(trajectory: Trajectory) -> dict[str, Array]:
     """Return the arrays that the npz of a trajectory holds."""
-    values = {name: getattr(trajectory, name) for name in ("t_s", *COLUMNS)}
+    values = {name: getattr(trajectory, name) for name in ("t_s", *COLUMNS, *_OF_TREES)}
     return {name: value for name, value in values.items() if value is not None}
 
 
@@ -171,23 +174,23 @@ def _npy_header(shape: tuple[int, ...]) -> bytes:
 
 
 def read_arrays(path: Path) -> dict[str, Array]:
-    """Read t_s (n,) and any arrays of a trajectory, (n, 3), (n, 4) or (n, 3, 3), from .npz.
+    """Read t_s (n,) and any arrays of a trajectory, (n, 3), (n, 4) or (n, 3, 3), or of a tree, from .npz.
 
     Raises InputError with one line that names the file and the fault.
     """
     try:
-        stored = read_npz(path, ("t_s", *COLUMNS))
+        stored = read_npz(path, ("t_s", *COLUMNS, *_OF_TREES))
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     try:
         arrays = {name: doubles(array, name) for name, array in stored.items()}
     except ValueError as error:
         raise InputError(f"{path}: {error}") from None
-    return checked_arrays(path, arrays)
+    return checked_arrays(path, arrays, trees=True)
 
 
-def checked_arrays(path: Path, arrays: dict[str, Array]) -> dict[str, Array]:
-    """Return the arrays of a trajectory.
+def checked_arrays(path: Path, arrays: dict[str, Array], *, trees: bool = False) -> dict[str, Array]:
+    """Return the arrays of a trajectory; trees: it may be of one.
 
     Raises InputError if the times are not ascending, or if a quantity is missing or of another shape.
     """
@@ -198,8 +201,13 @@ def checked_arrays(path: Path, arrays: dict[str, Array]) -> dict[str, Array]:
         raise InputError(f"{path}: t_s must be finite times in ascending order")
     if len(arrays) == 1:
         raise InputError(f"{path}: has no quantity besides t_s (available: {', '.join(COLUMNS)})")
+    of_tree = trees and any(name in arrays for name in _OF_TREES)
+    bodies = arrays["position_m"].shape[1:2] if of_tree and "position_m" in arrays else ()
     for name, value in arrays.items():
+        if name in _OF_TREES and value.ndim == 2 and len(value) == len(t_s):
+            continue
         shape = {"t_s": (), "rotation": (3, 3)}.get(name, (len(COLUMNS.get(name, ())),))
+        shape = shape if name == "t_s" else (*bodies, *shape)
         if value.shape != (len(t_s), *shape):
             raise InputError(f"{path}: {name} has the shape {value.shape}, not {(len(t_s), *shape)}")
     return arrays

@@ -168,8 +168,10 @@ def _remarks(run: Tables) -> Iterator[Sentence]:
     for finding in run.manifest.get("merged", {}).get("findings", ()):
         yield Sentence(finding, "open")
     for name, scenario in run.manifest["scenarios"].items():
-        for note in scenario["body"].get("notes", ()):
-            yield Sentence(f"{name}: {note}", "open")
+        body = scenario["body"]
+        for one in body if isinstance(body, list) else [body]:
+            for note in one.get("notes", ()):
+                yield Sentence(f"{name}: {note}", "open")
 
 
 @dataclass(frozen=True)

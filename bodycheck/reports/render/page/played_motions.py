@@ -58,14 +58,14 @@ def played_motions(
     of cases.
     """
     shown = played[:most]
-    inertia = rotational_inertia(problem.scenario.scene)
+    inertia = rotational_inertia(problem.of_body.scene)
     moments, axes = diagonalised(inertia)
     frames = frame_numbers(problem.compared)
     return {
         "dt": at_s,
         "t": [float(f"{t:.6g}") for t in problem.times[frames]],
         "moments": moments.tolist(),
-        "body": _body(problem.scenario.body, axes),
+        "body": _body(problem.of_body.body, axes),
         "truth": _track(problem.truth.trajectory, axes, frames),
         "tracks": [
             {

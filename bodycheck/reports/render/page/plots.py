@@ -11,6 +11,7 @@ import numpy as np
 from bodycheck._util.formatting import number
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.joint_errors import joint_heading
 from bodycheck.reports.measurement.measure_bounds import floor_of
 from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, scale_of
 from bodycheck.reports.measurement.problem import Problem
@@ -78,8 +79,8 @@ def plot_data(
 def _drifts(
     problem: Problem, shown: Mapping[int, CaseResult], growths: Mapping[str, Mapping[int, str]]
 ) -> list[dict[str, Any]]:
-    """Return each judged measure over time: its name, one line per method that has it, its growth."""
-    named = (name for case in shown.values() for name in case.series if MEASURES[name].judged is not None)
+    """Return each judged measure, and the error of each joint, over time: name, a line per method, growth."""
+    named = (name for case in shown.values() for name in case.series if _is_drawn(name))
     measures = dict.fromkeys((*_FIRST_MEASURES, *named))
     drifts = []
     for measure in measures:
@@ -94,9 +95,13 @@ def _drifts(
         )
         if lines:
             unit = "" if scale > 0.0 else f", {MEASURES[measure].unit}"
-            title = heading(measure) + unit
+            title = joint_heading(measure) or heading(measure) + unit
             drifts.append({"name": name, "title": title, "lines": lines, "growth": growths.get(measure, {})})
     return drifts
+
+
+def _is_drawn(name: str) -> bool:
+    return bool(joint_heading(name)) or (name in MEASURES and MEASURES[name].judged is not None)
 
 
 def _packed_lines(lines: Mapping[int, Array]) -> dict[int, str | float | list[int]]:

@@ -13,8 +13,9 @@ import numpy as np
 from bodycheck._util import formatting
 from bodycheck._util.formatting import number
 from bodycheck._util.untrusted import shell_quote
-from bodycheck.adapters.contract import ReadBack, Reading
+from bodycheck.adapters.contract import ReadBack, Reading, TreeReadBack
 from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.trees.tree_scene import TreeBody
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.verdicts import STATES
@@ -35,6 +36,8 @@ from bodycheck.reports.summary.cells import Cell
 from bodycheck.reports.summary.error_curve import finest_first
 from bodycheck.scenarios.body import Body, FileBody, GivenBody, MeshBody, ShapeBody
 from bodycheck.scenarios.forcings import Forcing
+from bodycheck.scenarios.model import Scenario
+from bodycheck.scenarios.reader import AnyScenario
 
 
 @dataclass(frozen=True)
@@ -78,14 +81,29 @@ def scenario_facts(problem: Problem) -> list[tuple[str, str]]:
     facts = [
         ("Source", scenario.source),
         ("Tags", ", ".join(scenario.tags)),
-        ("Shape", _shape_text(scenario.body)),
-        ("Body", _body_words(scene)),
-        ("Start", _start_text(scene)),
+        *_facts_of(scenario),
         ("Loads", "; ".join(map(_forcing_text, scenario.forcing)) or "none"),
         ("Duration", f"{formatting.number(scene.duration_s, 6)} s, {scene.samples} samples"),
         ("Truth", f"{truth.kind}, bound {bound}"),
     ]
     return [(term, text) for term, text in facts if text]
+
+
+def _facts_of(scenario: AnyScenario) -> list[tuple[str, str]]:
+    if not isinstance(scenario, Scenario):
+        return [("Bodies", "; ".join(map(_tree_body_text, scenario.scene.bodies)))]
+    scene = scenario.scene
+    return [
+        ("Shape", _shape_text(scenario.body)),
+        ("Body", _body_words(scene)),
+        ("Start", _start_text(scene)),
+    ]
+
+
+def _tree_body_text(body: TreeBody) -> str:
+    joint = body.joint
+    start, rate = formatting.vector(joint.coordinates), formatting.vector(joint.rates)
+    return f"{body.name}: {joint.kind}, {formatting.number(body.mass, 6)} kg, q {start}, u {rate}"
 
 
 def _shape_text(body: Body) -> str:
@@ -137,8 +155,14 @@ def _value_text(value: Any) -> str:
     return str(value)
 
 
-def read_back_facts(read_back: ReadBack) -> list[tuple[str, str]]:
+def read_back_facts(read_back: ReadBack | TreeReadBack) -> list[tuple[str, str]]:
     """Return the values read back from an engine, as terms and texts."""
+    if isinstance(read_back, TreeReadBack):
+        shown = ("mass", "damping", "gravity", "q", "u")
+        held = {name: read_back.numbers[name] for name in shown if name in read_back.numbers}
+        return [
+            (name.capitalize() if len(name) > 1 else name, formatting.vector(v)) for name, v in held.items()
+        ]
     facts = [
         ("Mass", f"{formatting.number(read_back.mass, 6)} kg"),
         ("Inertia", f"{', '.join(formatting.vector(row) for row in read_back.inertia)} kg m²"),
@@ -166,6 +190,8 @@ def _state_text(state: Reading) -> str:
 
 _CASE_MEASURES = (
     "orientation_error_rad",
+    "joint_error_rad",
+    "joint_error_m",
     "omega_error",
     "energy_drift",
     "angular_momentum_drift",
@@ -427,6 +453,6 @@ def _section(
         plots=plot_data(problem, all_cases, rows, drawn, at_s, with_drifts=tracks > 0),
         cheapest={error: cheapest_cases(problem, sequences, error) for error in ERRORS},
         motion=motion_view(problem, all_cases, {key: style.number for key, style in drawn.items()}, tracks)
-        if tracks
+        if tracks and isinstance(problem.scenario, Scenario)
         else None,
     )

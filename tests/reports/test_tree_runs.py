@@ -1,0 +1,129 @@
+"""Runs of trees: measures, tables, verdicts and pages are those of one body, with joints besides."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bodycheck
+from bodycheck._util.errors import InputError
+from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.run_files.run_reader import read_run
+from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.runs.directory import write_run
+from bodycheck.scenarios.library import (
+    load_any,
+    load_scenario,
+    load_scenarios,
+    load_trees,
+    suites,
+    tree_names,
+)
+from bodycheck.scenarios.serialization import deserialized, serialized
+from tests.helpers.html_page import report_page
+
+_SAME = ("mujoco:euler", "mujoco:implicitfast", "mujoco:discrete", "dart:semi-implicit", "pybullet:multibody")
+
+
+@pytest.fixture(scope="module")
+def chain() -> Run:
+    """Return the free chain through every method of three engines at 1e-2 s."""
+    return bodycheck.run(
+        scenarios=["free-chain"], engines=["mujoco", "dart", "pybullet"], dt_s=[1e-2], speed=False, laws=False
+    )
+
+
+def test_engines_agree_and_are_all_wrong(chain: Run) -> None:
+    """Five methods are 4.97e-2 rad off in the joints with a false momentum, and MuJoCo's RK4 is right."""
+    rows = {
+        f"{row['engine']}:{row['method']}": row for row in chain.rows("results") if row["outcome"] == "ok"
+    }
+    joints = {name: row["joint_error_rad"] for name, row in rows.items()}
+    assert [round(joints[name], 4) for name in _SAME] == [0.0497] * 5
+    assert max(joints[name] for name in _SAME) - min(joints[name] for name in _SAME) < 1e-12
+    assert joints["mujoco:rk4"] < 1e-6
+    assert rows["mujoco:rk4"]["linear_momentum_drift_abs"] < 1e-6
+    assert min(rows[name]["linear_momentum_drift_abs"] for name in _SAME) > 0.03
+    assert {rows[name]["worst_body"] for name in _SAME} == {"l2"}
+
+
+def test_each_joint_has_a_row(chain: Run) -> None:
+    """joints.csv has the largest and the final error of every joint of every case that ended well."""
+    rows = chain.rows("joints")
+    ended = [row for row in chain.rows("results") if row["outcome"] == "ok"]
+    assert len(rows) == 2 * len(ended)
+    for case in ended:
+        own = [row for row in rows if (row["engine"], row["method"]) == (case["engine"], case["method"])]
+        assert max(row["joint_error"] for row in own) == case["joint_error_rad"]
+        assert all(row["joint_error_final"] <= row["joint_error"] for row in own)
+        assert {row["body"] for row in own} == {"l1", "l2"}
+
+
+def test_a_stored_run_of_a_tree_is_read_as_it_was_written(chain: Run, tmp_path: Path) -> None:
+    """Tables, motions and the page of a run that is read are those of the run."""
+    write_run(chain, tmp_path / "run")
+    again = read_run(tmp_path / "run", allow_code=False, cache=Cache.default())
+    assert again.joints.to_csv() == chain.joints.to_csv()
+    for one, other in zip(again.cases, chain.cases, strict=True):
+        if other.trajectory is not None:
+            assert one.trajectory is not None
+            assert np.array_equal(one.trajectory.q, other.trajectory.q)
+    assert report_page(again) == (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", tree_names())
+def test_a_stored_tree_is_the_same(name: str) -> None:
+    """A built-in tree survives the manifest of a run."""
+    ((_, tree),) = load_trees(name)
+    assert deserialized(serialized(tree), name) == tree
+
+
+def test_commands_without_trees_leave_out_those_of_suites_and_refuse_others() -> None:
+    """Only `load_any` returns trees; a suite has them, and a tree that is named is refused."""
+    assert {"free-chain", "double-pendulum"} <= {scenario.name for _, scenario in load_any(["standard"])}
+    assert not {*tree_names()} & {scenario.name for _, scenario in load_scenarios(["standard"])}
+    assert suites()["trees"] == tree_names()
+    for load in (load_scenario, lambda name: load_scenarios([name])):
+        with pytest.raises(InputError, match="tree of bodies"):
+            load("free-chain")
+
+
+@pytest.mark.parametrize(
+    ("name", "invariant"),
+    [
+        ("cart-pole", "momentum along the root's slide"),
+        ("double-pendulum", None),
+    ],
+)
+def test_the_root_conserves_what_nothing_outside_changes(name: str, invariant: str | None) -> None:
+    """The momentum along a slide, or about a vertical axis, is an invariant that the truth conserves."""
+    ((spec, tree),) = load_any([name])
+    problem = Problem.of(tree, spec, Cache.default())
+    found = {one.name: one for one in problem.invariants}
+    assert ([*found] or [None]) == [invariant]
+    for one in found.values():
+        values = one.of(problem.truth.trajectory)
+        assert np.max(np.abs(values - values[0])) <= 1e-13 * one.size(problem.truth.trajectory)
+
+
+@pytest.mark.parametrize("name", ["free-chain", "double-pendulum", "spring-damper-pair", "cart-pole"])
+def test_the_truth_of_a_tree_balances_its_energy(name: str) -> None:
+    """Along the truth, the energy changes by the work of loads and dampers."""
+    from bodycheck.reports.measurement.measures import Compared
+
+    ((spec, tree),) = load_any([name])
+    problem = Problem.of(tree, spec, Cache.default())
+    truth, motion = problem.truth.trajectory, problem.motion
+    compared = Compared(tree.scene, truth, motion, truth, motion, problem.invariants, problem.compared)
+    balance = compared.balance
+    if balance is not None:
+        assert np.max(np.abs(balance[0])) <= max(10.0 * balance[1], 1e-12 * problem.scales.energy_scale_j)
+
+
+def test_scales_of_a_tree_are_finite(chain: Run) -> None:
+    """No scale of a moving tree vanishes."""
+    assert all(math.isfinite(scale) and scale > 0.0 for scale in vars(chain.problems[0].scales).values())
