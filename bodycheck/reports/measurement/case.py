@@ -46,6 +46,7 @@ from bodycheck.reports.measurement.measures import (
     series_of,
 )
 from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.measurement.tree_map_made import made_map
 
 RunCase: TypeAlias = Callable[[Engine, Case], Answer]
 """A function that answers a case, from the engine or from a stored answer."""
@@ -169,6 +170,8 @@ def run_case(problem: Problem, engine: Engine, method: Method, setting: Setting,
         return ended("unstable", motion)
     measured, moved = measured_by(problem, trajectory, motion)
     columns |= measured
+    if isinstance(scene, TreeScene) and plan is not None:
+        columns |= made_map(scene, trajectory, plan, method.precision, problem.scales)
     columns |= {"outcome": "ok", "message": _note(problem, plan, answer.message)}
     return CaseResult(columns, moved, read_back)
 

@@ -22,6 +22,7 @@ from bodycheck.reports.document import markdown_table
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measures import IDENTITY, MEASURES
 from bodycheck.reports.measurement.study import Study
+from bodycheck.reports.measurement.tree_map_made import DISTANCE, MAP, NEXT
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.probes.examination import identified
 from bodycheck.reports.probes.laws import LAW_VERDICTS
@@ -132,12 +133,12 @@ _ALL = (
             *_CASE,
             *_SCALES,
             *(column for measure in MEASURES.values() for column in measure.columns),
-            *("invariant", "worst_body", "successive_difference_rad"),
+            *("invariant", "worst_body", MAP, DISTANCE, NEXT, "successive_difference_rad"),
             *_TRUTH,
             *_SPEED,
         ),
         needed=(*_OF_STUDY, "control", "outcome", "reproduce"),
-        words=("precision", "invariant", "worst_body", "truth", "stepping"),
+        words=("precision", "invariant", "worst_body", MAP, "truth", "stepping"),
         choices={"outcome": _ENDINGS},
         intervals=("cpu_s",),
         in_every_run=True,

@@ -11,6 +11,7 @@ from bodycheck.reports.document import Column, Document, Sentence, Span, Table
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.run_files.run_tables import MethodKey, Tables
 from bodycheck.reports.summary.cells import Cell, Overview, overviews, summary_cells
+from bodycheck.reports.summary.shared_maps import shared_maps
 from bodycheck.reports.summary.worst_results import MethodResults, faulty, headline, worst_methods
 
 _REFUSED = ("invalid", "unsupported")
@@ -23,22 +24,24 @@ _UNDECIDED = ("pre-asymptotic", "too-few-points", "chaotic")
 class Summary:
     """The conclusions from a run, as shown by the terminal, Markdown and the report.
 
-    cells: by scenario, then by engine and method. worst: the methods with results, worst first.
+    cells: by scenario, then by engine and method. worst: the methods with results, worst first. alike: what
+    is said of methods that make one map of a tree.
     """
 
     cells: dict[str, dict[MethodKey, Cell]]
     worst: list[MethodResults]
+    alike: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, run: Tables) -> Summary:
         """Return the summary of a run."""
         cells = summary_cells(run)
-        return cls(cells, worst_methods(run, cells))
+        return cls(cells, worst_methods(run, cells), tuple(shared_maps(run)))
 
     @property
     def sentences(self) -> list[str]:
         """The results in a few sentences that name every method with findings."""
-        return verdict_sentences(self.cells, self.worst)
+        return [*self.alike, *verdict_sentences(self.cells, self.worst)]
 
 
 def verdict_sentences(cells: Mapping[str, Mapping[MethodKey, Cell]], found: list[MethodResults]) -> list[str]:

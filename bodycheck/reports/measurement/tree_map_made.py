@@ -1,0 +1,82 @@
+"""Which one-step map of the catalogue of trees a motion follows, from sample to sample."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from bodycheck.adapters.contract import Precision
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.rotations import geodesic_angle
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.trees.joint_kind import Rotation
+from bodycheck.reference_impl.trees.tree_scene import TreeScene
+from bodycheck.reference_impl.wrench import StepPlan
+from bodycheck.reports.measurement.scales import Scales
+
+_TRANSITIONS = 3
+_SAME = 1e-12  # relative: two maps this near are one
+_FARTHER = {"float64": 1e3, "float32": 1e2, "mixed": 1e2}
+"""How many times farther the next map must be."""
+
+MAP, DISTANCE, NEXT = "tree_map", "tree_map_distance", "next_map_distance"
+"""Columns of results.csv: the map that a case makes of a tree, its distance, and that of the next map."""
+
+
+def made_map(
+    scene: TreeScene, motion: Trajectory, plan: StepPlan, precision: Precision, scales: Scales
+) -> dict[str, Any]:
+    """Return the columns of the map that the first intervals between samples follow; none if none does.
+
+    Each interval starts from the engine's own state. Distances are the largest of any coordinate, in rad or
+    over the length, and of any rate over that of the fastest body. Maps that are the same here, as without
+    damping and springs, count as the first of them.
+    """
+    if motion.q is None or motion.u is None or plan.mid_step_switches or plan.segments[0][0] < plan.stride:
+        return {}
+    from bodycheck.reference_impl.one_step_maps.tree_maps import TREE_MAPS
+
+    intervals = min(_TRANSITIONS, plan.segments[0][0] // plan.stride, len(motion.t_s) - 1)
+    made: dict[str, list[tuple[Array, Array]]] = {
+        name: [
+            one.step(scene, float(motion.t_s[k]), motion.q[k], motion.u[k], plan.dt_s, plan.stride)
+            for k in range(intervals)
+        ]
+        for name, one in TREE_MAPS.items()
+    }
+    found = [(motion.q[k + 1], motion.u[k + 1]) for k in range(intervals)]
+    different: dict[str, list[tuple[Array, Array]]] = {}
+    for name, states in made.items():
+        if all(_distance(scene, states, known, scales) > _SAME for known in different.values()):
+            different[name] = states
+    distances = {name: _distance(scene, found, states, scales) for name, states in different.items()}
+    nearest, *others = sorted(distances, key=lambda name: distances[name])
+    if not distances[nearest] * _FARTHER[precision] <= distances[others[0]]:
+        return {}
+    return {MAP: nearest, DISTANCE: distances[nearest], NEXT: distances[others[0]]}
+
+
+def _distance(
+    scene: TreeScene,
+    one: list[tuple[Array, Array]],
+    other: list[tuple[Array, Array]],
+    scales: Scales,
+) -> float:
+    worst = 0.0
+    for (q, u), (p, w) in zip(one, other, strict=True):
+        for body, places, rates in zip(scene.bodies, scene.coordinate_slices, scene.rate_slices, strict=True):
+            kind = body.joint.of_kind
+            own, right, moved = q[places], p[places], (0, 1, 3)[kind.translation]
+            angles = np.abs(own[moved:] - right[moved:])
+            if kind.rotation is Rotation.BALL:
+                angles = geodesic_angle(own[moved:], right[moved:])[None]
+            faster = np.abs(u[rates] - w[rates])
+            parts = (
+                angles,
+                np.abs(own[:moved] - right[:moved]) / (scales.length_scale_m or 1.0),
+                faster[:moved] / (scales.speed_scale_m_s or 1.0),
+                faster[moved:] / (scales.omega_scale_rad_s or 1.0),
+            )
+            worst = max(worst, *(float(np.max(part, initial=0.0)) for part in parts))
+    return worst
