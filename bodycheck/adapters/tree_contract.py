@@ -343,6 +343,25 @@ def held_loads(scene: TreeScene, loads: Sequence[tuple[TreeLoad, float]], t_s: f
     return HeldLoads(joint, force, torque)
 
 
+def joint_forces(
+    scene: TreeScene, loads: Sequence[tuple[TreeLoad, float]], t_s: float, q: Array, u: Array
+) -> Array:
+    """Return J^T F of the loads, and the forces of springs and dampers, at the rates (nu,)."""
+    held, n = held_loads(scene, loads, t_s, q), len(u)
+    forces = np.concatenate(held.joint)
+    if np.any(held.force) or np.any(held.torque):
+        each = tree_trajectory(scene, np.zeros(n), np.tile(q, (n, 1)), np.eye(n))
+        forces = forces + np.einsum("nbi,bi->n", each.velocity_m_s, held.force)
+        forces = forces + np.einsum("nbi,bi->n", each.omega_world, held.torque)
+    for body, places, rates in zip(scene.bodies, scene.coordinate_slices, scene.rate_slices, strict=True):
+        joint = body.joint
+        if joint.damping:
+            forces[rates] -= joint.damping * u[rates]
+        if joint.stiffness:
+            forces[rates] -= joint.stiffness * (q[places] - joint.rest)
+    return np.asarray(forces)
+
+
 class RateMap:
     """Rates of an engine in its own order and axes: u_e = T u with an orthogonal T.
 

@@ -72,7 +72,7 @@ REFUSED = {
     "a negative shape": (shaped("(-1,)"), "t_s has the shape"),
     "more than it has": (shaped("(12,)"), "but 88 bytes, not 96"),
     "less than it has": (shaped("(10,)"), "bytes, not 80"),
-    "four dimensions": (shaped("(11, 1, 1, 1)"), "t_s has the shape"),
+    "five dimensions": (shaped("(11, 1, 1, 1, 1)"), "t_s has the shape"),
     "complex numbers": (saved(T_S + 1j), "has type complex128, not real numbers"),
     "a structure": (saved(np.zeros(11, "f8,i4")), "not real numbers"),
     "text": (saved(np.full(11, "1.0")), "not real numbers"),

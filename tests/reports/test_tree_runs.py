@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import bodycheck
 from bodycheck._util.errors import InputError
+from bodycheck.reference_impl.rotations import quaternion_product
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.trees.tree_bodies import tree_trajectory
+from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.run_reader import read_run
 from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.summary.sentences import Summary
 from bodycheck.runs.directory import write_run
 from bodycheck.scenarios.library import (
     load_any,
@@ -113,7 +121,8 @@ def test_the_root_conserves_what_nothing_outside_changes(name: str, invariant: s
 @pytest.mark.parametrize("name", ["free-chain", "double-pendulum", "spring-damper-pair", "cart-pole"])
 def test_the_truth_of_a_tree_balances_its_energy(name: str) -> None:
     """Along the truth, the energy changes by the work of loads and dampers."""
-    from bodycheck.reports.measurement.measures import Compared
+    from bodycheck.reports.measurement.case import measured_by
+from bodycheck.reports.measurement.measures import Compared, EnergyAndMomentum
 
     ((spec, tree),) = load_any([name])
     problem = Problem.of(tree, spec, Cache.default())
@@ -127,3 +136,54 @@ def test_the_truth_of_a_tree_balances_its_energy(name: str) -> None:
 def test_scales_of_a_tree_are_finite(chain: Run) -> None:
     """No scale of a moving tree vanishes."""
     assert all(math.isfinite(scale) and scale > 0.0 for scale in vars(chain.problems[0].scales).values())
+
+
+def _measured(name: str, change: Callable[[TreeScene, Trajectory], Trajectory]) -> dict[str, Any]:
+    ((spec, tree),) = load_any([name])
+    problem = Problem.of(tree, spec, Cache.default())
+    motion = change(tree.scene, problem.truth.trajectory)
+    return measured_by(problem, motion, EnergyAndMomentum.of(tree.scene, motion))[0]
+
+
+def _turned(scene: TreeScene, motion: Trajectory) -> Trajectory:
+    assert motion.q is not None
+    assert motion.u is not None
+    return tree_trajectory(scene, motion.t_s, motion.q + 1e-3, motion.u)
+
+
+def _apart(_: TreeScene, motion: Trajectory) -> Trajectory:
+    places, turned = motion.position_m.copy(), motion.attitude.copy()
+    places[:, -1] += np.array([1e-3, 2e-3, 3e-3])
+    turned[:, -1] = quaternion_product(turned[:, -1], np.array([1.0, 1e-3, 2e-3, 3e-3]))
+    return replace(motion, position_m=places, quaternion=turned, q=None, u=None)
+
+
+@pytest.mark.parametrize(
+    ("measure", "change", "least"),
+    [
+        ("joint_error_rad", _turned, 9e-4),
+        ("joint_error_m", _turned, 9e-4),
+        ("constraint_drift_m", _apart, 1e-3),
+        ("constraint_drift_rad", _apart, 1e-3),
+    ],
+)
+def test_each_measure_of_joints_can_fail(
+    measure: str, change: Callable[[TreeScene, Trajectory], Trajectory], least: float
+) -> None:
+    """Coordinates that are off, and bodies that come apart, are measured; the truth itself is not off."""
+    stored = replace if change is _apart else None
+    sound = _measured("cart-pole", lambda _, motion: stored(motion, q=None, u=None) if stored else motion)
+    assert sound[measure] < 1e-12
+    assert _measured("cart-pole", change)[measure] > least
+
+
+def test_the_map_that_engines_share_is_named(chain: Run) -> None:
+    """M1 is the map of five methods of three engines, to round-off; the next map is far."""
+    rows = {f"{row['engine']}:{row['method']}": row for row in chain.rows("results") if row["outcome"] == "ok"}
+    assert {name: row.get("tree_map") for name, row in rows.items()} == {
+        **dict.fromkeys(_SAME, "M1"), "mujoco:implicit": "M2", "mujoco:rk4": "RK4"
+    }
+    assert max(row["tree_map_distance"] for row in rows.values()) < 1e-12
+    assert min(row["next_map_distance"] / row["tree_map_distance"] for row in rows.values()) > 1e3
+    (sentence,) = [text for text in Summary.of(chain).sentences if "same map" in text]
+    assert all(name in sentence for name in (*_SAME, "5 methods of 3 engines", "0.0497 rad"))

@@ -26,6 +26,7 @@ from bodycheck.scenarios.library import (
     load_scenarios,
     scenario_names,
     suites,
+    tree_names,
 )
 from bodycheck.scenarios.model import Scenario
 from bodycheck.scenarios.reader import parse_members
@@ -548,12 +549,12 @@ def test_library_scenario_has_its_source(name: str) -> None:
 
 
 def test_suites_contain_built_in_scenarios() -> None:
-    """Every member exists; standard, forcings and hard, like full, have all but probes and recordings."""
+    """Every member exists; standard, forcings, hard and trees, like full, have all but probes, recordings."""
     for members in suites().values():
-        assert set(members) <= set(scenario_names())
-    parts = (suites()[part] for part in ("standard", "forcings", "hard"))
-    whole = [name for name in scenario_names() if name not in (*PROBES, *RECORDED)]
-    assert sorted(name for part in parts for name in part) == sorted(suites()["full"]) == whole
+        assert set(members) <= {*scenario_names(), *tree_names()}
+    parts = (suites()[part] for part in ("standard", "forcings", "hard", "trees"))
+    whole = {name for name in (*scenario_names(), *tree_names()) if name not in (*PROBES, *RECORDED)}
+    assert {name for part in parts for name in part} == {*suites()["full"]} == whole
 
 
 def test_tag_selects_the_suite() -> None:

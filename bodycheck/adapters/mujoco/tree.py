@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
-from bodycheck.adapters.contract import DEFAULTS, VARIANT, TreeReadBack
+from bodycheck.adapters.contract import DEFAULTS, VARIANT, Stepping, TreeReadBack
 from bodycheck.adapters.mujoco.mj_model import OFF, PASSIVE_OFF, matrix_of
 from bodycheck.adapters.tree_contract import (
     JointedLink,
@@ -146,7 +146,7 @@ class MuJoCoTree(TreeModel):
 
     # --------------------------------------------------------------------------------------------- motion
 
-    stepping = "native"
+    stepping: Stepping = "native"
 
     @classmethod
     def unmoved(cls, scene: TreeScene, method: str) -> str | None:
@@ -172,6 +172,9 @@ class MuJoCoTree(TreeModel):
         option.disableflags = 0 if method.endswith(DEFAULTS) else sum(int(bit) for bit in off)
         option.enableflags = 0
         mujoco.mj_resetData(self.model, self.data)
+        self._set_start()
+
+    def _set_start(self) -> None:
         qpos = np.empty(self.model.nq)
         qpos[self._coordinates] = self._scene.q0
         self._put(qpos, self._map.rates(self._scene.u0))

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from bodycheck.adapters.contract import Stepping, TreeReadBack
 from bodycheck.adapters.tree_contract import (
     JointedLink,
     RateMap,
@@ -23,6 +24,8 @@ from bodycheck.adapters.tree_contract import (
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import matrix_to_quaternion, quaternion_to_matrix
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
+
+_FREE_FIRST = "the adapter builds a free body only as the first"
 
 
 class DrakeTree(TreeModel):
@@ -45,8 +48,13 @@ class DrakeTree(TreeModel):
         self._drake: Any = drake
         self._scene, self._links = scene, jointed_links(scene)
         if any(link.kind == "free" and k for k, link in enumerate(self._links)):
-            raise UnreportedError("the adapter builds a free body only as the first")
-        plant = self._plant = drake.MultibodyPlant(0.0)
+            raise UnreportedError(_FREE_FIRST)
+        self._build(0.0, masses_were)
+
+    def _build(self, time_step_s: float, masses_were: float = 1.0) -> None:
+        """Build the plant, continuous for a time step of 0."""
+        drake, scene = self._drake, self._scene
+        plant = self._plant = drake.MultibodyPlant(time_step_s)
         plant.mutable_gravity_field().set_gravity_vector(scene.gravity)
         self._bodies: list[Any] = []
         self._joints: list[Any] = []
@@ -62,6 +70,7 @@ class DrakeTree(TreeModel):
             pose = drake.RigidTransform(drake.RotationMatrix(quaternion_to_matrix(link.zero)), link.place)
             frame = plant.AddFrame(drake.FixedOffsetFrame(f"{link.name}-zero", parent, pose))
             self._joints.append(plant.AddJoint(self._joint(link, frame, body.body_frame())))
+        self._add_springs()
         plant.Finalize()
         self._simulator = drake.Simulator(plant)
         self._context = self._simulator.get_mutable_context()
@@ -79,9 +88,17 @@ class DrakeTree(TreeModel):
     def _joint(self, link: JointedLink, frame: Any, own: Any) -> Any:
         kinds = {"hinge": self._drake.RevoluteJoint, "slide": self._drake.PrismaticJoint}
         name = f"{link.name}-joint"
+        damping = self._scene.bodies[self._links.index(link)].joint.damping
         if link.kind == "ball":
-            return self._drake.BallRpyJoint(name, frame, own)
-        return kinds[link.kind](name, frame, own, link.axis)
+            return self._drake.BallRpyJoint(name, frame, own, damping=damping)
+        return kinds[link.kind](name, frame, own, link.axis, damping=damping)
+
+    def _add_springs(self) -> None:
+        springs = {"hinge": self._drake.RevoluteSpring, "slide": self._drake.PrismaticSpring}
+        for link, body, joint in zip(self._links, self._scene.bodies, self._joints, strict=True):
+            if body.joint.stiffness:
+                spring = springs[link.kind](joint, body.joint.rest, body.joint.stiffness)
+                self._plant.AddForceElement(spring)
 
     def _inertia(self, mass: float, centre: Array, inertia: Array) -> Any:
         drake = self._drake
@@ -163,6 +180,65 @@ class DrakeTree(TreeModel):
         integrator.set_fixed_step_mode(True)
         simulator.Initialize()
         simulator.AdvanceTo(start + dt_s)
+        return self.state()
+
+    # --------------------------------------------------------------------------------------------- motion
+
+    stepping: Stepping = "native"
+
+    @classmethod
+    def unmoved(cls, scene: TreeScene, method: str) -> str | None:  # noqa: ARG003
+        """Refuse loads and armatures."""
+        joints = [body.joint for body in scene.bodies]
+        if any(joint.kind == "free" for joint in joints[1:]):
+            return _FREE_FIRST
+        if scene.loads or any(joint.armature for joint in joints):
+            return "the adapter moves trees without loads and armatures only"
+        return None
+
+    def start(self, method: str, dt_s: float) -> None:
+        """Build the plant of the method anew, and set the start."""
+        is_discrete = method == "discrete"
+        self._build(dt_s if is_discrete else 0.0)
+        self._dt_s, self._steps = dt_s, 0
+        if not is_discrete:
+            name = method.replace("-", "_")
+            integrator = self._drake.ResetIntegratorFromFlags(self._simulator, name, dt_s)
+            integrator.set_fixed_step_mode(True)
+        self.set_state(self._scene.q0, self._scene.u0)
+        self._simulator.Initialize()
+
+    def advance(self, steps: int) -> None:
+        """Make the steps in one call."""
+        self._steps += steps
+        self._simulator.AdvanceTo(self._steps * self._dt_s)
+
+    def held(self) -> TreeReadBack:
+        """Read the plant."""
+        numbers: dict[str, list[Any]] = {}
+        for link, body, joint in zip(self._links, self._bodies, self._joints, strict=True):
+            inertia = body.CalcSpatialInertiaInBodyFrame(self._context)
+            central = inertia.Shift(inertia.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
+            one: dict[str, Any] = {
+                "mass": inertia.get_mass(),
+                "inertia": central,
+                "centre": inertia.get_com(),
+            }
+            one |= {"place": link.place, "zero": link.zero, "damping": 0.0}
+            if joint is not None:
+                pose = joint.frame_on_parent().GetFixedPoseInBodyFrame()
+                one["place"] = pose.translation()
+                one["zero"] = matrix_to_quaternion(pose.rotation().matrix())
+                one["damping"] = joint.default_damping_vector()[0]
+            for name, value in one.items():
+                numbers.setdefault(name, []).append(value)
+        q, u = self.state()
+        stored = {name: np.array(values, dtype=np.float64) for name, values in numbers.items()}
+        stored["gravity"] = np.array(self._plant.gravity_field().gravity_vector())
+        return TreeReadBack(self._dt_s, stored | {"q": q, "u": u})
+
+    def state(self) -> tuple[Array, Array]:
+        """GetPositions and GetVelocities."""
         own, parts = np.array(self._plant.GetPositions(self._context)), []
         for k, (link, part) in enumerate(zip(self._links, self._scene.coordinate_slices, strict=True)):
             start = (

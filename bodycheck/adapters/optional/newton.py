@@ -44,7 +44,7 @@ class _Solver:
 
 
 _EULER = "omega += h I^-1 (tau - omega x I omega); q = q + h omega q / 2, normalised"
-_SOLVERS = {
+SOLVERS = {
     "semi-implicit": _Solver("SolverSemiImplicit", {"angular_damping": 0.0}, _EULER, ("no angular damping",)),
     "xpbd": _Solver("SolverXPBD", {}, _EULER),
     # its argument angular_damping has no effect
@@ -67,7 +67,7 @@ _SOLVERS = {
 
 def _methods() -> dict[str, Method]:
     found = {}
-    for name, solver in _SOLVERS.items():
+    for name, solver in SOLVERS.items():
         method = Method(
             name=name,
             formula=solver.formula,
@@ -133,7 +133,7 @@ class _Body:
         inertia = [float(value) for value in scene.body.inertia.ravel()]
         builder.add_body(mass=scene.body.mass, inertia=inertia, lock_inertia=True)
         self._model = builder.finalize(device="cpu", skip_validation_inertia=True)
-        solver = _SOLVERS[method.removesuffix(DEFAULTS)]
+        solver = SOLVERS[method.removesuffix(DEFAULTS)]
         options = {} if method.endswith(DEFAULTS) else solver.options
         self._solver = getattr(newton.solvers, solver.name)(self._model, **options)
         self._now, self._next = self._model.state(), self._model.state()

@@ -1,4 +1,4 @@
-"""Trees in Pinocchio: its algorithms at a state. They have no step.
+"""Trees in Pinocchio: its algorithms at a state. Its users write the steps.
 
 A quaternion is scalar last; the rates of a free-flyer are velocity and omega, both in body axes. Joints are
 added depth first: otherwise crba returns a wrong matrix without an error.
@@ -6,23 +6,25 @@ added depth first: otherwise crba returns a wrong matrix without an error.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 
-from bodycheck.adapters.optional.between_steps import scalar_last
+from bodycheck.adapters.contract import TreeReadBack
+from bodycheck.adapters.optional.between_steps import scalar_first, scalar_last
 from bodycheck.adapters.tree_contract import (
     JointedLink,
     RateMap,
     TreeModel,
     depth_first,
+    joint_forces,
     jointed_links,
     link_poses,
 )
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.rotations import quaternion_to_matrix
-from bodycheck.reference_impl.trees.tree_scene import TreeScene
+from bodycheck.reference_impl.rotations import matrix_to_quaternion, quaternion_to_matrix
+from bodycheck.reference_impl.trees.tree_scene import TreeLoad, TreeScene
 
 
 class PinocchioTree(TreeModel):
@@ -138,3 +140,88 @@ class PinocchioTree(TreeModel):
             [np.array(pose.translation) for pose in poses],
             [np.array(pose.rotation) for pose in poses],
         )
+
+    # --------------------------------------------------------------------------------------------- motion
+
+    @classmethod
+    def unmoved(cls, scene: TreeScene, method: str) -> str | None:  # noqa: ARG003
+        """Refuse armatures."""
+        return "the adapter gives joints no armature" if any(b.joint.armature for b in scene.bodies) else None
+
+    def start(self, method: str, dt_s: float) -> None:
+        """Choose the loop of the method, and set the start."""
+        self._step = self._rk4 if method == "rk4" else self._semi_implicit
+        self._dt_s, self._steps = dt_s, 0
+        self.push(())
+        self.set_state(self._scene.q0, self._scene.u0)
+
+    def push(self, loads: Sequence[tuple[TreeLoad, float]]) -> None:
+        """Keep the loads, which act at every evaluation."""
+        self._loads = tuple(loads)
+
+    def advance(self, steps: int) -> None:
+        """Make the steps."""
+        for _ in range(steps):
+            self._step(self._steps * self._dt_s)
+            self._steps += 1
+
+    def _semi_implicit(self, t_s: float) -> None:
+        self._v = self._v + self._dt_s * self._acceleration(t_s, self._q, self._v)
+        self._q = self._pin.integrate(self._model, self._q, self._dt_s * self._v)
+
+    def _rk4(self, t_s: float) -> None:
+        h, q, v = self._dt_s, self._q, self._v
+        rates, accelerations = [v], [self._acceleration(t_s, q, v)]
+        for share in (0.5, 0.5, 1.0):
+            stage = self._pin.integrate(self._model, q, share * h * rates[-1])
+            rates.append(v + share * h * accelerations[-1])
+            accelerations.append(self._acceleration(t_s + share * h, stage, rates[-1]))
+        weights = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
+        self._v = v + h * (weights @ accelerations)
+        self._q = self._pin.integrate(self._model, q, h * (weights @ rates))
+
+    def _acceleration(self, t_s: float, q: Array, v: Array) -> Array:
+        """Aba under the loads, springs and dampers at this state."""
+        forces = np.zeros(self._model.nv)
+        if self._loads or any(body.joint.damping or body.joint.stiffness for body in self._scene.bodies):
+            own = self._own(q, v)
+            forces = self._map.rates(joint_forces(self._scene, self._loads, t_s, *own))
+        return np.array(self._pin.aba(self._model, self._data, q, v, forces))
+
+    def _own(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return q and u in the conventions of trees."""
+        parts = []
+        for k, (link, part) in enumerate(zip(self._links, self._scene.coordinate_slices, strict=True)):
+            start = int(self._model.idx_qs[self._joints[k]])
+            own = np.array(q[start : start + part.stop - part.start])
+            if link.kind in ("ball", "free"):
+                own = np.concatenate([own[:-4], scalar_first(own[-4:])])
+            if link.kind == "free":
+                block = np.eye(6)
+                block[:3, :3] = quaternion_to_matrix(own[3:]).T
+                self._map.turn(k, block)
+            parts.append(own)
+        return np.concatenate(parts), self._map.own_rates(v)
+
+    def state(self) -> tuple[Array, Array]:
+        """Return q and v of the loop."""
+        return self._own(self._q, self._v)
+
+    def held(self) -> TreeReadBack:
+        """Read the model; the step is this loop's."""
+        model, joints = self._model, self._joints
+        q, u = self.state()
+        numbers = {
+            "mass": [model.inertias[joint].mass for joint in joints],
+            "inertia": [np.array(model.inertias[joint].inertia) for joint in joints],
+            "centre": [np.array(model.inertias[joint].lever) for joint in joints],
+            "place": [np.array(model.jointPlacements[joint].translation) for joint in joints],
+            "zero": [
+                matrix_to_quaternion(np.array(model.jointPlacements[joint].rotation)) for joint in joints
+            ],
+            "gravity": np.array(model.gravity.linear),
+            "q": q,
+            "u": u,
+        }
+        stored = {name: np.array(values, dtype=np.float64) for name, values in numbers.items()}
+        return TreeReadBack(self._dt_s, stored)

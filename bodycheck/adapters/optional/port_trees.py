@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from bodycheck.adapters.contract import VARIANT, Stepping
 from bodycheck.adapters.mujoco.tree import MuJoCoTree
 from bodycheck.adapters.optional.between_steps import array
 from bodycheck.adapters.tree_contract import UnreportedError
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.trees.tree_scene import TreeScene
+from bodycheck.reference_impl.trees.tree_scene import TreeLoad, TreeScene
 
 
 class _PortTree(MuJoCoTree):
     """A tree whose model and data are those of a port."""
 
     precision = "float32"
+    stepping: Stepping = "python"
 
     def __init__(self, scene: TreeScene, masses_were: float = 1.0) -> None:
         if masses_were != 1.0:
@@ -26,6 +29,31 @@ class _PortTree(MuJoCoTree):
         self._dt_s = float(self.model.opt.timestep)
         self.model.opt.disableflags = 0  # a port refuses some of them; there is nothing to disable
         self._load()
+
+    @classmethod
+    def unmoved(cls, scene: TreeScene, method: str) -> str | None:
+        """Refuse loads, and methods in float64."""
+        if VARIANT in method:
+            return "the adapter moves trees in float32 only"
+        if scene.loads:
+            return "MuJoCo's callback of passive forces does not exist in the port"
+        return super().unmoved(scene, method)
+
+    def start(self, method: str, dt_s: float) -> None:
+        """Set the step and the integrator of MuJoCo's model, and put it into the port."""
+        super().start(method, dt_s)
+        self.model.opt.disableflags = 0
+        self._dt_s = dt_s
+        self._load()
+        self._set_start()
+
+    def push(self, loads: Sequence[tuple[TreeLoad, float]]) -> None:
+        """Nothing acts."""
+
+    def advance(self, steps: int) -> None:
+        """Make the steps one by one."""
+        for _ in range(steps):
+            self._make_step()
 
     def _load(self) -> None:
         """Put the model and the data into the port."""

@@ -312,7 +312,10 @@ class _Scenario(BaseModel):
 
     duration_s: Annotated[_Number, Field(gt=0.0)]
     samples: Annotated[int, Field(strict=True, ge=2, le=10**9)]
-    body: _Body | list[_Body]
+    body: Annotated[
+        Annotated[_Body, Tag("body")] | Annotated[list[_Body], Tag("tree")],
+        Discriminator(lambda value: "tree" if isinstance(value, list) else "body"),
+    ]
     forcing: list[_Load] = []
 
 
