@@ -728,7 +728,7 @@ OF_TREES = {"joint_error_rad", "joint_error_m", "constraint_drift_m", "constrain
 
 
 def test_each_measure_can_fail() -> None:
-    """A measure that no fault changes could be one that does nothing; test_tree_runs.py has those of trees."""
+    """A measure that no fault changes could do nothing; test_tree_runs.py has those of trees."""
     assert measures.MEASURES.keys() - {measure for measure, _, _ in FAULTS} == OF_TREES
 
 

@@ -18,6 +18,8 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.trees.tree_bodies import tree_trajectory
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.measurement.case import measured_by
+from bodycheck.reports.measurement.measures import Compared, EnergyAndMomentum
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.run_reader import read_run
 from bodycheck.reports.run_files.run_tables import Run
@@ -43,6 +45,11 @@ def chain() -> Run:
     return bodycheck.run(
         scenarios=["free-chain"], engines=["mujoco", "dart", "pybullet"], dt_s=[1e-2], speed=False, laws=False
     )
+
+
+def _by_method(run: Run) -> dict[str, dict[str, Any]]:
+    rows = [row for row in run.rows("results") if row["outcome"] == "ok"]
+    return {f"{row['engine']}:{row['method']}": row for row in rows}
 
 
 def test_engines_agree_and_are_all_wrong(chain: Run) -> None:
@@ -121,9 +128,6 @@ def test_the_root_conserves_what_nothing_outside_changes(name: str, invariant: s
 @pytest.mark.parametrize("name", ["free-chain", "double-pendulum", "spring-damper-pair", "cart-pole"])
 def test_the_truth_of_a_tree_balances_its_energy(name: str) -> None:
     """Along the truth, the energy changes by the work of loads and dampers."""
-    from bodycheck.reports.measurement.case import measured_by
-from bodycheck.reports.measurement.measures import Compared, EnergyAndMomentum
-
     ((spec, tree),) = load_any([name])
     problem = Problem.of(tree, spec, Cache.default())
     truth, motion = problem.truth.trajectory, problem.motion
@@ -179,9 +183,11 @@ def test_each_measure_of_joints_can_fail(
 
 def test_the_map_that_engines_share_is_named(chain: Run) -> None:
     """M1 is the map of five methods of three engines, to round-off; the next map is far."""
-    rows = {f"{row['engine']}:{row['method']}": row for row in chain.rows("results") if row["outcome"] == "ok"}
+    rows = _by_method(chain)
     assert {name: row.get("tree_map") for name, row in rows.items()} == {
-        **dict.fromkeys(_SAME, "M1"), "mujoco:implicit": "M2", "mujoco:rk4": "RK4"
+        **dict.fromkeys(_SAME, "M1"),
+        "mujoco:implicit": "M2",
+        "mujoco:rk4": "RK4",
     }
     assert max(row["tree_map_distance"] for row in rows.values()) < 1e-12
     assert min(row["next_map_distance"] / row["tree_map_distance"] for row in rows.values()) > 1e3
