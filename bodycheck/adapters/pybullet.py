@@ -9,7 +9,7 @@ torques from body axes into world axes once per call.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
@@ -21,6 +21,7 @@ import pybullet
 from bodycheck.adapters.contract import DEFAULTS, VARIANT, Method, ReadBack, Reading, Stepping
 from bodycheck.adapters.engine_loads import ZeroOrderHold
 from bodycheck.adapters.frames import EngineAxes, link_frame, pivot_place
+from bodycheck.adapters.pybullet_substeps import powers_of_two, set_substeps
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.rotations import hat, matrix_to_quaternion
@@ -68,7 +69,6 @@ _MAXIMAL = Method(
     snippet=f"{_TIME_STEP}; {_MAXIMAL_BODY}",
 )
 
-_MAX_SUBSTEPS = 2**16  # 50 ms, so that an interrupt is handled soon
 _LINK = 0  # index of a pivoted body, the only link of its base
 
 _SUBSTEPS, _SUBSTEPPED = 4, f"{VARIANT}substeps"
@@ -485,25 +485,6 @@ def _read_back(client: int, body: int, link: int, axes: Array, state: Reading) -
         gravity=np.array([world[f"gravityAcceleration{axis}"] for axis in "XYZ"]),
         state=state,
     )
-
-
-def set_substeps(client: int, dt_s: float, count: int) -> None:
-    """Make one call perform `count` steps, a power of two.
-
-    Then count dt_s and count dt_s / count are exact. Bullet makes int(fixedTimeStep / substep) steps, and
-    round-off would cost one of them.
-    """
-    pybullet.setPhysicsEngineParameter(fixedTimeStep=count * dt_s, numSubSteps=count, physicsClientId=client)
-
-
-def powers_of_two(steps: int) -> Iterator[int]:
-    """Yield powers of two, at most _MAX_SUBSTEPS, whose sum is `steps`."""
-    full_calls, rest = divmod(steps, _MAX_SUBSTEPS)
-    for _ in range(full_calls):
-        yield _MAX_SUBSTEPS
-    for place in reversed(range(rest.bit_length())):
-        if rest >> place & 1:
-            yield 1 << place
 
 
 def _matrix(quaternion: tuple[float, ...]) -> Array:

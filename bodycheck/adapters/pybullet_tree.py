@@ -15,7 +15,7 @@ import numpy as np
 import pybullet
 
 from bodycheck.adapters.contract import DEFAULTS, VARIANT, TreeReadBack
-from bodycheck.adapters.pybullet import powers_of_two, set_substeps
+from bodycheck.adapters.pybullet_substeps import powers_of_two, set_substeps
 from bodycheck.adapters.tree_contract import (
     JointedLink,
     RateMap,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,8 +14,9 @@ from bodycheck.reference_impl.loads.load import checked
 from bodycheck.reference_impl.rational import Vector, dot, fractions
 from bodycheck.reference_impl.scene import PointForce, Scene
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reference_impl.trees.tree_bodies import tree_kinetic_energies
-from bodycheck.reference_impl.trees.tree_scene import TreeScene
+
+if TYPE_CHECKING:
+    from bodycheck.reference_impl.trees.tree_scene import TreeScene
 
 
 def inertia_about(inertia: Vector, mass: Fraction, point: Vector) -> Vector:
@@ -44,8 +46,8 @@ def kinetic_energies(scene: Scene | TreeScene, motion: Trajectory) -> tuple[Arra
 
     About a pivot, which is at rest, K is the rotational part alone. Of a tree, the sums over its bodies.
     """
-    if isinstance(scene, TreeScene):
-        return tree_kinetic_energies(scene, motion)
+    if not isinstance(scene, Scene):
+        return scene.kinetic_energies(motion)
     rotational = rotational_energy(rotational_inertia(scene), motion.omega_body)
     if scene.pivot is not None:
         return rotational, rotational

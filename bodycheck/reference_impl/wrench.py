@@ -6,13 +6,16 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.loads.load import Instants, Load, WrenchFunction, checked
 from bodycheck.reference_impl.scene import ConstantLoad, PointForce, RigidBody, Scene, Torque, unknown_load
-from bodycheck.reference_impl.trees.tree_scene import TreeLoad, TreeScene, interval
+
+if TYPE_CHECKING:
+    from bodycheck.reference_impl.trees.tree_scene import TreeLoad, TreeScene
 
 _MAX_STEPS = 1e9
 _ON_GRID = 1e-9  # of a step: a switch this near to a step's end counts as being there
@@ -95,12 +98,12 @@ def constant_loads_between(scene: Scene, begin_s: float, end_s: float) -> list[C
 def shares_of_loads(scene: Scene, begin_s: float, end_s: float) -> list[tuple[ConstantLoad, float]]:
     """Return the piecewise constant loads that act within [begin_s, end_s), each with its share of it."""
     shares = (
-        (load, _share(load.from_s, load.until_s, begin_s, end_s)) for load in scene.piecewise_constant_loads
+        (load, share_of(load.from_s, load.until_s, begin_s, end_s)) for load in scene.piecewise_constant_loads
     )
     return [(load, share) for load, share in shares if share > 0.0]
 
 
-def _share(from_s: float, until_s: float, begin_s: float, end_s: float) -> float:
+def share_of(from_s: float, until_s: float, begin_s: float, end_s: float) -> float:
     """Return the share of [begin_s, end_s) within [from_s, until_s): 0 or 1 where it is that to rounding."""
     overlap = min(end_s, until_s) - max(begin_s, from_s)
     share = min(max(overlap / (end_s - begin_s), 0.0), 1.0)
@@ -115,9 +118,8 @@ def wrench_between(scene: Scene | TreeScene, begin_s: float, end_s: float) -> Wr
     Continuous loads are not included: they are not constant, and a simulation evaluates them itself. Of a
     tree, all loads are.
     """
-    if isinstance(scene, TreeScene):
-        shares = ((load, _share(*interval(load), begin_s, end_s)) for load in scene.loads)
-        return replace(NO_WRENCH, of_tree=tuple((load, share) for load, share in shares if share > 0.0))
+    if not isinstance(scene, Scene):
+        return scene.wrench_between(begin_s, end_s)
     return wrench_of(tuple(shares_of_loads(scene, begin_s, end_s)))
 
 

@@ -7,7 +7,7 @@ torque), in world axes. A solver steps from one state into another, whose forces
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
@@ -21,48 +21,12 @@ from bodycheck.adapters.optional.between_steps import (
     scalar_first,
     scalar_last,
 )
+from bodycheck.adapters.optional.newton_solvers import SOLVERS
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene, State
 
 if TYPE_CHECKING:
     from bodycheck.adapters.tree_contract import TreeModel
-
-
-@dataclass(frozen=True)
-class _Solver:
-    """A class of newton.solvers with its options: fair ones, and which of them change a default.
-
-    bias: its rounding bias, the median over the standard suite (tools/precision_trials.py).
-    """
-
-    name: str
-    options: Mapping[str, Any]
-    formula: str
-    changed: tuple[str, ...] = ()
-    order: int | None = 1
-    bias: float = 1.4
-
-
-_EULER = "omega += h I^-1 (tau - omega x I omega); q = q + h omega q / 2, normalised"
-SOLVERS = {
-    "semi-implicit": _Solver("SolverSemiImplicit", {"angular_damping": 0.0}, _EULER, ("no angular damping",)),
-    "xpbd": _Solver("SolverXPBD", {}, _EULER),
-    # its argument angular_damping has no effect
-    "featherstone": _Solver("SolverFeatherstone", {}, "articulated body algorithm, then " + _EULER, bias=0.0),
-    "mujoco-euler": _Solver(
-        "SolverMuJoCo",
-        {"integrator": "euler"},
-        "MuJoCo Warp: omega += h I^-1 (tau - omega x I omega); q = q exp(h omega)",
-    ),
-    "mujoco-implicitfast": _Solver(
-        "SolverMuJoCo",
-        {"integrator": "implicitfast"},
-        "MuJoCo Warp: linearly implicit, of the version installed",
-    ),
-    "mujoco-rk4": _Solver(
-        "SolverMuJoCo", {"integrator": "rk4"}, "MuJoCo Warp: classical Runge-Kutta 4", order=None
-    ),
-}
 
 
 def _methods() -> dict[str, Method]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from bodycheck.adapters.contract import TreeReadBack
 from bodycheck.adapters.optional.between_steps import array, scalar_first, scalar_last
+from bodycheck.adapters.optional.newton_solvers import SOLVERS
 from bodycheck.adapters.tree_contract import (
     JointedLink,
     RateMap,
@@ -116,8 +117,6 @@ class NewtonTree(TreeModel):
 
     def start(self, method: str, dt_s: float) -> None:
         """Make the solver and set the state."""
-        from bodycheck.adapters.optional.newton import SOLVERS
-
         solver = SOLVERS[method]
         self._solver = getattr(self._newton.solvers, solver.name)(self._model, **solver.options)
         self._dt_s = dt_s

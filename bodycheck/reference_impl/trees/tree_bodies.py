@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.dynamics import gravity_potential, rotational_energy, translational_energy
+from bodycheck.reference_impl.dynamics import gravity_potential
 from bodycheck.reference_impl.rotations import (
     conjugate,
     cross,
@@ -63,14 +63,6 @@ def _bodies(scene: TreeScene, q: Array, u: Array) -> list[tuple[Array, Array, Ar
         back = -rotate(quaternion, joint.at_body)
         found.append((x + back, quaternion, v + cross(rotate(quaternion, own_omega), back), own_omega))
     return found
-
-
-def tree_kinetic_energies(scene: TreeScene, motion: Trajectory) -> tuple[Array, Array]:
-    """K = sum of 1/2 omega . I omega + 1/2 m |v|^2, and its rotational part: (n,) and (n,) in J."""
-    pairs = [(body, k) for k, body in enumerate(scene.bodies)]
-    rotational = sum(rotational_energy(body.inertia, motion.omega_body[:, k]) for body, k in pairs)
-    moving = sum(translational_energy(body.mass, motion.velocity_m_s[:, k]) for body, k in pairs)
-    return np.asarray(rotational + moving), np.asarray(rotational)
 
 
 def tree_potential_energy(scene: TreeScene, motion: Trajectory) -> Array:

@@ -14,11 +14,14 @@ import numpy as np
 
 from bodycheck._util.formatting import count
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.dynamics import rotational_energy, translational_energy
 from bodycheck.reference_impl.loads.kinds.force import PointForce
 from bodycheck.reference_impl.loads.kinds.torque import Torque
 from bodycheck.reference_impl.scene import Link
+from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.trees.joint_kind import JointKind, Rotation, Translation
 from bodycheck.reference_impl.trees.joint_kinds import joint_kinds
+from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench, share_of
 
 WORLD = -1
 """The parent of a body that no other body carries."""
@@ -166,6 +169,19 @@ class TreeScene:
     def u0(self) -> Array:
         """The rates of all joints at the start."""
         return np.concatenate([body.joint.rates for body in self.bodies])
+
+    def wrench_between(self, begin_s: float, end_s: float) -> Wrench:
+        """Return the loads that act within [begin_s, end_s), each with its share of it."""
+        shares = ((load, share_of(*interval(load), begin_s, end_s)) for load in self.loads)
+        return replace(NO_WRENCH, of_tree=tuple((load, share) for load, share in shares if share > 0.0))
+
+    def kinetic_energies(self, motion: Trajectory) -> tuple[Array, Array]:
+        """K = sum of 1/2 omega . I omega + 1/2 m |v|^2, and its rotational part: (n,) and (n,) in J."""
+        rotational, moving = np.zeros((2, len(motion.t_s)))
+        for k, body in enumerate(self.bodies):
+            rotational += rotational_energy(body.inertia, motion.omega_body[:, k])
+            moving += translational_energy(body.mass, motion.velocity_m_s[:, k])
+        return rotational + moving, rotational
 
     @property
     def has_callback_load(self) -> bool:

@@ -1,0 +1,48 @@
+"""The solvers of Newton with their options, for one body and for trees."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class NewtonSolver:
+    """A class of newton.solvers with its options: fair ones, and which of them change a default.
+
+    bias: its rounding bias, the median over the standard suite (tools/precision_trials.py).
+    """
+
+    name: str
+    options: Mapping[str, Any]
+    formula: str
+    changed: tuple[str, ...] = ()
+    order: int | None = 1
+    bias: float = 1.4
+
+
+_EULER = "omega += h I^-1 (tau - omega x I omega); q = q + h omega q / 2, normalised"
+SOLVERS = {
+    "semi-implicit": NewtonSolver(
+        "SolverSemiImplicit", {"angular_damping": 0.0}, _EULER, ("no angular damping",)
+    ),
+    "xpbd": NewtonSolver("SolverXPBD", {}, _EULER),
+    # its argument angular_damping has no effect
+    "featherstone": NewtonSolver(
+        "SolverFeatherstone", {}, "articulated body algorithm, then " + _EULER, bias=0.0
+    ),
+    "mujoco-euler": NewtonSolver(
+        "SolverMuJoCo",
+        {"integrator": "euler"},
+        "MuJoCo Warp: omega += h I^-1 (tau - omega x I omega); q = q exp(h omega)",
+    ),
+    "mujoco-implicitfast": NewtonSolver(
+        "SolverMuJoCo",
+        {"integrator": "implicitfast"},
+        "MuJoCo Warp: linearly implicit, of the version installed",
+    ),
+    "mujoco-rk4": NewtonSolver(
+        "SolverMuJoCo", {"integrator": "rk4"}, "MuJoCo Warp: classical Runge-Kutta 4", order=None
+    ),
+}
