@@ -2,14 +2,16 @@
 
     python tools/truth_trials.py --free 400 --forced 300
     python tools/truth_trials.py --enclosed --free 200 --forced 100
+    python tools/truth_trials.py --trees 100
 
 Free bodies have any shape: three in four move over about twenty radians, one in four to a time up to 1e9 s.
 Forced ones move under each kind of load, as tests/helpers/random_motions.py makes them. All starts have a
 quaternion whose norm is not exactly 1, half of them omega in world axes. The independent solutions are a
 Taylor series in integers, Gauss's method of order 24 in decimals, and the period of omega; none shares code
 with bodycheck. With --enclosed, motions over up to 3 rad or 1 s are compared with rigorous enclosures in ball
-arithmetic instead. Prints the worst error over its bound of each kind and quantity.
-Exit status 1 if a ratio exceeds 1.
+arithmetic instead. With --trees, random trees of up to 12 bodies are compared for 0.3 s with a series in
+integers of bodies held together by forces, and q and u also in double-doubles. Prints the worst error over
+its bound of each kind and quantity. Exit status 1 if a ratio exceeds 1.
 """
 
 from __future__ import annotations
@@ -37,6 +39,7 @@ from tests.helpers.random_motions import (
     ratios,
     truth_scene,
 )
+from tests.helpers.random_tree_motions import random_motion, tree_ratios
 
 _TIMES = [0.0, 0.3, 1.0]
 _LARGEST_RATIO = 12.0  # of the moments of a body whose motion is enclosed
@@ -67,13 +70,30 @@ def _enclosed_trials(free: int, forced: int) -> Iterator[tuple[str, int, Scene, 
         yield kind, number, FORCED[kind][1](number), _TIMES
 
 
+def _tree_trials(trees: int) -> int:
+    """Compare random trees, and print the worst ratio of each quantity; return the exit status."""
+    worst: dict[str, float] = {}
+    wrong = 0
+    for seed in range(trees):
+        found = tree_ratios(random_motion(seed))
+        wrong += max(found.values()) > 1.0
+        worst = {name: max(ratio, worst.get(name, 0.0)) for name, ratio in found.items()}
+        print(seed, {name: float(f"{ratio:.2g}") for name, ratio in found.items()}, flush=True)
+    print("worst", {name: float(f"{ratio:.3g}") for name, ratio in worst.items()})
+    print(f"{trees} trees, {wrong} outside a bound")
+    return 1 if wrong else 0
+
+
 def main() -> int:
     """Run the trials; return the exit status."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--free", type=int, default=400, help="number of free motions [default: 400]")
     parser.add_argument("--forced", type=int, default=300, help="number of forced motions [default: 300]")
     parser.add_argument("--enclosed", action="store_true", help="compare with enclosures in ball arithmetic")
+    parser.add_argument("--trees", type=int, default=0, help="number of random trees, in place of the others")
     requested = parser.parse_args()
+    if requested.trees:
+        return _tree_trials(requested.trees)
     begin, worst, counts, wrong = time.perf_counter(), {}, {}, []
     trials = _enclosed_trials if requested.enclosed else _trials
     for kind, seed, scene, times in trials(requested.free, requested.forced):

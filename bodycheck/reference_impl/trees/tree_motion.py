@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -237,100 +238,85 @@ def length_of(scene: TreeScene) -> float:
     return max(sizes) or 1.0
 
 
-def follow_tree(
-    scene: TreeScene, q: tuple[Array, Array], u: tuple[Array, Array], t_s: Array, accuracy: SeriesAccuracy
-) -> TreeSolution:
-    """Integrate a scene from q (nq,) and u (nu,), high and low parts, to ascending times t_s (n,).
+class TreeSeries:
+    """A scene packed for the kernels once, at one accuracy: then any motion of it."""
 
-    NaN from where the motion cannot be followed. Raises TooManyStepsError for a motion that takes hours.
-    """
-    end_s = float(t_s[-1]) if len(t_s) else 0.0
-    edges = [0.0, *scene.switches_before(end_s), end_s]
-    equations = tree_equations(scene, 0.0)
-    layout = _State(scene, equations)
-    state = _packed(scene, equations, layout, q, u)
-    high, low = np.empty((len(t_s), len(layout.rows))), np.empty((len(t_s), len(layout.rows)))
-    steps, ratio = 0, 1.0
-    for begin, end in pairwise(edges):
-        first, after = np.searchsorted(t_s, [begin, end])
-        part = slice(first, after if end != end_s else len(t_s))
-        made, worst = _advance(
-            scene,
-            tree_equations(scene, begin),
-            layout,
-            state,
-            t_s[part],
-            (begin, end),
-            accuracy,
-            (high[part], low[part]),
+    def __init__(self, scene: TreeScene, accuracy: SeriesAccuracy) -> None:
+        self._scene, self._accuracy, self._length = scene, accuracy, length_of(scene)
+        self._edges = [0.0, *scene.switches_before(inf), inf]
+        self._pieces = []
+        for begin in self._edges[:-1]:
+            equations = tree_equations(scene, begin)
+            tree, space = kernel_numbers(scene, equations), workspace(equations, accuracy.order + 1)
+            doubles, high = rounded(tree), rounded(space)
+            is_paired = bool(accuracy.paired_orders)
+            self._pieces.append((tree if is_paired else doubles, doubles, space if is_paired else high, high))
+        self._layout = _State(scene, equations)
+
+    def solve(self, q: tuple[Array, Array], u: tuple[Array, Array], t_s: Array) -> TreeSolution:
+        """Integrate from q (nq,) and u (nu,), high and low parts, to ascending times t_s (n,).
+
+        NaN from where the motion cannot be followed. Raises TooManyStepsError for a motion that takes hours.
+        """
+        end_s = float(t_s[-1]) if len(t_s) else 0.0
+        layout, state = self._layout, self._packed(q, u)
+        high, low = np.empty((len(t_s), len(layout.rows))), np.empty((len(t_s), len(layout.rows)))
+        steps, ratio = 0, 1.0
+        for piece, (begin, end) in zip(self._pieces, pairwise(self._edges), strict=True):
+            if begin > end_s or (begin == end_s and begin > 0.0):
+                break
+            first, after = np.searchsorted(t_s, [begin, end])
+            part = slice(first, after if end < end_s else len(t_s))
+            out = high[part], low[part]
+            made, worst = self._advance(piece, state, t_s[part], (begin, min(end, end_s)), out)
+            steps, ratio = steps + made, max(ratio, worst)
+        return TreeSolution(
+            (high[:, layout.q], low[:, layout.q]), (high[:, layout.u], low[:, layout.u]), steps, ratio
         )
-        steps, ratio = steps + made, max(ratio, worst)
-    return TreeSolution(
-        (high[:, layout.q], low[:, layout.q]), (high[:, layout.u], low[:, layout.u]), steps, ratio
-    )
 
+    def _packed(self, q: tuple[Array, Array], u: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Return the state (s, 1) of coordinates and rates; quaternions may have any norm."""
+        tree = self._pieces[0][1]
+        series = np.zeros((len(tree.rows), 1)), np.zeros((len(tree.rows), 1))
+        columns = [tuple(np.ascontiguousarray(half[:, None]) for half in pair) for pair in (q, u)]
+        put_state(tree.joints, np.zeros((0, 2)), np.zeros(0, np.int64), *columns, 0.0, series)
+        return series[0][self._layout.rows], series[1][self._layout.rows]
 
-def _packed(
-    scene: TreeScene, equations: TreeEquations, layout: _State, q: tuple[Array, Array], u: tuple[Array, Array]
-) -> tuple[Array, Array]:
-    """Return the state (s, 1) of coordinates and rates; quaternions may have any norm."""
-    rows = len(equations.rows.rows)
-    series = np.zeros((rows, 1)), np.zeros((rows, 1))
-    columns = [tuple(np.ascontiguousarray(half[:, None]) for half in pair) for pair in (q, u)]
-    put_state(
-        kernel_numbers(scene, equations).joints,
-        np.zeros((0, 2)),
-        np.zeros(0, np.int64),
-        *columns,
-        0.0,
-        series,
-    )
-    return series[0][layout.rows], series[1][layout.rows]
-
-
-def _advance(
-    scene: TreeScene,
-    equations: TreeEquations,
-    layout: _State,
-    state: tuple[Array, Array],
-    times: Array,
-    span: tuple[float, float],
-    accuracy: SeriesAccuracy,
-    out: tuple[Array, Array],
-) -> tuple[int, float]:
-    """Make the steps of one interval; return their number and the largest M_ii / d_i."""
-    tree, space = kernel_numbers(scene, equations), workspace(equations, accuracy.order + 1)
-    doubles, high = rounded(tree), rounded(space)
-    if not accuracy.paired_orders:
-        tree, space = doubles, high
-    (t, end), due, steps, ratio = span, 0, 0, 1.0
-    while True:
-        before = t
-        made, t, worst = integrate_tree(
-            tree,
-            doubles,
-            space,
-            high,
-            layout.rows,
-            layout.classes,
-            layout.norms,
-            length_of(scene),
-            state,
-            times[due:],
-            t,
-            end,
-            accuracy.order,
-            accuracy.tolerance,
-            accuracy.paired_orders,
-            _STEPS_PER_CALL,
-            (out[0][due:], out[1][due:]),
-        )
-        steps, ratio = steps + made, max(ratio, worst)
-        if not t < end:
-            return steps, ratio
-        needed = steps + made * (end - t) / (t - before)
-        if needed > _MOST_STEPS:
-            raise TooManyStepsError(
-                f"the motion takes about {needed:.0e} steps, and no more than {_MOST_STEPS:.0e} are made"
+    def _advance(
+        self,
+        piece: tuple[TreeNumbers, TreeNumbers, Workspace, Workspace],
+        state: tuple[Array, Array],
+        times: Array,
+        span: tuple[float, float],
+        out: tuple[Array, Array],
+    ) -> tuple[int, float]:
+        """Make the steps of one interval; return their number and the largest M_ii / d_i."""
+        layout, accuracy = self._layout, self._accuracy
+        (t, end), due, steps, ratio = span, 0, 0, 1.0
+        while True:
+            before = t
+            made, t, worst = integrate_tree(
+                *piece,
+                layout.rows,
+                layout.classes,
+                layout.norms,
+                self._length,
+                state,
+                times[due:],
+                t,
+                end,
+                accuracy.order,
+                accuracy.tolerance,
+                accuracy.paired_orders,
+                _STEPS_PER_CALL,
+                (out[0][due:], out[1][due:]),
             )
-        due = int(np.searchsorted(times, t, side="right"))
+            steps, ratio = steps + made, max(ratio, worst)
+            if not t < end:
+                return steps, ratio
+            needed = steps + made * (end - t) / (t - before)
+            if needed > _MOST_STEPS:
+                raise TooManyStepsError(
+                    f"the motion takes about {needed:.0e} steps, and no more than {_MOST_STEPS:.0e} are made"
+                )
+            due = int(np.searchsorted(times, t, side="right"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,8 +14,8 @@ from bodycheck.reference_impl.taylor.solution import SeriesAccuracy, TooManyStep
 from bodycheck.reference_impl.trees.joint_kind import Rotation, Translation
 from bodycheck.reference_impl.trees.tree_motion import (
     TreeMotion,
+    TreeSeries,
     TreeSolution,
-    follow_tree,
     length_of,
     tree_motion,
 )
@@ -70,38 +70,63 @@ def certified_tree(scene: TreeScene, t_s: Array) -> TreeTruth:
     """
     for t in t_s[~(np.isfinite(t_s) & (t_s >= 0.0))]:
         raise ValueError(f"a truth needs times that are finite and not negative, not {float(t)!r}")
-    start = (scene.q0, np.zeros_like(scene.q0)), (scene.u0, np.zeros_like(scene.u0))
-    fine, check = (_followed(scene, *start, t_s, accuracy) for accuracy in (_FINE, _CHECK))
-    _check_finite(fine, t_s)
-    motion = tree_motion(scene, t_s, fine.q, fine.u)
-    growths = _growths(scene, motion, fine)
-    gaps = _small_distances(scene, motion, _difference(check.q, fine.q), _difference(check.u, fine.u))
-    ratio = max(fine.ratio, check.ratio)
-    noise = _EPS_PAIR * growths * (1 + max(fine.steps, check.steps)) * ratio
-    errors = _MARGIN * _known(gaps + noise)
+    solution = certified_series(scene, t_s)
+    motion, errors = solution.motion, solution.errors
     bounds = np.maximum.accumulate(errors + _rounding(scene, motion), axis=1)
     lost = np.any(errors > _TRUSTED * tree_scales(scene, motion), axis=0)
     until = float(t_s[np.argmax(lost)]) if lost.any() else math.inf
-    named = [dict(zip(TREE_QUANTITIES, rows, strict=True)) for rows in (bounds, _EPS * growths)]
+    named = [dict(zip(TREE_QUANTITIES, rows, strict=True)) for rows in (bounds, _EPS * solution.growths)]
     return TreeTruth(motion, named[0], named[1], until)
 
 
-def _followed(
-    scene: TreeScene, q: tuple[Array, Array], u: tuple[Array, Array], t_s: Array, accuracy: SeriesAccuracy
-) -> TreeSolution:
-    """Return a solution, which is computed in a unit of time near the last time if that is far from 1 s."""
-    exponent = math.frexp(float(t_s[-1]))[1] if len(t_s) else 0
-    try:
-        if abs(exponent) <= _PLAIN_EXPONENT:
-            return follow_tree(scene, q, u, t_s, accuracy)
-        exponent = max(-_FARTHEST, min(exponent, _FARTHEST))
-        faster = tuple(np.ldexp(part, exponent) for part in u)
-        other = scene.in_time_unit(exponent)
-        found = follow_tree(other, q, (faster[0], faster[1]), np.ldexp(t_s, -exponent), accuracy)
+@dataclass(frozen=True, eq=False)
+class CertifiedSeries:
+    """A solution in double-doubles, its motion in doubles, and errors and growths (11, n) of the solution."""
+
+    solution: TreeSolution
+    motion: TreeMotion
+    errors: Array
+    growths: Array
+
+
+def certified_series(scene: TreeScene, t_s: Array) -> CertifiedSeries:
+    """Return the solution by series of order 30, and what bounds it; t_s as for `certified_tree`."""
+    solver = _Solver(scene, t_s)
+    fine, check = solver.solve(_FINE), solver.solve(_CHECK)
+    _check_finite(fine, t_s)
+    motion = tree_motion(scene, t_s, fine.q, fine.u)
+    growths = _growths(solver, motion, fine)
+    gaps = _small_distances(scene, motion, _difference(check.q, fine.q), _difference(check.u, fine.u))
+    steps, ratio = max(fine.steps, check.steps), max(fine.ratio, check.ratio)
+    errors = _MARGIN * _known(gaps + _EPS_PAIR * growths * (1 + steps) * ratio)
+    return CertifiedSeries(fine, motion, errors, growths)
+
+
+class _Solver:
+    """A scene at some times, in a unit of time near the last one if that is far from 1 s."""
+
+    def __init__(self, scene: TreeScene, t_s: Array) -> None:
+        exponent = math.frexp(float(t_s[-1]))[1] if len(t_s) else 0
+        self._exponent = max(-_FARTHEST, min(exponent, _FARTHEST)) if abs(exponent) > _PLAIN_EXPONENT else 0
+        self.scene, self.t_s = scene, t_s
+        self._packed: dict[SeriesAccuracy, TreeSeries] = {}
+
+    def solve(
+        self, accuracy: SeriesAccuracy, dq: Array | float = 0.0, du: Array | float = 0.0
+    ) -> TreeSolution:
+        """Follow the motion from the start, changed by dq and du however little, in double-doubles."""
+        scene, exponent = self.scene, self._exponent
+        if accuracy not in self._packed:
+            other = scene.in_time_unit(exponent) if exponent else scene
+            self._packed[accuracy] = TreeSeries(other, accuracy)
+        q, u = (scene.q0, np.zeros_like(scene.q0) + dq), (scene.u0, np.zeros_like(scene.u0) + du)
+        faster = np.ldexp(u[0], exponent), np.ldexp(u[1], exponent)
+        try:
+            found = self._packed[accuracy].solve(q, faster, np.ldexp(self.t_s, -exponent))
+        except TooManyStepsError as error:
+            raise ValueError(f"there is no truth at t = {float(self.t_s[-1])!r} s: {error}") from None
         high, low = (np.ldexp(part, -exponent) for part in found.u)
         return replace(found, u=(high, low))
-    except TooManyStepsError as error:
-        raise ValueError(f"there is no truth at t = {float(t_s[-1])!r} s: {error}") from None
 
 
 def _check_finite(solution: TreeSolution, t_s: Array) -> None:
@@ -233,52 +258,52 @@ def _is_quaternion(scene: TreeScene) -> Array:
 # ---------------------------------------------------------------------------------------- sensitivity
 
 
-def _growths(scene: TreeScene, motion: TreeMotion, fine: TreeSolution) -> Array:
+def _growths(solver: _Solver, motion: TreeMotion, fine: TreeSolution) -> Array:
     """Return the largest growth (11, n) of a small nudge of the start up to each time, relative to its size.
 
     At least that of a steady motion. Where nudges in doubles saturate, smaller ones in double-doubles.
     """
-    t_s, scales = motion.t_s, tree_scales(scene, motion)
-    zero = np.zeros_like(scene.q0), np.zeros_like(scene.u0)
-    plain = _followed(scene, (scene.q0, zero[0]), (scene.u0, zero[1]), t_s, _NUDGED)
-    growths = np.zeros((len(TREE_QUANTITIES), len(t_s)))
-    nudges = list(_nudges(scene, motion))
-    for dq, du in nudges:
-        found = _followed(scene, (scene.q0, _NUDGE * dq), (scene.u0, _NUDGE * du), t_s, _NUDGED)
-        change = _difference(found.q, plain.q), _difference(found.u, plain.u)
-        growths = np.maximum(growths, _known(_small_distances(scene, motion, *change)) / _NUDGE)
-    if np.max(growths * _NUDGE / scales, initial=0.0) > _PROPORTIONAL:
-        growths = np.zeros_like(growths)
+    scene, scales, nudges = solver.scene, tree_scales(solver.scene, motion), _nudges(solver.scene, motion)
+
+    def growths_of(size: float, accuracy: SeriesAccuracy, start: TreeSolution) -> Array:
+        found = np.zeros((len(TREE_QUANTITIES), len(solver.t_s)))
         for dq, du in nudges:
-            found = _followed(scene, (scene.q0, _FINE_NUDGE * dq), (scene.u0, _FINE_NUDGE * du), t_s, _FINE)
-            change = _difference(found.q, fine.q), _difference(found.u, fine.u)
-            growths = np.maximum(growths, _known(_small_distances(scene, motion, *change)) / _FINE_NUDGE)
+            other = solver.solve(accuracy, size * dq, size * du)
+            change = _difference(other.q, start.q), _difference(other.u, start.u)
+            found = np.maximum(found, _known(_small_distances(scene, motion, *change)) / size)
+        return found
+
+    growths = growths_of(_NUDGE, _NUDGED, solver.solve(_NUDGED))
+    if np.max(growths * _NUDGE / scales, initial=0.0) > _PROPORTIONAL:
+        growths = growths_of(_FINE_NUDGE, _FINE, fine)
     omega = scales[TREE_QUANTITIES.index("omega_rad_s")]
-    return np.maximum.accumulate(np.maximum(growths, (1.0 + omega * t_s) * scales), axis=1)
+    return np.maximum.accumulate(np.maximum(growths, (1.0 + omega * solver.t_s) * scales), axis=1)
 
 
-def _nudges(scene: TreeScene, motion: TreeMotion) -> Iterator[tuple[Array, Array]]:
-    """Yield the unit changes of q0 and u0: of each coordinate but a free body's position, and of each rate.
+def _nudges(scene: TreeScene, motion: TreeMotion) -> list[tuple[Array, Array]]:
+    """Return the unit changes of q0 and u0: of each coordinate but a free body's position, and of each rate.
 
     1 rad, or the scale of lengths, angular velocities or velocities.
     """
     scale = dict(zip(TREE_QUANTITIES, tree_scales(scene, motion)[:, 0], strict=True))
+    found: list[tuple[Array, Array]] = []
     for body, in_q, in_u in zip(scene.bodies, scene.coordinate_slices, scene.rate_slices, strict=True):
         kind, dq, du = body.joint.of_kind, np.zeros_like(scene.q0), np.zeros_like(scene.u0)
         moved = (0, 1, 3)[kind.translation]
         for i in range(kind.rates):
             unit = scale["m_s"] if i < moved else scale["omega_rad_s"]
-            yield dq, _at(du, in_u.start + i, unit)
+            found.append((dq, _at(du, in_u.start + i, unit)))
         if kind.translation is Translation.AXIS:
-            yield _at(dq, in_q.start, scale["m"]), du
+            found.append((_at(dq, in_q.start, scale["m"]), du))
         if kind.rotation is Rotation.AXIS:
-            yield _at(dq, in_q.start + moved, 1.0), du
+            found.append((_at(dq, in_q.start + moved, 1.0), du))
         elif kind.rotation is Rotation.BALL:
             place = slice(in_q.stop - 4, in_q.stop)
             for axis in np.eye(3):
                 turned = dq.copy()
                 turned[place] = quaternion_product(scene.q0[place], np.array([0.0, *(0.5 * axis)]))
-                yield turned, du
+                found.append((turned, du))
+    return found
 
 
 def _at(zeros: Array, i: int, value: float) -> Array:
