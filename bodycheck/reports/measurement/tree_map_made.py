@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bodycheck.adapters.contract import Precision
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.rotations import geodesic_angle
+from bodycheck.reference_impl.rotations import geodesic_angle, normalised, quaternion_product
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.trees.joint_kind import Rotation
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reference_impl.wrench import StepPlan
 from bodycheck.reports.measurement.scales import Scales
 
+if TYPE_CHECKING:
+    from bodycheck.reference_impl.one_step_maps.tree_maps import TreeMap
+
 _TRANSITIONS = 3
 _SAME = 1e-12  # relative: two maps this near are one
-_FARTHER = {"float64": 1e3, "float32": 1e2, "mixed": 1e2}
+_MADE: dict[Precision, float] = {"float64": 1e-9, "float32": 2e-6, "mixed": 2e-6}
+"""The largest distance of a map that is made: attitudes of some engines go through rotation vectors."""
+_FARTHER: dict[Precision, float] = {"float64": 1e3, "float32": 1e2, "mixed": 1e2}
 """How many times farther the next map must be."""
+LINEAR = ", q + dt q omega / 2"
+"""Added to the name of a map whose attitudes are turned linearly, in place of by exp."""
 
 MAP, DISTANCE, NEXT = "tree_map", "tree_map_distance", "next_map_distance"
 """Columns of results.csv: the map that a case makes of a tree, its distance, and that of the next map."""
@@ -38,13 +45,17 @@ def made_map(
     from bodycheck.reference_impl.one_step_maps.tree_maps import TREE_MAPS
 
     intervals = min(_TRANSITIONS, plan.segments[0][0] // plan.stride, len(motion.t_s) - 1)
+    starts = [(float(motion.t_s[k]), motion.q[k], motion.u[k]) for k in range(intervals)]
     made: dict[str, list[tuple[Array, Array]]] = {
-        name: [
-            one.step(scene, float(motion.t_s[k]), motion.q[k], motion.u[k], plan.dt_s, plan.stride)
-            for k in range(intervals)
-        ]
+        name: [one.step(scene, *start, plan.dt_s, plan.stride) for start in starts]
         for name, one in TREE_MAPS.items()
     }
+    if any(body.joint.of_kind.rotation is Rotation.BALL for body in scene.bodies):
+        made |= {
+            f"{name}{LINEAR}": [_linearly(one, scene, *start, plan) for start in starts]
+            for name, one in TREE_MAPS.items()
+            if one.order == 1
+        }
     found = [(motion.q[k + 1], motion.u[k + 1]) for k in range(intervals)]
     different: dict[str, list[tuple[Array, Array]]] = {}
     for name, states in made.items():
@@ -52,9 +63,26 @@ def made_map(
             different[name] = states
     distances = {name: _distance(scene, found, states, scales) for name, states in different.items()}
     nearest, *others = sorted(distances, key=lambda name: distances[name])
-    if not distances[nearest] * _FARTHER[precision] <= distances[others[0]]:
+    # how attitudes are turned is no other map of the joints
+    others = [name for name in others if name.partition(",")[0] != nearest.partition(",")[0]]
+    is_near = distances[nearest] <= _MADE[precision]
+    if not (is_near and distances[nearest] * _FARTHER[precision] <= distances[others[0]]):
         return {}
     return {MAP: nearest, DISTANCE: distances[nearest], NEXT: distances[others[0]]}
+
+
+def _linearly(
+    one: TreeMap, scene: TreeScene, t_s: float, q: Array, u: Array, plan: StepPlan
+) -> tuple[Array, Array]:
+    """Make one interval's steps, each of which turns attitudes by q + dt q omega / 2, normalised."""
+    for step in range(plan.stride):
+        before, (q, u) = q, one.step(scene, t_s + step * plan.dt_s, q, u, plan.dt_s)
+        for body, places, rates in zip(scene.bodies, scene.coordinate_slices, scene.rate_slices, strict=True):
+            if body.joint.of_kind.rotation is Rotation.BALL:
+                own = slice(places.stop - 4, places.stop)
+                half = 0.5 * plan.dt_s * u[rates.stop - 3 : rates.stop]
+                q[own] = quaternion_product(normalised(before[own]), np.array([1.0, *half]))
+    return q, u
 
 
 def _distance(

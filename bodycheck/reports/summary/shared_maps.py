@@ -20,7 +20,7 @@ def shared_maps(run: Tables) -> Iterator[str]:
         groups: dict[str, list[Mapping[str, Any]]] = {}
         for case in cases:
             if case.ok and case.dt_s == at_s and MAP in case.columns:
-                groups.setdefault(case.columns[MAP], []).append(case.columns)
+                groups.setdefault(case.columns[MAP].partition(",")[0], []).append(case.columns)
         for name, rows in groups.items():
             if len({row["engine"] for row in rows}) >= _FEWEST <= len(rows):
                 yield _sentence(scenario, name, rows, run.manifest["scenarios"][scenario])
