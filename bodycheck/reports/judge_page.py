@@ -23,18 +23,8 @@ from bodycheck.reports.run_files.run_tables import MethodKey, key_of
 from bodycheck.reports.templating import asset
 
 _SCRIPTS = (
-    *(
-        "page",
-        "state",
-        "plot_style",
-        "lines",
-        "plots",
-        "legend",
-        "sections",
-        "quaternions",
-        "drawing",
-        "motion",
-    ),
+    *("page", "state", "plot_style", "lines", "plots"),
+    *("legend", "sections", "quaternions", "drawing", "motion"),
     "links",
 )
 
