@@ -46,7 +46,7 @@ def merge_audits(folders: Sequence[Path], out: Path) -> tuple[Audit, list[str]]:
     Raises InputError where a folder is not a shard, a shard is missing or given twice, or the shards are not
     of one request.
     """
-    parts = _parts(folders)
+    parts = all_shards([_part(folder) for folder in folders], _request_faults)
     first = parts[0].audit
     links = [
         replace(link, spins=_owner(parts, link.name).audit.links[index].spins)
@@ -60,10 +60,6 @@ def merge_audits(folders: Sequence[Path], out: Path) -> tuple[Audit, list[str]]:
     return audit, findings
 
 
-def _parts(folders: Sequence[Path]) -> list[_Part]:
-    return all_shards([_part(folder) for folder in folders], _different)
-
-
 def _part(folder: Path) -> _Part:
     audit, facts = read_audit(folder)
     if not isinstance(facts.get("shard"), str) or not isinstance(facts.get("machine"), dict):
@@ -72,7 +68,7 @@ def _part(folder: Path) -> _Part:
     return _Part(folder, Shard.parse(facts["shard"]), audit, machine_facts(facts["machine"]) | engines)
 
 
-def _different(one: _Part, other: _Part) -> Iterator[str]:
+def _request_faults(one: _Part, other: _Part) -> Iterator[str]:
     """Yield in what the requests of two shards differ."""
     if one.audit.sha256 != other.audit.sha256:
         yield f"{one.folder}: another content of {one.audit.file} than in {other.folder}"

@@ -95,23 +95,13 @@ def merge_ensembles(folders: Sequence[Path], out: Path, *, allow_code: bool = Fa
     allow_code: the scenario may name functions. Raises InputError where a folder is not a shard, a shard is
     missing or given twice, or the shards are not of one request.
     """
-    parts = _parts(folders)
+    parts = all_shards([_part(folder) for folder in folders], _request_faults)
     result = _merged(parts, allow_code=allow_code)
     with atomic_folder(out) as folder:
         for table in ("bodies", "cases"):
             _concatenate([part.folder / table for part in parts], folder / table)
         write_summaries(result, folder, out)
     return result
-
-
-def _parts(folders: Sequence[Path]) -> list[_Part]:
-    """Read the shards, in order."""
-
-    def faults(part: _Part, first: _Part) -> Iterator[str]:
-        for name, own, expected in _different(part.manifest, first.manifest):
-            yield f"{part.folder}: {name} is {own}, but {expected} in {first.folder}"
-
-    return all_shards([_part(folder) for folder in folders], faults)
 
 
 def _part(folder: Path) -> _Part:
@@ -131,17 +121,15 @@ def _part(folder: Path) -> _Part:
         ) from None
 
 
-def _different(one: _Manifest, other: _Manifest) -> Iterator[tuple[str, Any, Any]]:
-    """Yield in what two requests differ, with both values."""
-    for name in (name for name in vars(one.request) if name not in _OF_THE_MACHINE):
-        own, expected = getattr(one.request, name), getattr(other.request, name)
-        if own != expected:
-            yield name, own, expected
-    if one.distribution != other.distribution:
-        yield "distribution", one.distribution, other.distribution
-    own, expected = ([method.identity for method in manifest.methods] for manifest in (one, other))
-    if own != expected:
-        yield "methods", own, expected
+def _request_faults(one: _Part, first: _Part) -> Iterator[str]:
+    """Yield in what the requests of two shards differ."""
+    mine, its = one.manifest, first.manifest
+    pairs = {name: (getattr(mine.request, name), getattr(its.request, name)) for name in vars(mine.request)}
+    pairs["distribution"] = mine.distribution, its.distribution
+    pairs["methods"] = [method.identity for method in mine.methods], [one.identity for one in its.methods]
+    for name, (own, expected) in pairs.items():
+        if name not in _OF_THE_MACHINE and own != expected:
+            yield f"{one.folder}: {name} is {own}, but {expected} in {first.folder}"
 
 
 def _merged(parts: Sequence[_Part], *, allow_code: bool) -> EnsembleResult:
