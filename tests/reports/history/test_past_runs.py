@@ -6,10 +6,12 @@ import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.pinned_libraries import duckdb_connection, read_parquet
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import read_summary
 from bodycheck.reports.history.queries import query
@@ -142,3 +144,24 @@ def test_run_dated_in_the_future_is_reported_and_not_a_baseline(
     assert judged.comparison.before.run_id == newer.name
     assert History(history).prune(1) == [older.name, newer.name]
     assert [run.name for run in History(history).runs()] == [judged.newest.run_id, coming.name]
+
+
+@pytest.mark.parametrize(
+    ("others", "columns", "rows"),
+    [
+        ([], ["a", "b"], [(1, "x"), (2, "z")]),
+        (["1.5 AS a, 'w' AS b"], ["a", "b"], [(1, "x"), (2, "z"), (1.5, "w")]),
+        (["4 AS a, 'y' AS b, 3 AS c"], ["a", "b", "c"], [(1, "x", None), (2, "z", None), (4, "y", 3)]),
+    ],
+)
+def test_files_of_equal_and_of_other_columns_are_read_together(
+    others: list[str], columns: list[str], rows: list[tuple[Any, ...]], tmp_path: Path
+) -> None:
+    """Columns that some files lack are empty there, and numbers of two types are all kept."""
+    tables = ["1 AS a, 'x' AS b", "2 AS a, 'z' AS b", *others]
+    paths = [tmp_path / f"{number}.parquet" for number in range(len(tables))]
+    with duckdb_connection() as database:
+        for table, path in zip(tables, paths, strict=True):
+            database.sql(f"SELECT {table}").write_parquet(str(path))
+        found = read_parquet(database, paths, union_by_name=True)
+        assert (found.columns, found.fetchall()) == (columns, rows)
