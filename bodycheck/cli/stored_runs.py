@@ -179,6 +179,13 @@ def advise(
             "--search", help="Run each recommended setting until all of them are measured, not predicted."
         ),
     ] = False,
+    every: Annotated[
+        bool,
+        typer.Option(
+            "--all",
+            help="Also recommend steps below 1e-5 s and settings slower than real time.",
+        ),
+    ] = False,
     mass_kg: Annotated[
         float | None,
         typer.Option(help="Instead of scenarios: mass in kg of a free body.", show_default=False),
@@ -228,6 +235,7 @@ def advise(
         search=search,
         scenarios=tuple(scenarios or ()),
         body=_free_body(mass_kg, inertia, spin),
+        every=every,
         engines=() if engine is None else tuple(name.strip() for name in engine.split(",")),
         run=run,
         allow_code=allow_code,

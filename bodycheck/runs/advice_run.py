@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import math
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -25,17 +26,25 @@ from bodycheck.reports.measurement.measures import EnergyAndMomentum
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.study import method_rows
 from bodycheck.reports.run_files.run_reader import MANIFEST, read_manifest, read_run, read_tables
-from bodycheck.reports.run_files.run_tables import MethodKey, Run, Tables, cases_by_method, check_engines
+from bodycheck.reports.run_files.run_tables import (
+    MethodKey,
+    Run,
+    Tables,
+    cases_by_method,
+    check_engines,
+    key_of,
+)
 from bodycheck.reports.summary.advice import (
     Advice,
     Curves,
+    Option,
     ScenarioAdvice,
     check_question,
     errors_at,
     settings_within,
     to_measure,
 )
-from bodycheck.reports.summary.error_curve import curves_of
+from bodycheck.reports.summary.error_curve import curves_of, largest_error
 from bodycheck.runs.directory import RUNS, run_to_folder
 from bodycheck.runs.manifest import Identity
 from bodycheck.runs.request import Request
@@ -172,14 +181,18 @@ def _methods(manifest: dict[str, Any]) -> set[tuple[str, str | None, str]]:
     }
 
 
-def _newest_first() -> list[tuple[Path, dict[str, Any]]]:
-    """Return the folders and manifests of complete runs in bodycheck-runs/; warn about damaged runs."""
+def _newest_first(*, quiet: bool = False) -> list[tuple[Path, dict[str, Any]]]:
+    """Return the folders and manifests of complete runs in bodycheck-runs/.
+
+    Unless quiet, warn about damaged ones.
+    """
     found = []
     for path in RUNS.glob("*/manifest.json"):
         try:
             found.append((path.parent, read_manifest(path.parent)))
         except InputError as error:
-            _warn_left_out(error)
+            if not quiet:
+                _warn_left_out(error)
     return sorted(found, key=lambda run: (run[1]["created"], run[0]), reverse=True)
 
 
@@ -209,6 +222,7 @@ class AdviceRequest:
     search: bool = False
     scenarios: tuple[str, ...] = ()
     body: FreeBody | None = None
+    every: bool = False
     engines: tuple[str, ...] = ()
     run: Path | None = None
     allow_code: bool = False
@@ -245,7 +259,7 @@ def advise(request: AdviceRequest, make_progress: ProgressFactory) -> Advice:
     answers = (
         _searched(folder, found, request, names, make_progress)
         if request.search
-        else _answers(found, request, names)
+        else _confirmed(folder, found, request, names)
     )
     return Advice(request.measure, request.error, request.dt_s, str(folder), answers)
 
@@ -285,16 +299,72 @@ def _written(body: FreeBody, horizon_s: float | None) -> str:
 
 
 def _answers(
-    run: Tables, request: AdviceRequest, scenarios: Sequence[str], more: Sequence[Run] = ()
+    run: Tables, request: AdviceRequest, scenarios: Sequence[str], more: Sequence[Tables] = ()
 ) -> tuple[ScenarioAdvice, ...]:
     curves = _curves(run, request, more)
     if request.error is not None:
-        return settings_within(curves, request.error, scenarios)
+        return settings_within(curves, request.error, scenarios, every=request.every)
     assert request.dt_s is not None
     return errors_at(curves, request.dt_s, scenarios)
 
 
-def _curves(run: Tables, request: AdviceRequest, more: Sequence[Run]) -> Curves:
+def _confirmed(
+    folder: Path, run: Tables, request: AdviceRequest, scenarios: Sequence[str]
+) -> tuple[ScenarioAdvice, ...]:
+    """Return the answers, with the errors that other stored runs measured at a predicted setting.
+
+    If one of these errors exceeds the tolerance, the answers are those of all measurements together.
+    """
+    answers = _answers(run, request, scenarios)
+    steps = {one.setting for answer in answers for one in answer.options if one.basis != "measured"}
+    if request.error is None or (request.horizon_s is not None and request.body is None):
+        return answers
+    more = tuple(_measured_elsewhere(folder, run, steps)) if steps else ()
+    errors = {
+        (case.columns["scenario"], *key_of(case.columns), case.dt_s): largest_error(case, request.measure)
+        for case in more
+    }
+    if any(error > request.error for error in errors.values()):
+        return _answers(run, request, scenarios, [replace(run, cases=more)])
+
+    def confirmed(option: Option, names: Sequence[str]) -> Option:
+        found = [errors.get((name, option.engine, option.method, option.setting), math.inf) for name in names]
+        is_measured = max(found) < math.inf
+        return replace(option, error=max(found), basis="measured", why="") if is_measured else option
+
+    return tuple(
+        replace(
+            answer,
+            options=tuple(
+                confirmed(one, [answer.scenario] if answer.scenario else scenarios) for one in answer.options
+            ),
+        )
+        for answer in answers
+    )
+
+
+def _measured_elsewhere(folder: Path, run: Tables, steps: Collection[float | None]) -> Iterator[CaseResult]:
+    """Yield the cases at these steps of other stored runs, of the same scenarios, engines and builds."""
+    builds = {(*key_of(case.columns), case.columns.get("build")) for case in run.cases if case.ok}
+    for path, manifest in _newest_first(quiet=True):
+        named = {
+            name
+            for name, stored in manifest["scenarios"].items()
+            if run.manifest["scenarios"].get(name) == stored
+        }
+        if path.resolve() == folder.resolve() or not named or not {*steps} & {*(manifest.get("dt_s") or ())}:
+            continue
+        with suppress(InputError):  # a damaged run confirms nothing
+            yield from (
+                case
+                for case in read_tables(path).cases
+                if case.columns["scenario"] in named
+                and (*key_of(case.columns), case.columns.get("build")) in builds
+                and case.dt_s in steps
+            )
+
+
+def _curves(run: Tables, request: AdviceRequest, more: Sequence[Tables]) -> Curves:
     """Return the curves of the requested engines."""
     found = curves_of(run, request.measure, tuple(case for other in more for case in other.cases))
     return {place: curve for place, curve in found.items() if is_named(request.engines, *place[1])}

@@ -121,14 +121,15 @@ def test_a_case_that_did_not_end_well_meets_nothing() -> None:
 
 
 def test_the_best_of_each_engine_is_shown_cheapest_first() -> None:
-    """Each engine has one row; an engine without a method that meets the error is named."""
+    """Each engine has one row, the reference the last; one without a method that meets it is named."""
     cases = [
         *sequence("euler", [9e-4], cost=5.0),
         *sequence("rk4", [1e-6], cost=2.0, engine="reference"),
+        *sequence("slow", [1e-6], cost=6.0, engine="dart"),
         *sequence("maximal", [1e-1], engine="pybullet"),
     ]
     (answer,) = advise(cases, 1e-3)
-    assert [one.engine for one in answer.options] == ["reference", "mujoco"]
+    assert [one.engine for one in answer.options] == ["mujoco", "dart", "reference"]
     assert [engine for engine, _ in answer.without] == ["pybullet"]
 
 
@@ -179,7 +180,7 @@ def test_a_finer_step_than_one_at_the_floor_is_unsure_until_it_is_measured() -> 
     answers = settings_within(curves(cases), 5e-6, ["free", "forced"])
     (option,) = answers[0].options
     assert (option.setting, option.basis) == (0.02, "unsure")
-    assert option.why == "free: finer than the measured steps that meet it"
+    assert option.why == "finer than the measured steps that meet it (free)"
     assert to_measure(curves(cases), answers, 5e-6) == {
         ("free", ("mujoco", "rk2")): 0.02,
         ("forced", ("mujoco", "rk2")): 0.02,
@@ -234,7 +235,7 @@ def test_a_method_without_an_option_on_one_scenario_has_none_on_all() -> None:
 def test_the_nearest_setting_is_shown_where_none_meets_the_error(capsys: pytest.CaptureFixture[str]) -> None:
     """The nearest setting is printed with its error and its command."""
     shown = printed(capsys, advise([*sequence("euler", [1e-1, 5e-2]), *sequence("rk4", [1e-3])], 1e-6))
-    assert "no setting is known to meet it; the nearest is mujoco:rk4, dt 0.1 s: 0.001" in shown
+    assert "no setting is known to meet 0.001; the nearest is mujoco:rk4 with dt = 0.1 s: " in shown
     assert "bodycheck run free --engine mujoco:rk4 --dt 0.1" in shown
 
 
@@ -277,7 +278,7 @@ def test_a_sure_option_takes_precedence_over_a_cheaper_unsure_one() -> None:
     """One point and the theoretical order give only a guess."""
     cases = [
         case("euler", 0.1, 0.2, 1e-3, order=1),
-        *sequence("rk4", [1e-2 / 16**k for k in range(5)], cost=100.0),
+        *sequence("rk4", [1e-2 / 16**k for k in range(5)], cost=5.0),
     ]
     found = dict(curves(cases, order=1))
     (answer,) = settings_within(found, 1e-1, ["free"])
@@ -327,7 +328,7 @@ def test_a_step_that_failed_has_no_error(capsys: pytest.CaptureFixture[str]) -> 
     cases = [*sequence("rk2", [1e-2 / 4**k for k in range(5)]), case("rk2", 0.2, None, None)]
     answers = errors_at(curves(cases), 0.2, ["free"])
     assert answers[0].without == (("mujoco:rk2", "failed at this step"),)
-    assert printed(capsys, answers).splitlines()[-2:] == ["free", "mujoco:rk2: failed at this step"]
+    assert printed(capsys, answers).splitlines()[-1] == "mujoco:rk2: failed at this step"
 
 
 def test_a_search_measures_what_is_predicted_and_refines_what_is_not() -> None:
@@ -359,6 +360,45 @@ def test_the_last_line_of_an_answer_is_the_one_to_paste(capsys: pytest.CaptureFi
     lines = printed(capsys, advise(cases, 1e-3)).splitlines()
     assert lines[-2].endswith("bodycheck run free --engine mujoco:rk2 --dt 0.025")
     assert lines[-1] == "use mujoco:rk2: model.opt.timestep = 0.025"
+
+
+@pytest.mark.parametrize(
+    ("errors", "first"),
+    [
+        ([1e-2 / 4**k for k in range(5)], "use mujoco:rk2 with dt = 0.025 s: confirmed, 0.000625 <= 0.001"),
+        (
+            [2e-2 / 4**k for k in range(5)],
+            "use mujoco:rk2 with dt = 0.02 s: error at most 0.000803 rad (predicted)",
+        ),
+    ],
+)
+def test_the_first_line_is_the_answer(
+    errors: list[float], first: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It names engine, method and step, and whether the error was measured or predicted."""
+    assert printed(capsys, advise(sequence("rk2", errors), 1e-3)).splitlines()[0] == first
+
+
+@pytest.mark.parametrize(
+    ("dt_s", "cost", "why"),
+    [(5e-6, 1.0, "its step is below 1e-5 s"), (0.1, 40.0, "slower than real time, 0.25 x"), (1e-5, 10.0, "")],
+)
+def test_an_impractical_setting_is_left_out_unless_all_are_requested(
+    dt_s: float, cost: float, why: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The answer names the nearest such setting and the reason; another engine takes its place."""
+    cases = [case("rk2", dt_s, 1e-4, cost)]
+    (answer,) = advise(cases, 1e-3)
+    assert len(answer.options) == (not why)
+    if why:
+        first = printed(capsys, [answer]).splitlines()[0]
+        assert first.startswith("nothing practical meets 0.001; the nearest is mujoco:rk2 with dt = ")
+        assert first.endswith(f", but {why}")
+    every = settings_within(curves(cases), 1e-3, ["free"], every=True)
+    assert [one.setting for one in every[0].options] == [dt_s]
+    (answer,) = advise([*cases, *sequence("slow", [1e-4], cost=9.0, engine="dart")], 1e-3)
+    assert [one.engine for one in answer.options] == (["dart"] if why else ["dart", "mujoco"])
+    assert [one.impractical for one in answer.left_out] == [why] * bool(why)
 
 
 @pytest.mark.parametrize(

@@ -5,14 +5,20 @@ from __future__ import annotations
 import pytest
 
 from bodycheck._util.formatting import names, number, scientific, step
-from bodycheck.reports.document import Span, Table
+from bodycheck.reports.document import Sentence, Span, Table, plain
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.probes.fingerprint import NO_KNOWN_MAP, NOT_MEASURED
 from bodycheck.reports.run_files.run_tables import Run, common_step
 from bodycheck.reports.summary.cells import Cell, summary_cells
 from bodycheck.reports.summary.method_identity import fingerprint_document, map_text
-from bodycheck.reports.summary.sentences import Summary, refusal_table, refusals, verdict_sentences
+from bodycheck.reports.summary.sentences import (
+    Summary,
+    refusal_table,
+    refusals,
+    run_document,
+    verdict_sentences,
+)
 from bodycheck.reports.summary.worst_results import worst_results
 from tests.helpers.gate_tables import make_tables, with_tables
 
@@ -30,6 +36,41 @@ def test_the_verdict_names_what_is_sound_and_what_is_open(run: Run) -> None:
     one = {"forced": {("reference", "rk3"): Cell("unsupported"), ("reference", "rk4"): Cell("at-floor")}}
     first = verdict_sentences(one, [])[0]
     assert first.startswith("reference:rk4 converges, or is at the floor, in all quantities")
+
+
+def test_many_methods_have_one_line_per_engine_on_a_console() -> None:
+    """It counts the methods by group, and names the one with the smallest error where most are supported."""
+    errors = {f"m{k}": 0.1 / 10**k for k in range(4)} | {"few": 1e-9, "broken": 1.0}
+    rows = [
+        {"scenario": scenario, "engine": engine, "method": method, "orientation_error_rad": error}
+        for scenario in ("free", "forced")
+        for engine in ("one", "other")
+        for method, error in errors.items()
+        if (scenario, method) != ("forced", "few")
+    ]
+    invalid = {"outcome": "invalid", "message": "mass is 3, not 2"}
+    keys = ("scenario", "engine", "method")
+    run = make_tables(
+        [{**row, **(invalid if row["method"] == "broken" else {})} for row in rows],
+        [{**{key: row[key] for key in keys}, "verdict": "pre-asymptotic"} for row in rows],
+        scenarios={},
+        outcomes={"ok": len(rows)},
+        run_s=None,
+        compile_s=None,
+        **dict.fromkeys(("bodycheck", "python", "cpu", "cores", "platform", "run_id", "created"), ""),
+    )
+    parts = run_document(run).on("console")
+    assert parts[0] == Sentence(
+        "Findings in 2 of 12 methods: one:broken and other:broken; 10 are undecided in some scenarios.",
+        strong=True,
+        only=("console",),
+    )
+    tables = {part.title.partition(",")[0]: part for part in parts if isinstance(part, Table)}
+    assert [(plain(row[0]), plain(row[1]), row[2:]) for row in tables["Engines"].rows] == [
+        (engine, "1 with findings, 5 undecided", ("m3", "0.0001")) for engine in ("one", "other")
+    ]
+    assert "Methods" not in tables
+    assert "Methods" in {part.title for part in run_document(run).on("markdown") if isinstance(part, Table)}
 
 
 def test_too_few_steps_do_not_read_as_a_failure() -> None:

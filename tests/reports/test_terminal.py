@@ -108,13 +108,14 @@ def summary(run: Run, monkeypatch: pytest.MonkeyPatch, output: io.StringIO, colu
 
 
 @pytest.mark.slow
-def test_the_summary_has_each_method_and_the_worst_with_its_command(
+def test_the_summary_begins_with_the_conclusion_and_ends_with_the_worst_and_their_commands(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each method has one line; failures follow with number, reason and the command that repeats them."""
+    """Each method has one line; failures have number, reason and the command that repeats them."""
     monkeypatch.delenv("NO_COLOR", raising=False)
     shown = summary(run, monkeypatch, io.StringIO()).splitlines()
-    assert shown[0].startswith(f"{len(run.cases)} cases in ")
+    assert shown[0] == "Findings in 1 of 5 methods: failing:m1; 4 converge or are at the floor."
+    assert f"{len(run.cases)} cases in " in shown[-1]
     for method in ("reference:m1", "reference:rk4", "reference:exact", "reference:taylor", "failing:m1"):
         assert sum(bool(re.match(rf"{method} .*, .*[a-z]", line)) for line in shown) >= 1
     place = shown.index("Worst result of each method") + 2

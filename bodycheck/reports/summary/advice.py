@@ -14,6 +14,7 @@ from bodycheck._util.untrusted import shell_join, shell_split
 from bodycheck.adapters.engine_names import with_method
 from bodycheck.reports.measurement.case import ALLOW_CODE, CaseResult, scenario_spec
 from bodycheck.reports.measurement.measures import MEASURES, QUANTITIES
+from bodycheck.reports.render.styles import REFERENCE
 from bodycheck.reports.run_files.run_tables import MethodKey
 from bodycheck.reports.summary.error_curve import (
     MAX_STEPS,
@@ -28,6 +29,9 @@ from bodycheck.scenarios.library import as_suite
 
 _ADVISED = tuple(name for name in QUANTITIES if MEASURES[name].judged == "limit")
 _SURENESS: tuple[Basis, ...] = ("measured", "predicted", "unsure")
+
+SHORTEST_STEP_S = 1e-5
+"""The shortest step in s that is recommended, unless all settings are requested."""
 
 Curves: TypeAlias = Mapping[tuple[str, MethodKey], ErrorCurve]
 """(scenario, method) -> its error against its step."""
@@ -68,20 +72,31 @@ class Option:
         """The method as `--engine` accepts it."""
         return with_method(self.engine, self.method)
 
+    @property
+    def impractical(self) -> str:
+        """Why a setting that meets the tolerance is not recommended; "" if it is."""
+        if self.control == "dt" and self.setting is not None and self.setting < SHORTEST_STEP_S:
+            return f"its step is below {number(SHORTEST_STEP_S)} s"
+        if self.real_time is not None and self.real_time < 1.0:
+            return f"slower than real time, {number(self.real_time, 2)} x"
+        return ""
+
 
 @dataclass(frozen=True)
 class ScenarioAdvice:
     """The options on one scenario, or on all scenarios together if scenario is None.
 
-    options: the best option of each engine, or, for the error of a step, of each method; best first. without:
-    each other engine or method with the reason. nearest: the option with the smallest measured error where
-    there is no other; None where nothing was measured.
+    options: the best option of each engine, or, for the error of a step, of each method; best first, the
+    reference last. left_out: the best one of each engine whose options are all impractical. without: each
+    other engine or method with the reason. nearest: the option with the smallest measured error where there
+    is no other; None where nothing was measured.
     """
 
     scenario: str | None
     options: tuple[Option, ...]
     without: tuple[tuple[str, str], ...] = ()
     nearest: Option | None = None
+    left_out: tuple[Option, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -107,12 +122,12 @@ def check_question(error: float | None, dt_s: float | None, measure: str) -> Non
 
 
 def settings_within(
-    curves: Curves, error: float, scenarios: Sequence[str], *, predicted: bool = True
+    curves: Curves, error: float, scenarios: Sequence[str], *, predicted: bool = True, every: bool = False
 ) -> tuple[ScenarioAdvice, ...]:
     """Return the cheapest setting of each engine that meets an error, for all scenarios and for each.
 
     predicted: whether steps that were not measured count; without them, answers name no nearest setting and
-    no other reasons than that.
+    no other reasons than that. every: whether impractical settings are recommended as well.
     """
 
     def best(curve: ErrorCurve) -> Option | None:
@@ -123,9 +138,9 @@ def settings_within(
 
     by_scenario = _by_scenario(curves)
     each = {name: _found(by_scenario.get(name, {}), best, why, nearest=predicted) for name in scenarios}
-    answers = [_cheapest_of_engines(name, *each[name]) for name in scenarios]
+    answers = [_cheapest_of_engines(name, *each[name], every=every) for name in scenarios]
     if len(scenarios) > 1:
-        answers.insert(0, _cheapest_of_engines(None, *_over_all(each, curves, error)))
+        answers.insert(0, _cheapest_of_engines(None, *_over_all(each, curves, error), every=every))
     return tuple(answers)
 
 
@@ -290,23 +305,28 @@ def _why_none(curve: ErrorCurve, error: float | None) -> str:
 
 
 def _cheapest_of_engines(
-    scenario: str | None, options: _Options, reasons: _Reasons, nearest: _Options
+    scenario: str | None, options: _Options, reasons: _Reasons, nearest: _Options, *, every: bool
 ) -> ScenarioAdvice:
-    """Return the cheapest option of each engine; a sure one takes precedence over an unsure one."""
+    """Return the cheapest option of each engine: a practical one, then a sure one, takes precedence."""
+
+    def rank(one: Option) -> tuple[bool, bool, bool, tuple[float, float]]:
+        return bool(one.impractical) and not every, one.engine == REFERENCE, one.basis == "unsure", _cost(one)
+
     best: dict[str, Option] = {}
-    for option in sorted(options.values(), key=lambda one: (one.basis == "unsure", _cost(one))):
+    for option in sorted(options.values(), key=rank):
         best.setdefault(option.engine, option)
-    options_shown = tuple(sorted(best.values(), key=lambda one: (one.basis == "unsure", _cost(one))))
+    ranked = sorted(best.values(), key=rank)
+    shown = tuple(one for one in ranked if every or not one.impractical)
     without: dict[str, str] = {}
     for (engine, _), why in reasons.items():
         if engine not in best:
             without.setdefault(engine, why)
-    closest = None if options_shown else min(nearest.values(), key=lambda one: one.error, default=None)
-    return ScenarioAdvice(scenario, options_shown, tuple(without.items()), closest)
+    closest = None if best else min(nearest.values(), key=lambda one: one.error, default=None)
+    return ScenarioAdvice(scenario, shown, tuple(without.items()), closest, tuple(ranked[len(shown) :]))
 
 
 def _by_error(scenario: str | None, options: _Options, reasons: _Reasons, _: _Options) -> ScenarioAdvice:
-    options_shown = tuple(sorted(options.values(), key=lambda one: one.error))
+    options_shown = tuple(sorted(options.values(), key=lambda one: (one.engine == REFERENCE, one.error)))
     return ScenarioAdvice(
         scenario, options_shown, tuple((with_method(*key), why) for key, why in reasons.items())
     )
@@ -388,7 +408,7 @@ def _joint(
         setting=limiting.setting,
         error=max(one.error for one in errors.values()),
         basis=max((one.basis for one in errors.values()), key=_SURENESS.index),
-        why="; ".join(f"{scenario}: {one.why}" for scenario, one in errors.items() if one.why),
+        why=_reasons({scenario: one.why for scenario, one in errors.items() if one.why}),
         cpu_s=cpu_s,
         real_time=None if not cpu_s else simulated / cpu_s,
         evaluations=_total(_times(one.evaluations, _ratio(one, limiting)) for one in each),
@@ -397,6 +417,17 @@ def _joint(
         duration_s=simulated,
         confirm=_command(key, commands, limiting.setting if fits else None) if all(commands) else "",
         snippet=limiting.snippet,
+    )
+
+
+def _reasons(why: Mapping[str, str]) -> str:
+    """Return the reasons by scenario, each once."""
+    found: dict[str, list[str]] = {}
+    for scenario, reason in why.items():
+        found.setdefault(reason, []).append(scenario)
+    return "; ".join(
+        f"{reason} ({some[0] if len(some) == 1 else f'{len(some)} scenarios'})"
+        for reason, some in found.items()
     )
 
 

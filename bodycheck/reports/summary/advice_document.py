@@ -1,4 +1,4 @@
-"""The answers of `advise` as a document: settings with their errors, how to confirm them, what to paste."""
+"""The answers of `advise` as a document: what to use, its error, how to confirm it, what to paste."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 from bodycheck._util.formatting import names, number, setting, step
 from bodycheck.reports.document import Column, Command, Document, Part, Sentence, Table
+from bodycheck.reports.measurement.verdicts import amount_of
 from bodycheck.reports.summary.advice import Advice, Option, ScenarioAdvice
 
-_MAX_COMMANDS = 4
 _COLUMNS = (
     Column("engine:method", "name"),
     Column("setting", "fixed"),
@@ -20,17 +20,62 @@ _COLUMNS = (
 
 
 def advice_document(advice: Advice) -> Document:
-    """Return the best options of each answer, how to confirm them, and the line that selects the first one.
+    """Return what to use, the best options, how to confirm the first one, and the line that selects it.
 
-    Of a step's errors on several scenarios, only those on all of them together are included.
+    Of several scenarios, only the answer for all of them together has these; each alone has one row.
     """
-    joint = advice.answers[0].scenario is None
-    answers = advice.answers[:1] if joint and advice.error is None else advice.answers
-    parts = [part for answer in answers for part in _answer_parts(answer, len(advice.answers) - 1)]
-    if len(answers) < len(advice.answers):
-        parts.append(Sentence("name a scenario to see its errors alone"))
-    question = Sentence(f"{_question(advice)}, from the run {advice.run}")
-    return Document("bodycheck: advice", (question, *parts))
+    answer, *each = advice.answers
+    parts = [*_answer_parts(advice, answer, len(each))]
+    if each:
+        rows = tuple((one.scenario or "", *_best_row(one)) for one in each)
+        columns = (Column("scenario", "name"), *_COLUMNS[:4])
+        parts.append(Table(columns, rows, "Each scenario alone; name one to see its engines"))
+    return Document("bodycheck: advice", tuple(parts))
+
+
+def _answer_parts(advice: Advice, answer: ScenarioAdvice, scenarios: int) -> Iterator[Part]:
+    """Yield the sentence that answers, the question, a table of the options, commands, the line to paste."""
+    best = next(iter((*answer.options, *answer.left_out[:1])), answer.nearest)
+    over = f"on all {scenarios} scenarios" if answer.scenario is None else f"in {answer.scenario}"
+    if best is not None:
+        yield Sentence(_conclusion(advice, answer, best), strong=True)
+        if answer.scenario is not None:
+            over += f", {number(best.duration_s)} s"
+    else:
+        yield Sentence("nothing was measured" if not answer.without else "no error is known", "open")
+    yield Sentence(f"{_question(advice)} {over}, from the run {advice.run}")
+    if answer.options:
+        yield Table(_COLUMNS, tuple(map(_row, answer.options)), "Settings")
+    for option in answer.options[:1]:
+        if option.why:
+            yield Sentence(f"unsure: {option.why}", "open")
+        if answer.scenario is None:
+            yield Sentence(f"limited by {option.limiting}")
+    if answer.options and answer.left_out:
+        yield Sentence(f"left out, --all shows them: {'; '.join(map(_left_out, answer.left_out))}", "open")
+    without: dict[str, list[str]] = {}
+    for engine, why in answer.without:
+        without.setdefault(why, []).append(engine)
+    for why, engines in without.items():
+        yield Sentence(f"{names(engines)}: {why}", "open")
+    if best is not None:
+        yield from _commands(answer, best)
+
+
+def _conclusion(advice: Advice, answer: ScenarioAdvice, best: Option) -> str:
+    """Return the answer in one sentence."""
+    error = f"error at most {amount_of(advice.measure, best.error, 3)}"
+    basis = "" if best.basis == "measured" else f" ({best.basis})"
+    if advice.error is None:
+        return f"most accurate with dt = {step(advice.dt_s)} s: {best.name}, {error}{basis}"
+    tolerance = number(advice.error)
+    if best is answer.nearest:
+        return f"no setting is known to meet {tolerance}; the nearest is {_named(best)}: {error}"
+    if not answer.options:
+        return f"nothing practical meets {tolerance}; the nearest is {_named(best)}, but {best.impractical}"
+    if best.basis == "measured":
+        return f"use {_named(best)}: confirmed, {number(best.error, 3)} <= {tolerance}"
+    return f"use {_named(best)}: {error}{basis}"
 
 
 def _question(advice: Advice) -> str:
@@ -39,36 +84,16 @@ def _question(advice: Advice) -> str:
     return f"{advice.measure} <= {number(advice.error)}"
 
 
-def _answer_parts(answer: ScenarioAdvice, scenarios: int) -> Iterator[Part]:
-    """Yield a table of the options, what is unsure or missing, commands, and the line to paste."""
-    name = f"all {scenarios} scenarios" if answer.scenario is None else answer.scenario
-    if answer.options:
-        if answer.scenario is not None:
-            name += f", {number(answer.options[0].duration_s)} s"
-        yield Table(_COLUMNS, tuple(map(_row, answer.options)), name)
-    else:
-        yield Sentence(name, strong=True)
-    if answer.scenario is None:
-        for scenario in dict.fromkeys(option.limiting for option in answer.options):
-            limited = [option.name for option in answer.options if option.limiting == scenario]
-            yield Sentence(f"limited by {scenario}: {names(limited)}")
-    for option in answer.options:
-        if option.why:
-            yield Sentence(f"{option.name}: unsure, {option.why}", "open")
-    for engine, why in answer.without:
-        yield Sentence(f"{engine}: {why}", "open")
-    if not answer.options:
-        yield from _nothing(answer)
-    if any(not option.confirm for option in answer.options):
-        yield Sentence(
-            "no run can confirm this step, because it does not divide the sampling interval", "open"
-        )
-    for option in answer.options[:_MAX_COMMANDS]:
-        if option.confirm:
-            yield Command(option.confirm, "measured by" if option.basis == "measured" else "confirm with")
-    pasted = next((option for option in answer.options if option.snippet), None)
-    if pasted is not None:
-        yield Command(pasted.snippet, f"use {pasted.name}")
+def _named(option: Option) -> str:
+    """Return "mujoco:rk4 with dt = 0.01 s"."""
+    if option.setting is None:
+        return option.name
+    unit = " s" if option.control == "dt" else ""
+    return f"{option.name} with {option.control} = {step(option.setting)}{unit}"
+
+
+def _left_out(option: Option) -> str:
+    return f"{_named(option)}, {option.impractical}"
 
 
 def _row(option: Option) -> tuple[str, ...]:
@@ -78,14 +103,26 @@ def _row(option: Option) -> tuple[str, ...]:
     return option.name, chosen, error, option.basis, speed, turn
 
 
-def _nothing(answer: ScenarioAdvice) -> Iterator[Part]:
-    one = answer.nearest
-    if one is None:
-        if not answer.without:
-            yield Sentence("nothing was measured", "open")
-        return
-    nearest = f"{one.name}, {setting(one.control, one.setting)}: {number(one.error, 3)}"
-    yield Sentence(
-        f"no setting is known to meet it; the nearest is {nearest}; --search measures finer steps", "open"
-    )
-    yield Command(one.confirm)
+def _best_row(answer: ScenarioAdvice) -> tuple[str, ...]:
+    """Return the first columns of the best option of a scenario, or else of the nearest one."""
+    if answer.options:
+        return _row(answer.options[0])[:4]
+    nearest = next(iter(answer.left_out), answer.nearest)
+    if nearest is None:
+        return "nothing was measured", "", "", ""
+    return *_row(nearest)[:3], "left out" if answer.left_out else "does not meet it"
+
+
+def _commands(answer: ScenarioAdvice, best: Option) -> Iterator[Part]:
+    """Yield the command that measures a setting, and the line that selects it in a program."""
+    if best is answer.nearest:
+        yield Sentence("--search measures finer steps", "open")
+    if best.confirm:
+        yield Command(best.confirm, "measured by" if best.basis == "measured" else "confirm with")
+    else:
+        yield Sentence(
+            "no run can confirm this step, because it does not divide the sampling interval", "open"
+        )
+    pasted = next((option for option in answer.options if option.snippet), None)
+    if pasted is not None:
+        yield Command(pasted.snippet, f"use {pasted.name}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -210,6 +210,21 @@ class Overview:
         """The observed orders of the orientation: one, or the smallest and the largest."""
         orders = sorted(cell.order for cell in self.cells.values() if cell.order is not None)
         return " to ".join(dict.fromkeys(f"{order:.2f}" for order in (*orders[:1], *orders[-1:])))
+
+    @property
+    def supported(self) -> int:
+        """The number of scenarios that the method supports."""
+        return sum(cell.state != "unsupported" for cell in self.cells.values())
+
+    def error_at_step(self, chaotic: Collection[str]) -> float | None:
+        """The largest error at the common steps in rad, without chaotic scenarios; None if one is unknown."""
+        supported = [
+            cell.error
+            for scenario, cell in self.cells.items()
+            if cell.state != "unsupported" and scenario not in chaotic
+        ]
+        known = [error for error in supported if error is not None]
+        return max(known) if known and len(known) == len(supported) else None
 
     @property
     def largest_error(self) -> tuple[str, str]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
-from bodycheck._util.formatting import count, names
-from bodycheck.reports.document import Column, Document, Sentence, Span, Table
+from bodycheck._util.formatting import count, names, number
+from bodycheck.reports.document import Column, Document, Medium, Sentence, Span, Table
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.run_files.run_tables import MethodKey, Tables
 from bodycheck.reports.summary.cells import Cell, Overview, overviews, summary_cells
@@ -18,6 +19,10 @@ _REFUSED = ("invalid", "unsupported")
 _ENGINES_IN_COMMON, _METHODS_IN_COMMON = 2, 3  # that have one wrong limit: fewer may agree by chance
 _SAME_LIMIT = 1.02  # ratio of the largest to the smallest distance from the truth
 _UNDECIDED = ("pre-asymptotic", "too-few-points", "chaotic")
+_LISTED_METHODS = 6  # on a console; a larger run has one line per engine
+_LISTED_FINDINGS = 3  # on a console
+_NAMED = 3  # methods in the conclusion
+_FOLDED: tuple[Medium, ...] = ("markdown", "page")
 
 
 @dataclass(frozen=True)
@@ -42,6 +47,55 @@ class Summary:
     def sentences(self) -> list[str]:
         """The results in a few sentences that name every method with findings."""
         return [*self.alike, *verdict_sentences(self.cells, self.worst)]
+
+    @property
+    def conclusion(self) -> str:
+        """The result in one sentence: which methods have findings, how many are sound or undecided."""
+        if not self.cells:
+            return "This run has no cases."
+        if shared := next(filter(None, (_common_cause(*one) for one in self.cells.items())), ""):
+            return shared
+        methods = overviews(self.cells)
+        found = [one.method for one in faulty(self.worst)]
+        states = Counter(self.group_of(one) for one in methods)
+        where = " in some scenarios" if len(self.cells) > 1 else ""
+        others = ", ".join(
+            f"{states[group]} {one if states[group] == 1 else many}{where * (group == 'undecided')}"
+            for group, (one, many) in _GROUPS.items()
+            if states[group] and group != "findings"
+        )
+        if not found:
+            on = f" on {len(self.cells)} scenarios" if len(self.cells) > 1 else ""
+            return f"No findings in {count(len(methods), 'method')}{on}: {others}."
+        listed = names(found if len(found) <= _NAMED else [*found[:_NAMED], f"{len(found) - _NAMED} more"])
+        rest = f"; {others}" if others else ""
+        return f"Findings in {len(found)} of {count(len(methods), 'method')}: {listed}{rest}."
+
+    def group_of(self, method: Overview) -> str:
+        """Return the group of a method over all scenarios, a key of _GROUPS."""
+        states = {state for state in method.states if state != "unsupported"}
+        if any(one.method == method.method for one in faulty(self.worst)):
+            return "findings"
+        if not states:
+            return "unsupported"
+        sound = all(cell.is_sound for cell in method.cells.values() if cell.state in states)
+        return "sound" if sound else "undecided"
+
+
+_GROUPS = {
+    "findings": ("has findings", "have findings"),
+    "sound": ("converges or is at the floor", "converge or are at the floor"),
+    "undecided": ("is undecided", "are undecided"),
+    "unsupported": ("is not supported", "are not supported"),
+}
+"""Group of methods -> what is true of one of them and of several."""
+
+_GROUP_CELLS = {
+    "findings": Span("with findings", "bad"),
+    "sound": Span("converge", "good"),
+    "undecided": Span("undecided", "open"),
+    "unsupported": Span("not supported"),
+}
 
 
 def verdict_sentences(cells: Mapping[str, Mapping[MethodKey, Cell]], found: list[MethodResults]) -> list[str]:
@@ -115,18 +169,36 @@ def _properties(found: list[MethodResults]) -> str:
 
 
 def run_document(run: Tables) -> Document:
-    """Return outcomes, verdicts, one row per method, and the worst results with their commands."""
+    """Return the conclusion, one row per method or engine, outcomes, and the worst results with commands.
+
+    Consoles leave the rows of many methods, the properties and the reasons of partial support to the other
+    media.
+    """
     summary = Summary.of(run)
+    methods = overviews(summary.cells)
+    is_short = len(methods) <= _LISTED_METHODS
+    folded = refusals(run)
+    never = {one.method for one in methods if set(one.states) == {"unsupported"}}
+    refused = [one for one in folded if one.outcome == "invalid" or never & set(one.names)]
     return Document(
         f"bodycheck: {count(len(summary.cells), 'scenario')}, {count(len(run.cases), 'case')}",
         (
             *_without_engines(run),
-            Sentence(_outcomes(run)),
+            Sentence(summary.conclusion, strong=True, only=("console",)),
             *_remarks(run),
-            *(Sentence(sentence) for sentence in summary.sentences),
-            _method_table(overviews(summary.cells)),
-            *refusal_table(refusals(run)),
-            _worst_table(summary.worst),
+            *(Sentence(sentence, only=_FOLDED) for sentence in summary.sentences),
+            _method_table(methods) if is_short else replace(_method_table(methods), only=_FOLDED),
+            *([] if is_short else [_engine_table(run, summary, methods)]),
+            *(replace(table, only=("console",)) for table in refusal_table(refused)),
+            *(replace(table, only=_FOLDED) for table in refusal_table(folded)),
+            replace(_worst_table(summary.worst), only=_FOLDED),
+            replace(
+                _worst_table(faulty(summary.worst)),
+                only=("console",),
+                max_rows=_LISTED_FINDINGS,
+                rest="report.html lists all",
+            ),
+            Sentence(_outcomes(run)),
             Sentence(_machine(run.manifest), only=("markdown",)),
         ),
     )
@@ -142,6 +214,7 @@ def run_data(run: Tables) -> dict[str, Any]:
             name: e["unavailable"] for name, e in run.manifest["engines"].items() if "unavailable" in e
         },
         "refusals": refusals(run),
+        "conclusion": summary.conclusion,
         "sentences": summary.sentences,
         "methods": {one.method: one.cells for one in overviews(summary.cells)},
         "worst": summary.worst,
@@ -187,6 +260,11 @@ class Refusal:
     methods: tuple[str, ...]
     scenarios: tuple[str, ...]
 
+    @property
+    def names(self) -> list[str]:
+        """The methods with their engine."""
+        return [f"{self.engine}:{method}" for method in self.methods]
+
 
 def refusals(run: Tables) -> list[Refusal]:
     """Return why cases are unsupported or invalid, invalid ones first."""
@@ -212,7 +290,7 @@ def refusal_table(found: list[Refusal]) -> Iterator[Table]:
     rows = tuple(
         (
             Span(one.outcome, STATES[one.outcome].tint),
-            ", ".join(f"{one.engine}:{method}" for method in one.methods),
+            ", ".join(one.names),
             names(one.scenarios),
             one.reason,
         )
@@ -232,6 +310,45 @@ def _method_table(methods: list[Overview]) -> Table:
     )
     rows = tuple((one.method, _verdicts(one), one.order, *one.largest_error) for one in methods)
     return Table(columns, rows, title="Methods", folded=True)
+
+
+def _engine_table(run: Tables, summary: Summary, methods: Sequence[Overview]) -> Table:
+    """Return one row per engine: the groups of its methods, and the most accurate at the common steps."""
+    by_engine: dict[str, list[Overview]] = {}
+    for one in methods:
+        by_engine.setdefault(one.method.partition(":")[0], []).append(one)
+    chaotic = {
+        name for name, found in summary.cells.items() if any(one.state == "chaotic" for one in found.values())
+    }
+    rows = []
+    for engine, own in by_engine.items():
+        groups = Counter(map(summary.group_of, own))
+        spans: list[Span] = []
+        for group, span in _GROUP_CELLS.items():
+            if groups[group]:
+                comma = ", " if spans else ""
+                spans.append(Span(f"{comma}{groups[group]} {span.text}", span.tint))
+        most = max(one.supported for one in own)
+        rated = [
+            (error, one.method.partition(":")[2])
+            for one in own
+            if one.supported == most and (error := one.error_at_step(chaotic)) is not None
+        ]
+        error, method = min(rated, default=(None, ""))
+        version = run.manifest["engines"].get(engine, {}).get("version", "")
+        rows.append((f"{engine} {version}".strip(), tuple(spans), method, number(error, 2)))
+    columns = (
+        Column("engine", "name"),
+        Column("methods"),
+        Column("most accurate", "name"),
+        Column("error, rad", "number"),
+    )
+    return Table(
+        columns,
+        tuple(rows),
+        title="Engines, with the most accurate method at the common steps",
+        only=("console",),
+    )
 
 
 def _verdicts(overview: Overview) -> tuple[Span, ...]:
