@@ -32,6 +32,7 @@ from bodycheck.cli.options import (
     Quiet,
     complete_scenarios,
     described,
+    engine_option,
     numbers,
     progress_of,
     refuse_others,
@@ -49,7 +50,7 @@ app = typer.Typer(
     name="bodycheck",
     cls=CommandGroup,
     help="Measure the accuracy and the speed of rigid-body engines, and detect changes in them.",
-    no_args_is_help=True,
+    invoke_without_command=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
@@ -68,12 +69,26 @@ def _print_version(requested: bool) -> None:
         raise typer.Exit
 
 
+_START = """\
+bodycheck measures the accuracy and the speed of rigid-body engines.
+
+  bodycheck run smoke                      three scenarios, in seconds
+  bodycheck advise tumbling --error 1e-3   the cheapest engine, method and step
+  bodycheck doctor                         what works on this machine
+
+bodycheck --help lists all commands.
+"""
+
+
 @app.callback()
 def _before_any_command(
-    version: Annotated[
+    context: typer.Context,
+    version: Annotated[  # noqa: ARG001 - its callback acts
         bool, typer.Option("--version", is_eager=True, callback=_print_version, help="Print the version.")
     ] = False,
-) -> None: ...
+) -> None:
+    if context.invoked_subcommand is None:
+        print(_START, end="")
 
 
 @app.command(
@@ -414,19 +429,25 @@ def body(
 @app.command(
     name="list",
     short_help="List scenarios, suites, engines, methods or measures.",
-    **described(MEASURE, "bodycheck list methods"),
+    **described(MEASURE, "bodycheck list methods --engine mujoco", "bodycheck list scenarios --match torque"),
 )
 def list_(
     what: Annotated[
         Literal["scenarios", "suites", "engines", "methods", "measures"], typer.Argument(help="What to list.")
     ],
+    engine: Annotated[str | None, engine_option("Engines to list, or whose methods to list", "all")] = None,
+    match: Annotated[
+        str | None, typer.Option(help="List only lines with this text.", show_default="all lines")
+    ] = None,
     json: Json = False,
 ) -> None:
     """List the available scenarios, suites, engines, methods or measures."""
     from bodycheck.reports.document import answer
     from bodycheck.reports.summary.catalogue import catalogue, catalogue_document
 
-    entries = catalogue(what)
+    if engine is not None and what not in ("engines", "methods"):
+        raise InputError(f"--engine: applies to engines and methods, not to {what}")
+    entries = catalogue(what, engine.split(",") if engine else (), match or "")
     answer(catalogue_document(what, entries), entries, as_json=json)
 
 

@@ -16,13 +16,14 @@ from bodycheck._util.distributions import installed, requirements
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.file_digests import files_below
 from bodycheck._util.files import check_folder
+from bodycheck._util.formatting import names
 from bodycheck._util.platform_identity import cpu_model, usable_cores
 from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.registry import default_engines, optional_engines
 from bodycheck.adapters.versions.uv import uv_program
 from bodycheck.adapters.workers.engine_pool import announced
 from bodycheck.reference_impl.precompile import closed_forms_compiled
-from bodycheck.reports.document import Column, Document, Span, Table
+from bodycheck.reports.document import Column, Document, Sentence, Span, Table
 
 _NOT_LISTED = {"", "all", "bench", "docs", "engines", "release", "test"}
 """Extras of developers, and those whose packages stand in lines of their own."""
@@ -90,7 +91,9 @@ def _cache_checks() -> Iterator[MachineCheck]:
         yield MachineCheck("cache", True, f"{home} is writable, {_size(free)} free")
     except InputError as error:
         yield MachineCheck("cache", False, f"{error}; every command compiles again; set BODYCHECK_CACHE_DIR")
-    state = "compiled" if closed_forms_compiled() else "compiled by the first run, which takes about a minute"
+    state = "compiled by the first run, which takes about a minute"
+    if compiled := sum(1 for _ in cache_directory().glob("*/*.nbi")):
+        state = "compiled" if closed_forms_compiled() else f"{compiled} compiled, others when first needed"
     yield MachineCheck("kernels", True, f"{state}: {cache_directory()}")
 
 
@@ -123,17 +126,25 @@ def _size(amount: int) -> str:
 
 
 def diagnosis_document(found: MachineReport) -> Document:
-    """Return the versions, the folders of the cache and the capabilities."""
+    """Return what does not work, what works, then the folders of the cache and the versions."""
+    ordered = sorted(found.checks, key=lambda one: one.works)
     checks = tuple(
         (one.name, Span("works", "good") if one.works else Span("does not work", "bad"), one.detail)
-        for one in found.checks
+        for one in ordered
     )
+    missing = [one.name for one in ordered if not one.works]
+    first = Sentence(
+        f"{names(missing)} {'does' if len(missing) == 1 else 'do'} not work.", "bad", strong=True
+    )
+    if not missing:
+        first = Sentence("Everything works.", "good", strong=True)
     caches = tuple((one.name, _size(one.bytes), str(one.folder)) for one in found.caches)
     return Document(
         "bodycheck doctor",
         (
-            Table((Column("", "fixed"), Column("")), tuple(found.versions.items()), "Versions"),
-            Table((Column("", "fixed"), Column("", "number"), Column("")), caches, "Caches"),
+            first,
             Table((Column("", "fixed"), Column("", "fixed"), Column("")), checks, "Capabilities"),
+            Table((Column("", "fixed"), Column("", "number"), Column("")), caches, "Caches"),
+            Table((Column("", "fixed"), Column("")), tuple(found.versions.items()), "Versions"),
         ),
     )

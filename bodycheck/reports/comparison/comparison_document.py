@@ -245,15 +245,17 @@ def searches(comparison: Comparison) -> list[Command]:
 
 
 def comparison_document(comparison: Comparison) -> Document:
-    """Return which runs were compared, the sentences, the searches, and the tables of changes."""
+    """Return the largest change, the other sentences, the searches, the tables of changes, and the runs."""
     runs = (("before", identity(comparison.before)), ("after", identity(comparison.after)))
+    first, *others = sentences(comparison)
     return Document(
         "bodycheck: what changed between two runs",
         (
-            Table((Column("", "fixed"), Column("")), runs),
-            *(Sentence(sentence) for sentence in sentences(comparison)),
+            Sentence(first, "bad" if comparison.failing else "none", strong=True),
+            *(Sentence(sentence) for sentence in others),
             *searches(comparison),
             *change_tables(comparison.changes, "--html FILE lists all"),
+            Table((Column("", "fixed"), Column("")), runs),
         ),
     )
 

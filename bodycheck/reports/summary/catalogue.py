@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
+from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import suggestion
 from bodycheck.adapters.contract import Engine, Method
-from bodycheck.adapters.registry import default_engines, optional_engines, stated_by
+from bodycheck.adapters.engine_names import is_named
+from bodycheck.adapters.registry import default_engines, engine_names, optional_engines, stated_by
 from bodycheck.adapters.versions.environments import is_made, needed_environment, requirements_of
 from bodycheck.adapters.workers.engine_pool import announced
-from bodycheck.reports.document import Column, Document, Table
+from bodycheck.reports.document import Column, Document, Sentence, Table
 from bodycheck.reports.measurement.measures import MEASURES, SIGNED, Measure
 from bodycheck.scenarios.library import scenario_summaries, suites, tree_summaries
 
@@ -22,20 +25,34 @@ class CatalogueEntry:
     description: str
 
 
-def catalogue(kind: str) -> list[CatalogueEntry]:
-    """Return the scenarios, suites, engines, methods or measures."""
+def catalogue(kind: str, engines: Sequence[str] = (), match: str = "") -> list[CatalogueEntry]:
+    """Return the scenarios, suites, engines, methods or measures.
+
+    engines: those whose lines to return, as --engine names them [default: all]. match: text that a line has.
+    Raises InputError for an unknown engine.
+    """
+    requested = tuple(dict.fromkeys(name.strip().partition(":")[0] for name in engines))
+    if unknown := [name for name in requested if name not in engine_names()]:
+        raise InputError(f"--engine {unknown[0]}: unknown engine{suggestion(unknown[0], engine_names())}")
     catalogues: dict[str, Callable[[], list[tuple[str, str]]]] = {
         "scenarios": lambda: [*scenario_summaries().items(), *_tree_rows()],
         "suites": lambda: [(name, ", ".join(members)) for name, members in suites().items()],
-        "engines": _engine_rows,
-        "methods": _method_rows,
+        "engines": lambda: _engine_rows(requested or engine_names()),
+        "methods": lambda: [
+            row
+            for row in _method_rows(requested or engine_names())
+            if is_named(tuple(name.strip() for name in engines), *row[0].split(":", 1))
+        ],
         "measures": _measure_rows,
     }
-    return [CatalogueEntry(*row) for row in catalogues[kind]()]
+    found = [CatalogueEntry(*row) for row in catalogues[kind]()]
+    return [one for one in found if match.lower() in f"{one.name} {one.description}".lower()]
 
 
 def catalogue_document(kind: str, entries: Sequence[CatalogueEntry]) -> Document:
     """Return one row per entry: its name and description."""
+    if not entries:
+        return Document(f"bodycheck: {kind}", (Sentence("none matches"),))
     rows = tuple((entry.name, entry.description) for entry in entries)
     return Document(f"bodycheck: {kind}", (Table((Column("", "fixed"), Column("")), rows),))
 
@@ -61,12 +78,16 @@ def _stated(measure: Measure) -> Iterator[str]:
         yield "not judged"
 
 
-def _engine_rows() -> list[tuple[str, str]]:
+def _engine_rows(requested: Sequence[str]) -> list[tuple[str, str]]:
     rows = [
         (name, engine.version if isinstance(engine, Engine) else f"not available: {engine}")
-        for name, engine in announced(default_engines()).items()
+        for name, engine in announced([name for name in default_engines() if name in requested]).items()
     ]
-    return rows + [(name, f"on request (--engine {name}): {_needs(name)}") for name in optional_engines()]
+    return rows + [
+        (name, f"on request (--engine {name}): {_needs(name)}")
+        for name in optional_engines()
+        if name in requested
+    ]
 
 
 def _needs(engine: str) -> str:
@@ -80,18 +101,18 @@ def _needs(engine: str) -> str:
     return f"needs {requirements}, which are installed into an environment when it is first requested"
 
 
-def _method_rows() -> list[tuple[str, str]]:
+def _method_rows(requested: Sequence[str]) -> list[tuple[str, str]]:
     rows: list[tuple[str, str]] = []
     on_request: list[tuple[str, str]] = []
-    for name, engine in announced(default_engines()).items():
+    for name, engine in announced([name for name in default_engines() if name in requested]).items():
         for method in engine.methods.values() if isinstance(engine, Engine) else ():
             (on_request if method.on_request else rows).append(
                 _method_row(name, method, on_request=method.on_request)
             )
     for name in optional_engines():
-        on_request += [
-            _method_row(name, method, on_request=True) for method in stated_by(name).methods.values()
-        ]
+        if name in requested:
+            stated = stated_by(name).methods.values()
+            on_request += [_method_row(name, method, on_request=True) for method in stated]
     return rows + on_request
 
 
