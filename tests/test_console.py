@@ -264,6 +264,10 @@ SUGGESTED = {
     "measure": ("advise", "--error", "1", "--measure", "energy-drfit", "--run", "run"),
     "column": ("table", "run", "--columns", "scenrio"),
     "command": ("comapre", "run", "other"),
+    "run": ("compare", "run", "othre"),
+    "parent": ("explain", "."),
+    "file": ("judge", "motoin.csv", "--inertia-kg-m2", "1,2,3"),
+    "listed": ("list", "methods", "--engine", "mujco"),
 }
 
 
@@ -271,6 +275,7 @@ SUGGESTED = {
 @pytest.mark.parametrize("what", SUGGESTED)
 def test_a_misspelt_name_is_suggested(what: str, folder: Path, expected_message: ExpectedMessage) -> None:
     """A misspelt name gives status 2 and a message with the nearest valid name."""
+    (folder / "motion.csv").touch()
     done = run_bodycheck(folder, *SUGGESTED[what])
     assert (done.returncode, done.stdout) == (2, "")
     expected_message(done.stderr.strip())
@@ -305,6 +310,27 @@ def test_names_are_completed(typed: str, folder: Path) -> None:
         check=False,
     )
     assert COMPLETED[typed] in done.stdout.split()
+
+
+def test_the_bare_command_names_three_to_begin_with(folder: Path) -> None:
+    """Each of its commands exists, and its lines fit into 80 columns."""
+    done = run_bodycheck(folder)
+    assert done.returncode == 0
+    named = re.findall(r"^  bodycheck (\w+)", done.stdout, flags=re.MULTILINE)
+    assert len(named) == len({*named} & {*get_command(app).commands}) == 3
+    assert max(map(len, done.stdout.splitlines())) <= 80
+
+
+@pytest.mark.slow
+def test_lists_are_filtered_by_engine_and_by_text(folder: Path) -> None:
+    """Only lines of these engines or methods, or with this text, are printed."""
+    done = run_bodycheck(folder, "list", "methods", "--engine", "reference:m1,rapier", "--json")
+    engines = [entry["name"].split(":")[0] for entry in json.loads(done.stdout)]
+    assert engines.count("reference") == 1
+    assert {*engines} == {"reference", "rapier"}
+    assert run_bodycheck(folder, "list", "scenarios", "--match", "NOTHING OF THIS").stdout == "none matches\n"
+    found = json.loads(run_bodycheck(folder, "list", "suites", "--match", "tumbling", "--json").stdout)
+    assert {"standard", "full"} <= {entry["name"] for entry in found}
 
 
 def test_every_command_is_in_a_named_group_of_the_help() -> None:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from itertools import islice
+from pathlib import Path
 
 _MAX_NAMES = 8
 _MAX_LISTED = 3
+_MAX_BESIDE = 10_000
 _NEARLY = 0.8  # one or two typing errors in a name of ten letters
 
 
@@ -68,6 +70,19 @@ def suggestion(typed: str, known: Iterable[str]) -> str:
     names = tuple(known)
     near = nearest(typed, names)
     return f" (available: {', '.join(names) or 'none'})" if near is None else f"; did you mean {near}?"
+
+
+def unread(path: Path, error: OSError) -> str:
+    """Return "PATH: cannot be read: ..."; a missing file names the file beside it that resembles it."""
+    reason = f"{path}: cannot be read: {error.strerror or error}"
+    if not isinstance(error, FileNotFoundError):
+        return reason
+    try:
+        beside = [one.name for one in islice(path.parent.iterdir(), _MAX_BESIDE)]
+    except OSError:
+        return reason
+    near = nearest(path.name, beside)
+    return f"{reason}; did you mean {path.parent / near}?" if near else reason
 
 
 def nearest(typed: str, known: Iterable[str]) -> str | None:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from bodycheck._util.errors import BodycheckError, InputError
+from bodycheck._util.formatting import unread
 
 LONGEST_LINE = 500
 _TAIL = 200  # the end of a message says what to do
@@ -158,7 +159,7 @@ def read_json(path: Path, *, escape: bool = True) -> Any:
     except FileNotFoundError:
         raise
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise InputError(unread(path, error)) from None
     except RecursionError:
         raise InputError(f"{path}: is not JSON: it is nested too deeply") from None
     except ValueError as error:
@@ -170,7 +171,7 @@ def read_text(path: Path) -> str:
     try:
         return read_bytes(path, _MAX_TEXT_BYTES).decode("utf-8-sig")
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise InputError(unread(path, error)) from None
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: is not UTF-8 text: {error.reason} at byte {error.start}") from None
 

@@ -217,12 +217,26 @@ def steps_per_sample(interval_s: float, dt_s: float) -> int:
     stride = round(ratio)
     if stride >= 1 and abs(ratio - stride) <= 1e-9 * ratio:
         return stride
-    below, above = max(int(ratio), 1), int(ratio) + 1
-    nearest = " or ".join(f"{interval_s / n!r}" for n in sorted({below, above}))
+    nearest = " or ".join(_valid_steps(interval_s, int(ratio)))
     raise ValueError(
         f"a step of {dt_s!r} s does not divide the sampling interval of "
         f"{interval_s!r} s; the nearest that do: {nearest}"
     )
+
+
+_MOST_TRIED = 10_000  # steps per sample beside the nearest, until one has three digits
+
+
+def _valid_steps(interval_s: float, stride: int) -> list[str]:
+    """Return the next coarser and the next finer valid step, with at most three digits if one is near."""
+
+    def is_short(n: int) -> bool:
+        return math.isclose(float(f"{interval_s / n:.3g}") * n, interval_s, rel_tol=1e-9)
+
+    coarser = range(stride, max(stride // 2, stride - _MOST_TRIED), -1)
+    finer = range(stride + 1, stride + 2 + min(stride, _MOST_TRIED))
+    nearest = [next(filter(is_short, strides), strides[0]) for strides in (coarser, finer) if strides]
+    return [f"{interval_s / n:.3g}" if is_short(n) else repr(interval_s / n) for n in nearest]
 
 
 def plan_steps(scene: Scene | TreeScene, dt_s: float) -> StepPlan:

@@ -139,7 +139,9 @@ def begin(
     if (partial / _REQUEST).exists():
         raise InputError(f"{partial}: holds an interrupted run; continue with --resume {out}, or remove it")
     try:
-        selection = selected(request)
+        with make_progress(0) as progress:
+            progress.phase("starting the engines")
+            selection = selected(request)
     except KeyboardInterrupt:
         raise StoppedError("stopped before anything was measured") from None
     with connected_to_cluster(request) as request:

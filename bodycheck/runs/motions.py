@@ -155,6 +155,7 @@ def run_motions(
 
     def measure(index: int, problem: Problem, engine: Engine, method: Method) -> Task:
         def do(engine_pool: EnginePool) -> None:
+            progress.task_started(f"{engine.name}:{method.name} on {problem.scenario.name}")
             done[index] = studies.make(engine_pool, problem, engine, method)
 
         return Task(engine.name, studies.cost(problem, engine, method), do)
@@ -163,6 +164,7 @@ def run_motions(
         topic = f"examination of {method.name}{' with laws' if options.laws else ''}"
 
         def do(engine_pool: EnginePool) -> None:
+            progress.task_started(f"examining {engine.name}:{method.name}")
             derive = partial(examined, engine, method, laws=options.laws)
             rows[engine.name, method.name] = answers.derived(engine_pool, engine, topic, derive)
 

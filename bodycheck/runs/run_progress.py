@@ -22,6 +22,9 @@ class Progress(Protocol):
     def motions_started(self) -> None:
         """Report that the cases begin."""
 
+    def task_started(self, name: str) -> None:
+        """Report what a thread has begun: a method on a scenario, or its examination."""
+
     def case_done(self) -> None:
         """Report that another case has ended."""
 
@@ -36,9 +39,8 @@ class _NullProgress:
     def _ignore(self, *_: object) -> None:
         pass
 
-    phase = compiling = truth_started = motions_started = case_done = speeds_started = speed_measured = (
-        _ignore
-    )
+    phase = compiling = truth_started = motions_started = task_started = _ignore
+    case_done = speeds_started = speed_measured = _ignore
 
 
 NULL_PROGRESS: Progress = _NullProgress()

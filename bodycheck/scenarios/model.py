@@ -93,7 +93,7 @@ class ScenarioTable(TomlTable):
     source: StrictStr = ""
     tags: tuple[StrictStr, ...] = ()
     duration_s: Positive
-    samples: Annotated[StrictInt, Field(ge=2, le=_MAX_SAMPLES)]
+    samples: Annotated[StrictInt, Field(ge=2, le=_MAX_SAMPLES)] = 101
     steps_s: tuple[Positive, ...] | None = None
 
     @field_validator("name")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, TypeVar
 from pydantic import Field, PlainValidator, StrictStr, ValidationError, field_validator
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.formatting import count
+from bodycheck._util.formatting import count, nearest
 from bodycheck._util.untrusted import parse_toml, read_text
 from bodycheck.reference_impl.trees.joint_kinds import joint_kinds
 from bodycheck.scenarios.body import BODY_FORMS
@@ -260,7 +260,7 @@ def _line(fault: Any) -> str:
             table = next((form for form in BODY_FORMS if form in fault["loc"]), "this table")
             if fault["loc"][-3:-2] == ("joint",):
                 table = f"a joint of kind {fault['loc'][-2]!r}"
-            return f"{path}: is not a key of {table}"
+            return f"{path}: is not a key of {table}{_similar_key(str(fault['loc'][-1]))}"
         case "model_type":
             return f"{path}: should be a table (it is {fault['input']!r:.60})"
         case "tuple_type":
@@ -277,6 +277,22 @@ def _line(fault: Any) -> str:
             message = re.sub("^(Input|String) should", "should", fault["msg"])
             text = repr(fault["input"])
             return f"{path}: {message}" + (f" (it is {text})" if len(text) <= 60 else "")
+
+
+def _similar_key(typed: str) -> str:
+    """Return "; did you mean KEY?" for a key that resembles what was typed, or begins with it."""
+    known = {key for table in _tables(TomlTable) for key in table.model_fields}
+    if typed in known:  # of another table
+        return ""
+    longer = sorted((key for key in known if key.startswith(f"{typed}_")), key=len)
+    key = nearest(typed, sorted(known)) or next(iter(longer), None)
+    return f"; did you mean {key}?" if key else ""
+
+
+def _tables(table: type[TomlTable]) -> Iterator[type[TomlTable]]:
+    for own in table.__subclasses__():
+        yield own
+        yield from _tables(own)
 
 
 def _path(location: tuple[int | str, ...]) -> str:

@@ -260,18 +260,20 @@ def test_every_whole_fraction_of_the_interval_is_accepted(interval: float, n: in
 @pytest.mark.parametrize(
     ("interval", "dt", "named"),
     [
-        (0.1, 0.04, (0.05, 0.1 / 3)),
-        (0.1, 0.03, (0.1 / 3, 0.025)),
+        (0.1, 0.04, (0.05, 0.025)),
+        (0.1, 0.03, (0.05, 0.025)),
+        (0.1, 0.003, (0.004, 0.0025)),
+        (1.0 / 3, 0.1, (1.0 / 9, 1.0 / 12)),
         (0.1, 0.07, (0.1, 0.05)),
         (0.1, 0.3, (0.1,)),
         (1.0, 1.0 + 1e-8, (1.0,)),
-        (1.0, 0.1 + 1e-9, (0.1, 1.0 / 9)),
+        (1.0, 0.1 + 1e-9, (0.1, 0.125)),
     ],
 )
 def test_refused_step_names_the_nearest_that_divide(
     interval: float, dt: float, named: tuple[float, ...], expected_message: ExpectedMessage
 ) -> None:
-    """A step that does not divide the interval is refused with the nearest steps that do."""
+    """A step that does not divide the interval is refused with near steps that do, if possible of 3 digits."""
     with expected_message.raises(ValueError) as refusal:
         steps_per_sample(interval, dt)
     message = str(refusal.value)

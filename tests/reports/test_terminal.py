@@ -12,7 +12,8 @@ import pytest
 
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.document import print_document
-from bodycheck.reports.render.progress import LiveProgress
+from bodycheck.reports.render import progress as progress_module
+from bodycheck.reports.render.progress import LiveProgress, status_line
 from bodycheck.reports.run_files.run_reader import read_run
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.summary.sentences import run_document
@@ -89,6 +90,25 @@ def test_a_log_has_each_phase_in_a_line(capsys: pytest.CaptureFixture[str]) -> N
     assert capsys.readouterr().err == "compiling kernels (first run, about 20 seconds)\n"
     with LiveProgress(100, label="mujoco==4.0.0") as progress:
         progress.phase("solving the truths")
+    assert capsys.readouterr().err == ""
+
+
+def test_a_log_is_never_silent_for_long(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It repeats the count, what runs and the elapsed time, of runs and of other long commands."""
+    monkeypatch.setattr(progress_module, "_MAX_SILENCE_S", 0.01)
+    lines = iter(lambda: (time.sleep(0.01), capsys.readouterr().err)[1], None)
+    with LiveProgress(100) as progress:
+        progress.motions_started()
+        progress.task_started("mjx:rk4 on tumbling")
+        progress.case_done()
+        assert any("motions 1/100 cases (mjx:rk4 on tumbling), elapsed 0:00\n" in text for text in lines)
+    with status_line("drawing the frames"):
+        assert any("drawing the frames, elapsed 0:00\n" in text for text in lines)
+    capsys.readouterr()
+    with status_line("drawing the frames", quiet=True):
+        time.sleep(0.05)
     assert capsys.readouterr().err == ""
 
 

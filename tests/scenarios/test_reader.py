@@ -197,6 +197,8 @@ FAULTS = {
     "ends before it begins": GOOD
     + '[[forcing]]\nkind = "torque"\naxes = "body"\nvalue_n_m = [1, 0, 0]\nfrom_s = 2\nuntil_s = 1\n',
     "step that does not divide": GOOD.replace("samples = 21", "samples = 21\nsteps_s = [0.1, 0.03]"),
+    "degrees in a key": GOOD + "[initial]\nomega_body_deg_s = [0, 1, 0]\n",
+    "a key without its unit": GOOD.replace("duration_s", "duration"),
     "negative step": GOOD.replace("samples = 21", "samples = 21\nsteps_s = [-0.1]"),
     "a step twice": GOOD.replace("samples = 21", "samples = 21\nsteps_s = [0.1, 0.05, 0.1]"),
     "nested too deeply": "a = " + "[" * 3000 + "]" * 3000,

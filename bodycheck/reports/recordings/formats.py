@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bodycheck._util.errors import InputError, UnavailableError
-from bodycheck._util.formatting import suggestion
+from bodycheck._util.formatting import suggestion, unread
 from bodycheck._util.untrusted import from_outside, open_input, read_bytes
 from bodycheck.reports.recordings.aem import BEGINS, read_aem
 from bodycheck.reports.recordings.parquet_table import read_parquet_table
@@ -42,7 +42,7 @@ def read_recording(path: Path, topic: str) -> Recording:
                 pass
         found = _read_mcap(path, topic) if path.suffix == ".mcap" else reader(path)
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise InputError(unread(path, error)) from None
     if not found.rows:
         raise InputError(f"{path}: {next(iter(found.faults.values()), 'has no rows')}")
     if len(found.columns) > MAX_COLUMNS:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from types import TracebackType
 
 from rich.console import Console
@@ -16,14 +16,36 @@ from bodycheck.reports.document import shortened
 
 _S_PER_KERNEL = 0.7  # of a cold `bodycheck run intermediate-axis --engine mujoco:rk4`, on two cores
 _SPINNER_WIDTH = 2
+_MAX_SILENCE_S = 30.0  # of a log
 
 
 @contextmanager
 def status_line(description: str, *, quiet: bool = False) -> Iterator[None]:
-    """Show a description and the elapsed time on standard error, if that is a terminal."""
-    with _bar(quiet=quiet) as bar:
+    """Show a description and the elapsed time on standard error: on a terminal, or every 30 s in a log."""
+    with _bar(quiet=quiet) as bar, nullcontext() if quiet else _logged(bar):
         bar.add_task(description, total=None)
         yield
+
+
+@contextmanager
+def _logged(bar: Progress) -> Iterator[None]:
+    """Print the line of a bar every 30 s if standard error is not a terminal, on which the bar is shown."""
+    ended, line = threading.Event(), _Line(bar.console)
+
+    def repeat() -> None:
+        while not ended.wait(_MAX_SILENCE_S):
+            for task in bar.tasks:
+                bar.console.print(line.render(task))
+
+    thread = threading.Thread(target=repeat, daemon=True)
+    if not bar.console.is_terminal:
+        thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        if thread.ident is not None:
+            thread.join()
 
 
 def _bar(*, quiet: bool = False) -> Progress:
@@ -62,7 +84,7 @@ def _clock(seconds: float | None) -> str:
 
 
 class LiveProgress:
-    """One line on standard error that is kept up to date if that is a terminal, else one line per phase.
+    """One line on standard error that is kept up to date if that is a terminal, else one per phase and 30 s.
 
     label: what the run is one of, such as a release; it precedes each phase, and a log has no phases then.
     """
@@ -71,6 +93,7 @@ class LiveProgress:
         self._bar = _bar()
         self._logs = not self._bar.console.is_terminal and not label
         self._label = f"{label}: " if label else ""
+        self._logged = _logged(self._bar)
         self._task = self._bar.add_task(f"{self._label}starting", total=None)
         self._lock = threading.Lock()
         self._listed, self._done, self._timed = cases_listed, 0, 0
@@ -78,11 +101,13 @@ class LiveProgress:
 
     def __enter__(self) -> LiveProgress:
         self._bar.start()
+        self._logged.__enter__()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._logged.__exit__(kind, error, trace)
         self._bar.stop()
 
     def phase(self, name: str) -> None:
@@ -104,6 +129,10 @@ class LiveProgress:
     def motions_started(self) -> None:
         """Show the number of cases that have ended, of those listed."""
         self._show("motions", total=self._listed, unit=" cases")
+
+    def task_started(self, name: str) -> None:
+        """Show what an engine began last, beside the number of cases."""
+        self._bar.update(self._task, note=f" ({name})")
 
     def case_done(self) -> None:
         """Count one more case, from any thread; steps added during the run raise the total."""

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
@@ -23,6 +24,7 @@ from pydantic import (
 )
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import nearest
 from bodycheck._util.untrusted import read_json, shell_split
 from bodycheck.adapters.workers.received_messages import MethodMessage, read_back_of
 from bodycheck.reference_impl.rotations import geodesic_angle
@@ -41,6 +43,7 @@ from bodycheck.scenarios.reader import fault_lines
 from bodycheck.scenarios.serialization import deserialized
 
 MANIFEST = "manifest.json"
+_MAX_INSIDE = 1000
 _SAME = 1e-6  # relative tolerance between an error measured again and the one in the table
 
 
@@ -99,12 +102,26 @@ def _read_table(path: Path, kind: TableKind) -> list[Row]:
     return rows
 
 
+def _beside(folder: Path) -> Iterator[Path]:
+    """Yield the runs beside a folder."""
+    yield from (path.parent for path in islice(folder.parent.glob(f"*/{MANIFEST}"), _MAX_INSIDE))
+
+
 def _json(folder: Path, name: str) -> Any:
     try:
         return read_json(folder / name)
     except FileNotFoundError:
         scenario = not folder.exists() and str(folder) in scenario_names()
         hint = f"; to run the scenario: bodycheck run {folder} --out {folder}" if scenario else ""
+        if inside := [found.parent for found in islice(folder.glob(f"*/{name}"), _MAX_INSIDE)]:
+            newest = max(inside, key=lambda run: (run / name).stat().st_mtime)
+            hint = (
+                f"; the newest of {len(inside)} in it is {newest}"
+                if len(inside) > 1
+                else f"; {newest} is one"
+            )
+        elif near := nearest(folder.name, [one.name for one in _beside(folder)]):
+            hint = hint or f"; did you mean {folder.parent / near}?"
         raise InputError(f"{folder / name}: missing: not a run folder{hint}") from None
 
 

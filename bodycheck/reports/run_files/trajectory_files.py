@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias, cast
 import numpy as np
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import unread
 from bodycheck._util.untrusted import open_input
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.trajectory import Trajectory
@@ -181,7 +182,7 @@ def read_arrays(path: Path) -> dict[str, Array]:
     try:
         stored = read_npz(path, ("t_s", *COLUMNS, *_OF_TREES))
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise InputError(unread(path, error)) from None
     try:
         arrays = {name: doubles(array, name) for name, array in stored.items()}
     except ValueError as error:

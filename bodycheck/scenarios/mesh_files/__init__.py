@@ -13,6 +13,7 @@ from pathlib import Path, PurePath
 from typing import TypeAlias, cast
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import unread
 from bodycheck._util.untrusted import open_input
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
@@ -45,7 +46,7 @@ def open_mesh(path: Traversable) -> BufferedIOBase:
     try:
         return cast(BufferedIOBase, open_input(path) if isinstance(path, Path) else path.open("rb"))
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+        raise InputError(unread(Path(str(path)), error)) from None
 
 
 def read_polygons(path: Traversable, file: BufferedIOBase) -> Polygons:
@@ -56,7 +57,7 @@ def read_polygons(path: Traversable, file: BufferedIOBase) -> Polygons:
     try:
         found = _parser(path)(file)
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+        raise InputError(unread(Path(str(path)), error)) from None
     except ValueError as error:
         raise InputError(f"{path}: {error}") from None
     if not len(found.lengths):

@@ -21,6 +21,7 @@ import numpy as np
 
 from bodycheck._util.child_python import child_python
 from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import unread
 from bodycheck._util.untrusted import open_input, printable
 from bodycheck.scenarios.model_files.exact_arithmetic import (
     ExactInertia,
@@ -75,7 +76,7 @@ def _facts(path: Path) -> dict[str, Any]:
     try:
         open_input(path, _MAX_BYTES).close()
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+        raise InputError(unread(path, error)) from None
     facts = asked(path)
     if "error" in facts:
         raise InputError(f"{path}{_reason(str(facts['error']))}")

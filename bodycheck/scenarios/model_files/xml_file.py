@@ -11,6 +11,7 @@ from lxml import etree
 
 from bodycheck._util import untrusted
 from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import unread
 from bodycheck._util.untrusted import printable
 from bodycheck.scenarios.model_files.exact_arithmetic import finite, words_of
 
@@ -30,7 +31,7 @@ def read_bytes(path: Path) -> bytes:
     try:
         return untrusted.read_bytes(path, _MAX_BYTES)
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise InputError(unread(path, error)) from None
 
 
 def repaired(content: bytes) -> bytes:

@@ -187,19 +187,19 @@ def test_two_versions_of_an_engine_are_compared_under_one_name() -> None:
 # ----------------------------------------------------------------------------------------------------- output
 
 
-def test_the_terminal_names_both_runs_and_then_what_changed(capsys: pytest.CaptureFixture[str]) -> None:
-    """The terminal shows the identities, the sentences, and one line per change under a heading."""
+def test_the_terminal_says_what_changed_and_then_names_both_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    """The terminal shows the sentences, one line per change under a heading, and the identities."""
     before, after = run({}), replace(run({ERROR: 1e-6}), run_id="other")
     found = compare(before, after)
     print_document(comparison_document(found))
     assert capsys.readouterr().out.splitlines() == [
-        "before  made-up, today, bodycheck 1",
-        "after   other, today, bodycheck 1",
         *sentences(found),
         "",
         "Worse",
         "scenario  engine:method  change",
         "brick     mujoco:rk4     orientation_error_rad 1e-9 -> 1e-6 (x 1e3) at dt 0.01 s",
+        "before  made-up, today, bodycheck 1",
+        "after   other, today, bodycheck 1",
     ]
 
 
