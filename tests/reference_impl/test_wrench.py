@@ -273,7 +273,7 @@ def test_every_whole_fraction_of_the_interval_is_accepted(interval: float, n: in
 def test_refused_step_names_the_nearest_that_divide(
     interval: float, dt: float, named: tuple[float, ...], expected_message: ExpectedMessage
 ) -> None:
-    """A step that does not divide the interval is refused with near steps that do, if possible of 3 digits."""
+    """A step that does not divide the interval is refused with near steps that do, if possible short ones."""
     with expected_message.raises(ValueError) as refusal:
         steps_per_sample(interval, dt)
     message = str(refusal.value)
