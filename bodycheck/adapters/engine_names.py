@@ -111,6 +111,10 @@ def with_method(engine: str, method: str) -> str:
     return f"{engine}{_METHOD if is_command(engine) else ':'}{method}"
 
 
+REFERENCE = "reference"
+"""The engine that is not one: bodycheck's own methods, listed after the engines and grey in figures."""
+
+
 def is_named(names: Collection[str], engine: str, method: str) -> bool:
     """Whether --engine names an engine, or one of its methods; no names are all of them."""
     return not names or engine in names or with_method(engine, method) in names

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from bodycheck.adapters.engine_names import REFERENCE
 from bodycheck.reports.document import page
 from bodycheck.reports.explanation.explain import ExplainedCase
 from bodycheck.reports.explanation.explanation_document import drawn_explanations
@@ -18,7 +19,7 @@ from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.recordings.judged_motion import JudgedMotion
 from bodycheck.reports.render.page.played_motions import played_motions
 from bodycheck.reports.render.page.plots import plot_data
-from bodycheck.reports.render.styles import COLOURS, KNOWN_COLOURS, REFERENCE, Style, styles
+from bodycheck.reports.render.styles import COLOURS, KNOWN_COLOURS, Style, styles
 from bodycheck.reports.run_files.run_tables import MethodKey, key_of
 from bodycheck.reports.templating import asset
 

@@ -14,6 +14,7 @@ from urllib.parse import quote
 from markupsafe import Markup
 
 from bodycheck._util.formatting import step
+from bodycheck.adapters.engine_names import REFERENCE
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.render.page.cheapest_settings import START, TOLERANCES, CheapestSettings
@@ -27,7 +28,7 @@ from bodycheck.reports.render.page.scenario_section import (
     method_anchor,
     sections_of,
 )
-from bodycheck.reports.render.styles import REFERENCE, Style, engine_colour, heading, styles
+from bodycheck.reports.render.styles import Style, engine_colour, heading, styles
 from bodycheck.reports.run_files.report_files import further_pages
 from bodycheck.reports.run_files.run_tables import MethodKey, Run, key_of
 from bodycheck.reports.run_files.tables import Row

@@ -12,11 +12,9 @@ from zlib import crc32
 
 import numpy as np
 
+from bodycheck.adapters.engine_names import REFERENCE
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.run_files.run_tables import MethodKey
-
-REFERENCE = "reference"
-"""The engine that is drawn thin and grey unless it is selected."""
 
 _COLOURS = {"mujoco": 0, "pybullet": 1, "dart": 2, REFERENCE: 3}
 """Engine -> the number of its colour, the same in every report, figure and page."""

@@ -11,10 +11,9 @@ from typing import TypeAlias
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import number, suggestion
 from bodycheck._util.untrusted import shell_join, shell_split
-from bodycheck.adapters.engine_names import with_method
+from bodycheck.adapters.engine_names import REFERENCE, with_method
 from bodycheck.reports.measurement.case import ALLOW_CODE, CaseResult, scenario_spec
 from bodycheck.reports.measurement.measures import MEASURES, QUANTITIES
-from bodycheck.reports.render.styles import REFERENCE
 from bodycheck.reports.run_files.run_tables import MethodKey
 from bodycheck.reports.summary.error_curve import (
     MAX_STEPS,

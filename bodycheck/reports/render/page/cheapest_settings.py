@@ -10,9 +10,9 @@ from functools import cached_property
 from typing import Any
 
 from bodycheck._util.formatting import number, step
+from bodycheck.adapters.engine_names import REFERENCE
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.render.page.downsampling import rounded
-from bodycheck.reports.render.styles import REFERENCE
 from bodycheck.reports.run_files.run_tables import MethodKey, Run
 from bodycheck.reports.summary.advice import Option, ScenarioAdvice, settings_within
 from bodycheck.reports.summary.error_curve import (

@@ -10,11 +10,11 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from bodycheck._util.formatting import number
+from bodycheck.adapters.engine_names import REFERENCE
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measure_bounds import floor_of
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.render.styles import REFERENCE
 from bodycheck.reports.run_files.run_tables import MethodKey
 from bodycheck.reports.summary.error_curve import RefinementSequence, cheapest, sequences_of
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from bodycheck.adapters.engine_names import REFERENCE
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.pivot import rotational_inertia
@@ -18,7 +19,6 @@ from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.render.body_surface import surface_of
 from bodycheck.reports.render.page.downsampling import packed_fractions, packed_line
-from bodycheck.reports.render.styles import REFERENCE
 from bodycheck.reports.run_files.run_tables import MethodKey, common_step, key_of
 from bodycheck.scenarios.body import Body
 
