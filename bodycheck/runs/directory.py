@@ -139,8 +139,7 @@ def begin(
     if (partial / _REQUEST).exists():
         raise InputError(f"{partial}: holds an interrupted run; continue with --resume {out}, or remove it")
     try:
-        with make_progress(0) as progress:
-            progress.phase("starting the engines")
+        with make_progress(0):
             selection = selected(request)
     except KeyboardInterrupt:
         raise StoppedError("stopped before anything was measured") from None

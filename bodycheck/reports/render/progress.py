@@ -94,7 +94,7 @@ class LiveProgress:
         self._logs = not self._bar.console.is_terminal and not label
         self._label = f"{label}: " if label else ""
         self._logged = _logged(self._bar)
-        self._task = self._bar.add_task(f"{self._label}starting", total=None)
+        self._task = self._bar.add_task(f"{self._label}starting the engines", total=None)
         self._lock = threading.Lock()
         self._listed, self._done, self._timed = cases_listed, 0, 0
         self._compiling = False
