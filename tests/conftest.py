@@ -14,6 +14,7 @@ from bodycheck.adapters.registry import registered
 from bodycheck.reference_impl.precompile import compile_kernels
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.render import progress
 from bodycheck.reports.run_files.run_reader import read_run
 from bodycheck.scenarios.library import load_scenarios
 from tests.helpers.collection_order import pytest_collection_modifyitems as pytest_collection_modifyitems
@@ -29,6 +30,9 @@ from tests.helpers.shared_folder import shared_folder
 # which would compile our modules again, and pytest rewrites every assertion of these files before it starts.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
+
+# the lines of a log depend on how busy a machine is; the test of these lines sets its own interval
+progress._MAX_SILENCE_S = 1e6
 
 FREE = """
 name = "free"
