@@ -206,12 +206,15 @@ def _new_folder(name: str) -> Path:
 
 def _run(request: EnsembleRequest, out: Path | None, *, as_json: bool, quiet: bool) -> None:
     from bodycheck.reports.document import answer
-    from bodycheck.runs.ensemble_answer import ensemble_data, ensemble_document
+    from bodycheck.runs.ensemble_answer import ensemble_data, ensemble_document, write_ensemble_page
     from bodycheck.runs.ensemble_run import run_ensemble
 
     folder = out or _new_folder(f"ensemble-{Path(request.scenario).stem}-{request.seed}")
     result = run_ensemble(request, folder, progress_of(quiet=quiet))
+    report = write_ensemble_page(result, folder)
     answer(ensemble_document(result, folder), ensemble_data(result, folder), as_json=as_json)
+    if not as_json:
+        print(report)
 
 
 @ensemble_commands.command(

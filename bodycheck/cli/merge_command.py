@@ -67,7 +67,7 @@ def merge(
     from bodycheck.reports.summary.sentences import run_data, run_document
     from bodycheck.runs.audit_merge import is_audit, merge_audits
     from bodycheck.runs.directory import write_run
-    from bodycheck.runs.ensemble_answer import ensemble_data, ensemble_document
+    from bodycheck.runs.ensemble_answer import ensemble_data, ensemble_document, write_ensemble_page
     from bodycheck.runs.ensemble_merge import is_ensemble, merge_ensembles
     from bodycheck.runs.merge import merge as merged
     from bodycheck.runs.nightly_run import store_nightly
@@ -84,6 +84,7 @@ def merge(
         raise InputError("--history: stores runs, not ensembles or audits; give --out")
     if out is not None and any(map(is_ensemble, parts)):
         result = merge_ensembles(parts, out, allow_code=allow_code)
+        write_ensemble_page(result, out)
         answer(ensemble_document(result, out), ensemble_data(result, out), as_json=json)
         return
     if out is not None and any(map(is_audit, parts)):

@@ -35,17 +35,18 @@ def environment() -> Environment:
 
 
 def with_issues(text: str) -> Markup:
-    """Return text whose references OWNER/PROJECT#NUMBER are links to issues on GitHub."""
-    link = '<a href="https://github.com/{}/issues/{}">{}</a>'
+    """Return text whose references OWNER/PROJECT#NUMBER and https addresses are links."""
+    link = '<a href="{}">{}</a>'
     parts = []
     end = 0
-    for found in _ISSUE.finditer(text):
-        parts += [escape(text[end : found.start()]), Markup(link).format(found[1], found[2], found[0])]
+    for found in _LINKED.finditer(text):
+        address = found[0] if found[1] is None else f"https://github.com/{found[1]}/issues/{found[2]}"
+        parts += [escape(text[end : found.start()]), Markup(link).format(address, found[0])]
         end = found.end()
     return Markup("").join([*parts, escape(text[end:])])
 
 
-_ISSUE = re.compile(r"\b([A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*)#(\d+)\b")
+_LINKED = re.compile(r"\b([A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*)#(\d+)\b|https://[\w./#?=&%~+-]*[\w/]")
 
 
 def asset(path: str) -> Markup:

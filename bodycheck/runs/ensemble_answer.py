@@ -7,12 +7,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from markupsafe import Markup
+
+from bodycheck._util.files import write_file
 from bodycheck._util.formatting import count, scientific
-from bodycheck.reports.document import Column, Command, Document, Sentence, Table
+from bodycheck.reports.document import Column, Command, Document, Sentence, Table, page
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.probes.examination import OTHER_BITS, SAME_BITS
 from bodycheck.reports.summary.quantiles import Quantile
-from bodycheck.runs.ensemble_files import method_rows, quantile_rows
+from bodycheck.runs.ensemble_files import DISTRIBUTIONS, method_rows, quantile_rows, replays
 from bodycheck.runs.ensemble_result import SENTINELS, EnsembleResult, key_text
 from bodycheck.runs.hunt_run import HuntResult, command_of
 
@@ -20,7 +23,7 @@ _QUANTILES = (0.5, 0.95, 0.99)
 
 
 def ensemble_document(result: EnsembleResult, folder: Path) -> Document:
-    """Return the distribution of each method's orientation error, the replays, findings and the folder."""
+    """Return the distribution of each method's orientation error, the replays, findings and worst bodies."""
     heads = ("method", "median", "95 %", "99 %", "worst", "unstable", "not measured")
     columns = (Column(heads[0]), *(Column(head, "number") for head in heads[1:]))
     rows = []
@@ -37,13 +40,52 @@ def ensemble_document(result: EnsembleResult, folder: Path) -> Document:
     shard = f" of {result.request.n}, shard {result.request.shard}" if result.request.shard else ""
     title = f"orientation error in rad of {bodies}{shard}"
     parts: tuple[Sentence | Table, ...] = (
+        *(Sentence(text, strong=True) for text in _conclusion(result)),
         Table(columns, tuple(rows), title=title),
-        Sentence("The range after +- is half of the 95 % error bar of a quantile."),
+        Sentence(
+            "The range after +- is half of the 95 % error bar of a quantile; >= is its lower end, where too "
+            "few bodies were measured to bound the quantile from above."
+        ),
         *(Sentence(sentence) for sentence in _replay_sentences(result)),
         *(Sentence(finding) for finding in result.findings),
-        Sentence(str(folder)),
+        _worst_table(result, folder),
     )
-    return Document("bodycheck ensemble", parts)
+    return Document(f"bodycheck ensemble: {bodies}{shard}", parts)
+
+
+def _conclusion(result: EnsembleResult) -> Iterator[str]:
+    """Yield the method with the smallest error of nearly all bodies, and those with unstable bodies."""
+    for share in reversed(_QUANTILES):
+        highs = [(one.quantile(ORIENTATION, share).high, key) for key, one in result.statistics if one.bodies]
+        bounded = [pair for pair in highs if math.isfinite(pair[0])]
+        if bounded:
+            high, key = min(bounded, key=lambda pair: pair[0])
+            yield f"{key_text(key)} has the smallest errors: {100 * share:g} % are below {scientific(high)} rad"
+            break
+    if unstable := [key_text(key) for key, one in result.statistics if one.endings["unstable"]]:
+        yield f"unstable on some bodies: {'; '.join(unstable)}"
+
+
+def _worst_table(result: EnsembleResult, folder: Path) -> Table:
+    """Return the worst bodies of each method, with the commands that replay them."""
+    rows = tuple(
+        (key_text(key), str(body.row), _error(body.error_rad), command)
+        for key, statistics in result.statistics
+        for body, command in replays(result, key, statistics, folder)
+    )
+    heads = (Column("method"), Column("body", "number"), Column("error, rad", "number"))
+    columns = (*heads, Column("replay", "command"))
+    return Table(columns, rows, title="Worst bodies", only=("markdown", "page"))
+
+
+def write_ensemble_page(result: EnsembleResult, folder: Path) -> Path:
+    """Write report.html: the distributions and the worst bodies, with the figure if it was drawn."""
+    figure = folder / DISTRIBUTIONS
+    svg = figure.read_text(encoding="utf-8") if figure.exists() else ""
+    drawn = Markup(svg[svg.index("<svg") :]) if svg else Markup()
+    path = folder / "report.html"
+    write_file(path, page(ensemble_document(result, folder), "ensemble.html", figure=drawn).encode())
+    return path
 
 
 def _replay_sentences(result: EnsembleResult) -> Iterator[str]:
@@ -62,6 +104,8 @@ def _error(value: float) -> str:
 def _quantile_text(quantile: Quantile) -> str:
     if not math.isfinite(quantile.value):
         return "unstable"
+    if not math.isfinite(quantile.high):
+        return f">= {scientific(quantile.low)}"
     half = 0.5 * (quantile.high - quantile.low)
     return f"{scientific(quantile.value)} +- {scientific(half)}"
 

@@ -23,7 +23,7 @@ from bodycheck.reports.run_files.sentinels import write_sentinels
 from bodycheck.reports.run_files.tables import as_csv
 from bodycheck.reports.summary.quantiles import SHARES, QuantileSketch
 from bodycheck.runs.ensemble_cases import ROTATION_MEASURES
-from bodycheck.runs.ensemble_result import FLOORS, EnsembleResult, Key, key_text
+from bodycheck.runs.ensemble_result import FLOORS, EnsembleResult, Key, MethodStatistics, WorstBody, key_text
 from bodycheck.runs.manifest import machine, software
 from bodycheck.scenarios.ensemble import scenario_text
 
@@ -142,6 +142,9 @@ def _columns(database: DuckDBPyConnection, path: Path, names: Sequence[str]) -> 
 
 
 _COMMON = {"schema_version": SCHEMA_VERSION}
+DISTRIBUTIONS = "distributions.svg"
+"""The figure of an ensemble, drawn where matplotlib is installed."""
+
 TRUTH = "truth"
 """The name in the column `engine` of the truth's own error."""
 
@@ -183,7 +186,7 @@ def write_summaries(result: EnsembleResult, folder: Path, out: Path) -> None:
         **({"merged": {"shards": result.shards, "findings": result.findings}} if result.shards else {}),
     }
     (folder / "manifest.json").write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
-    _draw(result, folder / "distributions.svg")
+    _draw(result, folder / DISTRIBUTIONS)
 
 
 def quantile_rows(result: EnsembleResult) -> list[dict[str, Any]]:
@@ -213,17 +216,25 @@ def method_rows(result: EnsembleResult) -> list[dict[str, Any]]:
 def _worst_rows(result: EnsembleResult, folder: Path, out: Path) -> Iterator[dict[str, Any]]:
     """Write the worst bodies of each method as scenario files, each row once, and yield their rows."""
     for key, statistics in result.statistics:
-        engine, method, setting = key
-        for rank, body in enumerate(statistics.worst, 1):
-            scenario = result.ensemble.row_scenario(body.row)
-            (folder / "worst").mkdir(exist_ok=True)
-            name = f"row-{body.row}.toml"
-            (folder / "worst" / name).write_text(scenario_text(scenario), encoding="utf-8")
-            command = reproducing_command(
-                str(out / "worst" / name), engine, method, setting, code=result.request.allow_code
-            )
+        for rank, (body, command) in enumerate(replays(result, key, statistics, out), 1):
+            path = folder / _worst_file(body)
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(scenario_text(result.ensemble.row_scenario(body.row)), encoding="utf-8")
             cells = {"rank": rank, "row": body.row, "outcome": body.outcome}
             yield {**_identity(key), **cells, **body.measures, "reproduce": command}
+
+
+def replays(
+    result: EnsembleResult, key: Key, statistics: MethodStatistics, out: Path
+) -> Iterator[tuple[WorstBody, str]]:
+    """Yield the worst bodies of a method, each with the command that repeats it from its file in `out`."""
+    for body in statistics.worst:
+        file = str(out / _worst_file(body))
+        yield body, reproducing_command(file, *key, code=result.request.allow_code)
+
+
+def _worst_file(body: WorstBody) -> Path:
+    return Path("worst") / f"row-{body.row}.toml"
 
 
 def _sketches(result: EnsembleResult) -> Iterator[tuple[dict[str, Any], str, QuantileSketch]]:

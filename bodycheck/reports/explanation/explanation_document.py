@@ -118,20 +118,38 @@ def evidence_of(found: Diagnosis) -> list[Evidence]:
 
 
 def explanation_document(cases: Sequence[ExplainedCase]) -> Document:
-    """Return the explanations of cases, one after the other."""
-    parts: list[Part] = [part for one in cases for part in _parts(one)]
+    """Return the explanations of cases, one after the other; the cause of a single one is the title."""
+    parts: list[Part] = [part for one in cases for part in _parts(one, alone=len(cases) == 1)]
     if not cases:
         parts.append(Sentence("Nothing to explain: no verdict counts against a method.", "good"))
-    return Document("bodycheck explain", tuple(parts))
+    return Document(_title(cases), tuple(parts))
 
 
-def _parts(one: ExplainedCase) -> Iterator[Part]:
+def _title(cases: Sequence[ExplainedCase]) -> str:
+    causes = dict.fromkeys(_cause(one) for one in cases)
+    if not causes:
+        return "bodycheck explain: nothing is wrong"
+    first = next(iter(causes))
+    if len(causes) == 1:
+        return f"{first[0].upper()}{first[1:]}" + (f" ({len(cases)} cases)" if len(cases) > 1 else "")
+    return f"{len(causes)} causes in {len(cases)} cases, the first: {first}"
+
+
+def _cause(one: ExplainedCase) -> str:
+    """Return the diagnosis of a case, or how it ended, in one clause."""
+    if one.diagnosis is not None:
+        return one.diagnosis.sentence
+    return f"{':'.join(one.key)}: {one.case.columns['outcome'] if not one.case.ok else 'not examined'}"
+
+
+def _parts(one: ExplainedCase, *, alone: bool) -> Iterator[Part]:
     found = one.diagnosis
+    of = "" if alone else f": {one.title}"
     yield Table((Column("", "fixed"), Column("")), tuple(_facts(one)), title=one.title)
     if found is not None:
-        yield _parameter_table(found, one.title)
-        yield _evidence_table(evidence_of(found), one.title)
-        yield _issue_table([fault.name for fault in found.faults], one.title)
+        yield _parameter_table(found, of)
+        yield _evidence_table(evidence_of(found), of)
+        yield _issue_table([fault.name for fault in found.faults], of)
     if reproduce := one.case.columns.get("reproduce"):
         yield Command(str(reproduce), "reproduce", only=("console", "markdown"))
 
@@ -144,24 +162,19 @@ _NOT_EXAMINED = {
 
 
 def _facts(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
-    """Yield what is wrong, the diagnosis, and what would confirm it."""
+    """Yield the diagnosis, what is wrong, and what would confirm it."""
     found = one.diagnosis
-    if one.wrong:
-        more = len(one.wrong) - 1
-        others = f"; other quantities that are wrong: {more}" if more else ""
-        yield "wrong", one.wrong[0].text + others
     outcome = one.case.columns["outcome"]
-    if not one.case.ok:
-        text, tint = f"{outcome}: {one.case.columns['message']}", "bad" if outcome in FAULTS else "open"
-        yield "outcome", Span(text, tint)
     if found is None:
         reason = one.reason or _NOT_EXAMINED.get(outcome, "no case of the method ended well")
         yield "diagnosis", Span(f"not examined: {reason}", "open")
+        yield from _what_is_wrong(one)
         return
-    if found.start is not None:
-        yield "start", Span(found.start.sentence, "open")
     tint = {"explained": "bad", "lower-order": "bad", "healthy": "good"}.get(found.verdict, "open")
     yield "diagnosis", Span(found.sentence, tint)
+    if found.start is not None:
+        yield "start", Span(found.start.sentence, "open")
+    yield from _what_is_wrong(one)
     if found.verdict == "unexplained" and found.nearly:
         yield "nearest fault", found.nearly[0].sentence
     words = found.base_words
@@ -176,7 +189,18 @@ def _facts(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
             yield "to confirm", fault.confirm
 
 
-def _parameter_table(found: Diagnosis, title: str) -> Table:
+def _what_is_wrong(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
+    if one.wrong:
+        more = len(one.wrong) - 1
+        others = f"; other quantities that are wrong: {more}" if more else ""
+        yield "wrong", one.wrong[0].text + others
+    if not one.case.ok:
+        outcome = one.case.columns["outcome"]
+        text, tint = f"{outcome}: {one.case.columns['message']}", "bad" if outcome in FAULTS else "open"
+        yield "outcome", Span(text, tint)
+
+
+def _parameter_table(found: Diagnosis, of: str) -> Table:
     columns = (
         Column("fault", "name"),
         Column("parameter"),
@@ -188,16 +212,20 @@ def _parameter_table(found: Diagnosis, title: str) -> Table:
         for fault in found.faults
         for p in fault.parameters
     )
-    return Table(columns, rows, title=f"Fitted parameters: {title}")
+    return Table(columns, rows, title=f"Fitted parameters{of}")
 
 
 def _interval(parameter: FittedParameter) -> str:
     if np.isinf(parameter.high) and np.isinf(parameter.low):
         return "not determined"
+    if np.isinf(parameter.high):
+        return f"at least {number(parameter.low, 6)}"
+    if np.isinf(parameter.low):
+        return f"at most {number(parameter.high, 6)}"
     return f"{number(parameter.low, 6)} to {number(parameter.high, 6)}"
 
 
-def _evidence_table(evidence: Sequence[Evidence], title: str) -> Table:
+def _evidence_table(evidence: Sequence[Evidence], of: str) -> Table:
     columns = (
         Column("quantity"),
         Column("holds"),
@@ -216,13 +244,13 @@ def _evidence_table(evidence: Sequence[Evidence], title: str) -> Table:
         for one in evidence
     )
     heading = "Evidence, as largest difference from the map over one sample interval"
-    return Table(columns, rows, title=f"{heading}: {title}")
+    return Table(columns, rows, title=f"{heading}{of}")
 
 
-def _issue_table(names: Sequence[str], title: str) -> Table:
+def _issue_table(names: Sequence[str], of: str) -> Table:
     rows = tuple((issue.what, issue.url) for issue in similar_issues(names))
     columns = (Column("issue"), Column("address", "fixed"))
-    return Table(columns, rows, title=f"Issues of the same kind in other projects: {title}")
+    return Table(columns, rows, title=f"Issues of the same kind in other projects{of}")
 
 
 def explanation_data(cases: Sequence[ExplainedCase]) -> list[dict[str, Any]]:
@@ -257,14 +285,14 @@ def drawn_explanations(cases: Sequence[ExplainedCase]) -> Markup:
     differ = any(one.diagnosis is not None and errors_over_time(one.diagnosis) is not None for one in cases)
     if find_spec("matplotlib") is None or not differ:
         return Markup()
-    drawn = explanation_figure(cases, ".svg").decode()
+    drawn = explanation_figure(cases, ".svg", on_page=True).decode()
     return Markup(drawn[drawn.index("<svg") :])
 
 
-def explanation_figure(cases: Sequence[ExplainedCase], suffix: str) -> bytes:
+def explanation_figure(cases: Sequence[ExplainedCase], suffix: str, *, on_page: bool = False) -> bytes:
     """Return a figure of the differences from the map over time, without and with the explanation.
 
-    suffix: .png, .svg or .pdf. One panel per case.
+    suffix: .png, .svg or .pdf. One panel per case. on_page: without a background, for light and dark pages.
     """
     from bodycheck.reports.render.figures import WIDTHS_IN, figure_bytes, rendering
 
@@ -281,4 +309,4 @@ def explanation_figure(cases: Sequence[ExplainedCase], suffix: str) -> bytes:
             axes.set_ylabel("per interval, of scale")
             axes.legend(fontsize=6)
             axes.set_xlabel("t, s")
-        return figure_bytes(drawn, suffix)
+        return figure_bytes(drawn, suffix, transparent=on_page)

@@ -123,10 +123,11 @@ def picture(
         return figure_bytes(drawn_figure(run, figure, scenario, quantity, appearance), suffix)
 
 
-def figure_bytes(page: Figure, suffix: str) -> bytes:
-    """Return a figure as the bytes of a file without a date."""
+def figure_bytes(page: Figure, suffix: str, *, transparent: bool = False) -> bytes:
+    """Return a figure as the bytes of a file without a date; transparent: without a background."""
     buffer = io.BytesIO()
-    page.savefig(buffer, format=suffix[1:], dpi=_DOTS_PER_INCH, metadata=_UNDATED.get(suffix))
+    metadata = _UNDATED.get(suffix)
+    page.savefig(buffer, format=suffix[1:], dpi=_DOTS_PER_INCH, metadata=metadata, transparent=transparent)
     return buffer.getvalue()
 
 
