@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
@@ -180,6 +181,7 @@ class _Report:
             "engine_colour": engine_colour,
             "reference": REFERENCE,
             "styles": self._styles,
+            "sparse": _sparse(self._summary.cells, self._drawn),
             "first_order": _first_order(run, self._styles),
             "styles_data": [asdict(style) for style in self._drawn.values()],
             "tolerances": TOLERANCES,
@@ -315,6 +317,12 @@ def _tracks(cells: Mapping[str, Mapping[MethodKey, Cell]]) -> dict[str, int]:
         cells, key=lambda name: not any(cell.wrong or cell.faults for cell in cells[name].values())
     )
     return dict.fromkeys(ordered[: max(_MOST_TRACKS // max(each, 1), 1)], each)
+
+
+def _sparse(cells: Mapping[str, Mapping[MethodKey, Cell]], drawn: Mapping[MethodKey, Style]) -> list[int]:
+    """Return the numbers of the methods that ran on less than half of the scenarios: maps fold them."""
+    amounts = Counter(key for methods in cells.values() for key in methods)
+    return [style.number for key, style in drawn.items() if 2 * amounts[key] < len(cells)]
 
 
 def _first_order(run: Run, drawn: Mapping[MethodKey, Style]) -> list[int]:

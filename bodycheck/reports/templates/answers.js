@@ -54,6 +54,8 @@ const atStep = document.getElementById("map-step");
 const withReference = document.getElementById("map-reference");
 const heatRows = [...heat.tBodies[0].rows].map(row => [...row.cells].slice(1));
 const columns = heatRows[0]?.length ?? 0;
+const groups = [...heat.querySelectorAll("th[data-every]")];
+const fewer = groups.map(group => group.colSpan);
 const verdicts = new Map(heatRows.flat().map(cell => [cell, cell.firstElementChild?.innerHTML]));
 
 const allSteps = new Set(heatData.cells.flatMap(cell => Object.keys(cell?.errors ?? {})));
@@ -75,6 +77,7 @@ function showMap() {
   const look = looksOf[shows.value];
   atStep.parentElement.hidden = shows.value !== "error";
   heat.classList.toggle("collapsed", !withReference.checked);
+  for (const [k, group] of groups.entries()) group.colSpan = withReference.checked ? group.dataset.every : fewer[k];
   heatRows.forEach((cells, row) => cells.forEach((td, column) => {
     const cell = heatData.cells[row * columns + column];
     if (!cell) return;
@@ -83,7 +86,13 @@ function showMap() {
     const tint = stays ? cell.tint : met === null ? "none" : met ? "good" : "open";
     td.className = `tint-${tint}${td.classList.contains("of-reference") ? " of-reference" : ""}`;
     const link = td.firstElementChild;
-    if (text === null) link.innerHTML = verdicts.get(td);
+    if (text === null) {
+      link.innerHTML = verdicts.get(td);
+      if (tint === "open" && ["good", "floor"].includes(cell.tint)) { // a tick would contradict the colour
+        link.firstElementChild.textContent = "–";
+        link.children[1].textContent += ", but not to the tolerance";
+      }
+    }
     else link.textContent = text || "not run";
   }));
 }

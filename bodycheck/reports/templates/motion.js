@@ -96,14 +96,6 @@ function errorAt({ error }, times, t) {
   return (1 - part) * error[k] + part * error[k + 1];
 }
 
-// The time of the largest error of the engines' tracks, or of the reference's if it is alone.
-function peakOf(all, times) {
-  const engines = all.filter(({ m }) => methods[m].engine !== "reference");
-  const tracks = engines.length ? engines : all;
-  const most = Math.max(...tracks.flatMap(({ error }) => error));
-  return times[Math.max(...tracks.map(({ error }) => error.indexOf(most)))];
-}
-
 // A select of all tracks, grouped by engine.
 function trackSelect(tracks, shown) {
   const select = document.createElement("select");
@@ -235,7 +227,7 @@ function startPlayer(figure) {
   addEventListener("beforeprint", show);
   addEventListener("afterprint", show);
   const [place, stored] = (state.get("time") ?? "").split("@");
-  goTo(place === section.id ? Number(stored) || 0 : peakOf(first, times));
+  goTo(place === section.id ? Number(stored) || 0 : 0);
 
   return {
     // Shows a time that was chosen in a plot, and in the panel of its engine the case whose line it was.
