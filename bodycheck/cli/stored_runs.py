@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
 
     from bodycheck.reports.comparison.change import Status
     from bodycheck.reports.run_files.run_tables import Tables
+    from bodycheck.reports.summary.advice import Advice
     from bodycheck.scenarios.free_body import FreeBody
 
 FAIL_ON: dict[str, tuple[Status, ...]] = {
@@ -58,6 +60,7 @@ FAIL_ON: dict[str, tuple[Status, ...]] = {
 """--fail-on -> the statuses of changes for which `compare` exits with status 1."""
 
 _FAILED = 1
+_PLOTTED = (".svg", ".pdf", ".png")
 
 questions = typer.Typer()
 
@@ -204,6 +207,21 @@ def advise(
             show_default=False,
         ),
     ] = None,
+    torque_body_n_m: Annotated[
+        str | None,
+        typer.Option(
+            help="Constant torque on that body in N m, in body axes, like 0,0,1e-3.", show_default="none"
+        ),
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Also draw error against CPU time, with the tolerance and the setting, as .svg, .pdf or "
+            ".png; for a run without speeds, against the step.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
     engine: Annotated[str | None, engine_option("Engines to choose from", "all of the run")] = None,
     run: Annotated[
         Path | None,
@@ -234,27 +252,62 @@ def advise(
         horizon_s=horizon_s,
         search=search,
         scenarios=tuple(scenarios or ()),
-        body=_free_body(mass_kg, inertia, spin),
+        body=_free_body(mass_kg, inertia, spin, numbers(torque_body_n_m, "--torque-body-n-m")),
         every=every,
         engines=() if engine is None else tuple(name.strip() for name in engine.split(",")),
         run=run,
         allow_code=allow_code,
     )
+    _check_plot(plot)
     advice = advice_run.advise(request, progress_of(quiet=quiet))
     answer(advice_document(advice), advice, as_json=json)
+    if plot is not None:
+        _plot_advice(plot, advice, request.engines)
+        if not json:
+            print(plot)
+
+
+def _check_plot(plot: Path | None) -> None:
+    """Raise InputError or UnavailableError where --plot cannot be drawn."""
+    if plot is not None:
+        from bodycheck.reports.render.figures import check_drawable
+
+        if plot.suffix not in _PLOTTED:
+            raise InputError(f"--plot {plot}: must end with {', '.join(_PLOTTED)}")
+        check_drawable("figures")
+        check_files({"plot": plot})
+
+
+def _plot_advice(plot: Path, advice: Advice, engines: tuple[str, ...]) -> None:
+    """Draw the scenario that limits the answer, with its tolerance."""
+    from bodycheck._util.files import write_file
+    from bodycheck.adapters.engine_names import REFERENCE
+    from bodycheck.reports.render.figures import Appearance, picture
+    from bodycheck.reports.run_files.run_reader import read_tables
+
+    tables = read_tables(Path(advice.run))
+    first = advice.answers[0]
+    scenario = first.scenario or (first.options[0].limiting if first.options else advice.answers[1].scenario)
+    shown = engines or tuple(name for name in tables.manifest["engines"] if name != REFERENCE)
+    figure = "work-precision" if tables.manifest["speed"] and advice.error is not None else "order"
+    appearance = Appearance(2, engines=shown, tolerance=advice.error)
+    write_file(plot, picture(tables, figure, str(scenario), advice.measure, plot.suffix, appearance))
 
 
 def _free_body(
-    mass_kg: float | None, inertia_kg_m2: list[float] | None, spin_rad_s: list[float] | None
+    mass_kg: float | None,
+    inertia_kg_m2: list[float] | None,
+    spin_rad_s: list[float] | None,
+    torque_body_n_m: list[float] | None,
 ) -> FreeBody | None:
-    """Return the body of three options; raises InputError where only some of them are given."""
+    """Return the body of the options; raises InputError where a required one is missing."""
     from bodycheck.scenarios.free_body import FreeBody
 
-    if mass_kg is None and inertia_kg_m2 is None and spin_rad_s is None:
+    if mass_kg is None and inertia_kg_m2 is None and spin_rad_s is None and torque_body_n_m is None:
         return None
     if mass_kg is None or inertia_kg_m2 is None or spin_rad_s is None:
         raise InputError("a body needs --mass-kg, --inertia-kg-m2 and --spin-rad-s")
-    return FreeBody(mass_kg, inertia_kg_m2, spin_rad_s)
+    return FreeBody(mass_kg, inertia_kg_m2, spin_rad_s, torque_body_n_m or ())
 
 
 @questions.command(
@@ -439,7 +492,20 @@ def plot(
             help="The measure to plot: energy_drift, omega_error, ...", show_default="orientation_error_rad"
         ),
     ] = None,
-    engine: _Drawn = None,
+    engine: Annotated[
+        str | None, engine_option("What to draw", "the engines; the reference if it is alone")
+    ] = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            help="Draw the line of this error, and the cheapest setting of an engine that meets it.",
+            show_default="none",
+        ),
+    ] = None,
+    label: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ENGINE:METHOD=TEXT", help="Name a method so. May be given several times."),
+    ] = None,
     columns: Annotated[
         int, typer.Option(help="Width in columns of a paper: 1 (3.5 in) or 2 (7.2 in).", min=1, max=2)
     ] = 1,
@@ -451,8 +517,9 @@ def plot(
     Error against CPU time, against step size, or over time; stable steps; the polhode; the body at six times.
     """
     from bodycheck._util.files import write_file
+    from bodycheck.adapters.engine_names import REFERENCE
     from bodycheck.reports.cache.disk_cache import Cache
-    from bodycheck.reports.measurement.measure_bounds import TRUTH_BOUNDS
+    from bodycheck.reports.measurement.measures import MEASURES
     from bodycheck.reports.render.figures import (
         BODIES,
         NEED_MOTIONS,
@@ -466,23 +533,35 @@ def plot(
     files = _required("plot", {"svg": svg, "pdf": pdf, "png": png})
     check_drawable("figures")
     check_files(files)
-    if measure is not None and (figure in (STABILITY, *BODIES) or measure not in TRUTH_BOUNDS):
-        fault = (
-            f"not used by --figure {figure}"
-            if figure in (STABILITY, *BODIES)
-            else f"unknown measure{suggestion(measure, TRUTH_BOUNDS)}"
-        )
-        raise InputError(f"--measure {measure}: {fault}")
+    is_of_body = figure in (STABILITY, *BODIES)
+    for option, value in (("--measure", measure), ("--tolerance", tolerance)):
+        if value is not None and is_of_body:
+            raise InputError(f"{option} {value}: not used by --figure {figure}")
+    if measure is not None and measure not in MEASURES:
+        raise InputError(f"--measure {measure}: unknown measure{suggestion(measure, MEASURES)}")
+    if tolerance is not None and not 0.0 < tolerance < math.inf:
+        raise InputError(f"--tolerance {tolerance!r}: must be a positive number")
+    labels = dict(_pair(one) for one in label or ())
     tables = read_tables(run)
     scenario = _scenario_of(tables, scenario)
     engines = _engines_of(tables, engine)
-    appearance = Appearance(columns, style, engines, allow_code)
+    if not engines and figure not in BODIES:
+        engines = tuple(name for name in tables.manifest["engines"] if name != REFERENCE)
+    appearance = Appearance(columns, style, engines, allow_code, tolerance, labels)
     needs_motions = figure in NEED_MOTIONS
     found = read_run(run, allow_code=allow_code, cache=Cache.default()) if needs_motions else tables
     shown = measure or "orientation_error_rad"
     for kind, path in files.items():
         write_file(path, picture(found, figure, scenario, shown, f".{kind}", appearance))
         print(path)
+
+
+def _pair(text: str) -> tuple[str, str]:
+    """Return the method and the text of a --label."""
+    name, sign, shown = text.partition("=")
+    if not (name and sign and shown):
+        raise InputError(f"--label {text}: must be ENGINE:METHOD=TEXT")
+    return name, shown
 
 
 def _required(command: str, files: Files) -> dict[str, Path]:

@@ -60,7 +60,8 @@ def _conclusion(result: EnsembleResult) -> Iterator[str]:
         bounded = [pair for pair in highs if math.isfinite(pair[0])]
         if bounded:
             high, key = min(bounded, key=lambda pair: pair[0])
-            yield f"{key_text(key)} has the smallest errors: {100 * share:g} % are below {scientific(high)} rad"
+            below = f"{100 * share:g} % are below {scientific(high)} rad"
+            yield f"{key_text(key)} has the smallest errors: {below}"
             break
     if unstable := [key_text(key) for key, one in result.statistics if one.endings["unstable"]]:
         yield f"unstable on some bodies: {'; '.join(unstable)}"

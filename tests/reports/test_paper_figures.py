@@ -53,7 +53,8 @@ def test_a_figure_is_the_same_each_time_and_names_every_method(figure: str, run:
     drawn = picture(run, figure, "forced, and a mesh", "orientation_error_rad", ".svg")
     assert drawn == picture(run, figure, "forced, and a mesh", "orientation_error_rad", ".svg")
     reported = re.findall(r"<!-- (.*?) -->", drawn.decode(), re.DOTALL)
-    labels = [name for text in reported for name in " ".join(text.split()).split(" = ")]
+    texts = [re.sub(r": order [\d.]+$", "", " ".join(text.split())) for text in reported]
+    labels = [name for text in texts for name in text.split(" = ")]
     for name in ("reference:m1", "reference:rk4", "reference:exact (1 unsupported)"):
         assert name in labels
     assert any(re.fullmatch(r"failing:m1( \(1 failed\))?", name) for name in labels)
@@ -84,6 +85,47 @@ def test_equal_methods_are_one_line_with_all_names(figure: str, run: Run) -> Non
     assert {lower.get_color(), upper.get_color()} == {
         COLOURS[engine_colour(engine)] for engine in ("reference", "failing")
     }
+
+
+@pytest.mark.parametrize("figure", ["work-precision", "order"])
+def test_a_tolerance_is_a_line_with_the_setting_that_meets_it(figure: str, run: Run) -> None:
+    """The point of the setting is below the line; without a tolerance there is neither."""
+    look = Appearance(engines=("reference:rk4", "reference:m1"))
+    plain, bounded = (figure_of(run, figure, replace(look, tolerance=at)) for at in (None, 1e-4))
+    assert plain is not None
+    assert bounded is not None
+    (line, point) = bounded.lines[len(plain.lines) :]
+    assert {float(y) for y in np.asarray(line.get_ydata())} == {1e-4}
+    assert 0.0 < float(np.asarray(point.get_ydata())[0]) <= 1e-4
+    (note,) = [text for text in bounded.texts if ", dt " in text.get_text()]
+    assert note.get_text().startswith("reference:")
+
+
+def test_a_label_replaces_the_name_of_a_method(run: Run) -> None:
+    """It stands in the legend, with the observed order, and at the end of the line."""
+    axes = figure_of(run, "order", Appearance(engines=("reference:rk4",), labels={"reference:rk4": "ours"}))
+    assert axes is not None
+    assert [text.get_text() for text in axes.texts] == ["ours"]
+    (legend,) = axes.figure.legends
+    (text,) = legend.get_texts()
+    assert re.fullmatch(r"ours: order [34]\.\d\d", text.get_text())
+
+
+@pytest.mark.parametrize("measure", ["quaternion_norm_error", "orthogonality_error", "determinant_error"])
+def test_measures_without_a_bound_are_drawn_as_measured(measure: str, run: Run) -> None:
+    """A measure of the engine's state has no truth, and no floor."""
+    kept = [case for case in run.cases if measure in case.columns and case.ok]
+    if not kept:
+        pytest.skip("no method of the run has it")
+    scenario = kept[0].columns["scenario"]
+    try:
+        drawn = drawn_figure(run, "order", scenario, measure)
+    except InputError as error:
+        assert "has a step" in str(error)  # noqa: PT017 - only methods without steps have it
+        return
+    (axes,) = drawn.axes
+    drawn_values = {float(y) for line in axes.lines for y in np.asarray(line.get_ydata())}
+    assert drawn_values <= {float(case.columns[measure]) for case in kept}
 
 
 @pytest.mark.parametrize("figure", ["order", "drift"])

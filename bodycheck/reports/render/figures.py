@@ -7,7 +7,7 @@ import textwrap
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -21,7 +21,7 @@ from bodycheck._util.untrusted import check_regular
 from bodycheck.adapters.engine_names import is_named
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.measurement.case import CaseResult
-from bodycheck.reports.measurement.measure_bounds import floor_of
+from bodycheck.reports.measurement.measure_bounds import TRUTH_BOUNDS, floor_of
 from bodycheck.reports.measurement.measures import MEASURES, scale_of
 from bodycheck.reports.render.styles import COLOURS, Style, heading, merged, styles
 from bodycheck.reports.run_files.run_tables import (
@@ -33,6 +33,8 @@ from bodycheck.reports.run_files.run_tables import (
     key_of,
     shown_case,
 )
+from bodycheck.reports.summary.advice import settings_within
+from bodycheck.reports.summary.error_curve import curves_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -81,13 +83,16 @@ class Appearance:
 
     columns: its width, 1 (3.5 in) or 2 (7.2 in) columns of a paper. style: a file of matplotlib's settings.
     engines: the lines that are drawn, as ENGINE or ENGINE:METHOD; all if empty. allow_code: whether the
-    style may start programs.
+    style may start programs. tolerance: an error whose line is drawn, with the cheapest setting that meets
+    it. labels: ENGINE:METHOD -> its name in the figure.
     """
 
     columns: int = 1
     style: Path | None = None
     engines: tuple[str, ...] = ()
     allow_code: bool = False
+    tolerance: float | None = None
+    labels: Mapping[str, str] = field(default_factory=dict)
 
     def shows(self, key: MethodKey) -> bool:
         """Whether a method is drawn."""
@@ -203,8 +208,62 @@ def drawn_figure(
         why = _why_nothing(run, figure, cases, quantity)
         raise InputError(f"--figure {figure}: nothing to draw for {scenario}: {why}")
     if figure != STABILITY:
-        _legend(page, axes, appearance.columns)
+        _legend(page, axes, appearance, _orders(run, scenario, quantity))
+        if appearance.tolerance is not None:
+            _tolerance(axes, run, figure, scenario, quantity, appearance)
+        _end_labels(axes, appearance)
     return page
+
+
+def _orders(run: Tables, scenario: str, quantity: str) -> dict[str, float]:
+    """Return ENGINE:METHOD -> observed order."""
+    return {
+        ":".join(key_of(row)): row["order"]
+        for row in run.rows("methods")
+        if row["scenario"] == scenario and row["quantity"] == quantity and row.get("order") is not None
+    }
+
+
+def _tolerance(
+    axes: Axes, run: Tables, figure: str, scenario: str, quantity: str, appearance: Appearance
+) -> None:
+    """Draw the line of a tolerance, and the cheapest setting of an engine that meets it."""
+    assert appearance.tolerance is not None
+    axes.axhline(appearance.tolerance, color="#666666", linewidth=0.6, linestyle="dashed")
+    curves = {
+        place: curve
+        for place, curve in curves_of(run, quantity).items()
+        if place[0] == scenario and appearance.shows(place[1])
+    }
+    options = settings_within(curves, appearance.tolerance, [scenario])[0].options
+    x = None if not options else options[0].cpu_s if figure == "work-precision" else options[0].setting
+    if figure == "drift" or x is None:
+        return
+    best = options[0]
+    axes.plot([x], [best.error], marker="*", markersize=9, color="#c44e00", linestyle="none", zorder=5)
+    text = f"{appearance.labels.get(best.name, best.name)}, {setting(best.control, best.setting)}"
+    axes.annotate(text, (x, best.error), (4, -9), textcoords="offset points", fontsize=6)
+
+
+_LABEL_GAP = 0.055  # of the height of the axes
+
+
+def _end_labels(axes: Axes, appearance: Appearance) -> None:
+    """Write the name of each line beside its right end, the names apart from each other."""
+    axes.set(xlim=axes.get_xlim(), ylim=axes.get_ylim())  # settles the limits of the axes
+    ends: list[tuple[float, str, Any]] = []
+    for line in axes.lines:
+        label, xy = str(line.get_label()), np.asarray(line.get_xydata())
+        if not label.startswith("_") and len(xy):
+            at = (axes.transScale + axes.transLimits).transform(xy[np.argmax(xy[:, 0])])
+            first, *others = label.split(" = ")
+            name = appearance.labels.get(first, first)
+            ends.append((float(at[1]), name + (f" +{len(others)}" if others else ""), line.get_color()))
+    y = -np.inf
+    for height, name, colour in sorted(ends, key=lambda end: end[0]):
+        y = max(height, y + _LABEL_GAP)
+        place: Any = axes.transAxes
+        axes.text(1.01, y, name, transform=place, fontsize=5.5, color=colour, va="center")
 
 
 def _why_nothing(run: Tables, figure: str, cases: Iterable[CaseResult], quantity: str) -> str:
@@ -222,8 +281,8 @@ def _why_nothing(run: Tables, figure: str, cases: Iterable[CaseResult], quantity
     return f"no case with {quantity} has {missing[figure]}"
 
 
-def _legend(page: Figure, axes: Axes, columns: int) -> None:
-    """Put the legend below the axes, and make the figure higher by as much."""
+def _legend(page: Figure, axes: Axes, appearance: Appearance, orders: Mapping[str, float]) -> None:
+    """Put the legend below the axes, with the observed orders, and make the figure higher by as much."""
     groups: list[list[Line2D]] = []
     for line in axes.lines:  # a line without a label belongs to the one before it
         if str(line.get_label()).startswith("_"):
@@ -231,15 +290,26 @@ def _legend(page: Figure, axes: Axes, columns: int) -> None:
         else:
             groups.append([line])
     handles: Any = [tuple(group) for group in groups]  # drawn on top of each other
-    labels = (str(group[0].get_label()) for group in groups)
+    labels = (_legend_text(str(group[0].get_label()), appearance, orders) for group in groups)
     wrapped = ["\n  ".join(textwrap.wrap(text, _LABEL_LETTERS, break_on_hyphens=False)) for text in labels]
+    columns = appearance.columns
     heights = sum(1 + label.count("\n") for label in wrapped) / columns
     page.set_figheight(page.get_figheight() + _LEGEND_LINE_IN * (heights + 1))
     page.legend(handles, wrapped, loc="outside lower center", ncols=columns, frameon=False, fontsize=6)
 
 
+def _legend_text(label: str, appearance: Appearance, orders: Mapping[str, float]) -> str:
+    names = label.split(" = ")
+    order = orders.get(names[0].partition(" (")[0])
+    text = " = ".join(appearance.labels.get(name, name) for name in names)
+    return text if order is None else f"{text}: order {order:.2f}"
+
+
 def _work_precision(axes: Axes, lines: _Lines, drawn: Mapping[MethodKey, Style], quantity: str) -> None:
-    """Draw error against processor time: one point per case, joined from the coarsest to the finest."""
+    """Draw error against processor time: one point per case, joined from the coarsest to the finest.
+
+    Methods of one engine with equal errors at every step are one line, that of the fastest.
+    """
     axes.set(xscale="log", yscale="log", xlabel=heading("cpu_s"), ylabel=heading(quantity))
     points = {
         key: _points(
@@ -249,24 +319,36 @@ def _work_precision(axes: Axes, lines: _Lines, drawn: Mapping[MethodKey, Style],
         )
         for key, cases in lines.items()
     }
-    for key, cases in lines.items():
-        _draw(axes, drawn, [key], points[key], cases)
+    for engine in dict.fromkeys(engine for engine, _ in lines):
+        own = {key: _error_by_step(cases, quantity) for key, cases in lines.items() if key[0] == engine}
+        timed = {key: line for key, line in own.items() if len(points[key][0])}
+        for group in [*merged(timed, _floor(lines, quantity)), *([key] for key in own if key not in timed)]:
+            fastest = min(group, key=lambda key: float(np.sum(points[key][0])))
+            _draw(axes, drawn, group, points[fastest], [case for key in group for case in lines[key]])
+
+
+def _error_by_step(cases: Sequence[CaseResult], quantity: str) -> _Points:
+    """Return the steps and the errors of the cases of a method that ended well, finest first."""
+    return _points(
+        sorted(
+            (case.setting.fineness or 0.0, _drawn_error(case, quantity))
+            for case in cases
+            if case.ok and quantity in case.columns
+        )
+    )
+
+
+def _floor(lines: _Lines, quantity: str) -> float:
+    columns = next(iter(lines.values()))[0].columns
+    return floor_of(columns, quantity) if quantity in TRUTH_BOUNDS else 0.0
 
 
 def _order(axes: Axes, lines: _Lines, drawn: Mapping[MethodKey, Style], quantity: str) -> None:
     """Draw error against step, for every method with a step; equal lines are one."""
     axes.set(xscale="log", yscale="log", xlabel="step, s", ylabel=heading(quantity))
-    points = {
-        key: _points(
-            sorted(
-                (case.dt_s, _drawn_error(case, quantity))
-                for case in cases
-                if case.ok and quantity in case.columns and case.dt_s is not None
-            )
-        )
-        for key, cases in lines.items()
-    }
-    floor = floor_of(next(iter(lines.values()))[0].columns, quantity)
+    stepped = {key: [case for case in cases if case.dt_s is not None] for key, cases in lines.items()}
+    points = {key: _error_by_step(cases, quantity) for key, cases in stepped.items()}
+    floor = _floor(lines, quantity)
     _draw_merged(axes, drawn, points, lines, floor)
 
 
@@ -338,7 +420,8 @@ def _stability(axes: Axes, rows: pd.DataFrame, drawn: Mapping[MethodKey, Style])
 
 def _drawn_error(case: CaseResult, quantity: str) -> float:
     """Return max(error, 3 bound): smaller errors cannot be resolved."""
-    return max(float(case.columns[quantity]), floor_of(case.columns, quantity))
+    error = float(case.columns[quantity])
+    return max(error, floor_of(case.columns, quantity)) if quantity in TRUTH_BOUNDS else error
 
 
 def _points(pairs: Iterable[tuple[float, float]]) -> _Points:
