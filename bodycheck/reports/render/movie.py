@@ -13,6 +13,7 @@ from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.formatting import number, step
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.render.body_figures import (
@@ -25,7 +26,7 @@ from bodycheck.reports.render.body_figures import (
 from bodycheck.reports.render.body_surface import surface_of
 from bodycheck.reports.render.figures import WIDTHS_IN, check_drawable, figure_bytes, rendering
 from bodycheck.reports.render.page.played_motions import coarsest_shared_step, shown_cases
-from bodycheck.reports.render.styles import COLOURS, engine_colour
+from bodycheck.reports.render.styles import COLOURS, engine_colour, merged
 from bodycheck.reports.run_files.run_tables import Run
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ SUFFIXES = (".gif", ".mp4", ".svg")
 _PLAY_S = 10.0
 _HOLD_S = 1.5
 _SLOWEST, _FASTEST = 2, 25  # frames per second
-_PANEL_IN = 2.4
+_SIZE_IN = (9.6, 5.4)  # 16:9
 _MAX_IN_ROW = 4
 _DOTS_PER_INCH = 100
 _ARROW = 0.7  # in the units of the panels, whose half width is 0.75
@@ -136,8 +137,10 @@ def film_frames(samples: int) -> range:
 
 def _panels(page: Figure, problem: Problem, cases: Sequence[CaseResult]) -> Callable[[int], None]:
     """Draw one panel per case, and return the function that shows sample k in all of them."""
+    names = _names_of_equal(problem, cases)
+    cases = [case for case in cases if method_name(case) in names]
     rows, columns = -(-len(cases) // _MAX_IN_ROW), min(len(cases), _MAX_IN_ROW)
-    page.set_size_inches(_PANEL_IN * columns, (_PANEL_IN + 0.2) * rows + 0.4)
+    page.set_size_inches(*_SIZE_IN)
     page.subplots_adjust(left=0.0, right=1.0, bottom=0.05, top=0.84, wspace=0.0)
     surface, truth = surface_of(problem.of_body.body), problem.truth.trajectory
     title = page.suptitle("", fontsize=9)
@@ -152,7 +155,7 @@ def _panels(page: Figure, problem: Problem, cases: Sequence[CaseResult]) -> Call
         body = draw_body(axes, surface, np.eye(3), COLOURS[engine_colour(case.columns["engine"])], 0.25, 0.85)
         if momentum is not None:
             axes.quiver(0.0, 0.0, 0.0, *momentum, color="black", linewidth=0.8, arrow_length_ratio=0.1)
-        bare_axes(axes, 0.75, method_name(case), fontsize=8)
+        bare_axes(axes, 0.75, names[method_name(case)], fontsize=8)
         assert case.trajectory is not None
         bodies += [(ghost, truth.rotation_matrices), (body, case.trajectory.rotation_matrices)]
         labels.append(axes.text2D(0.5, 0.0, "", fontsize=8, ha="center", transform=axes.transAxes))
@@ -169,6 +172,19 @@ def _panels(page: Figure, problem: Problem, cases: Sequence[CaseResult]) -> Call
             text.set_text(f"{error_text} rad from the truth (grey)")
 
     return show
+
+
+def _names_of_equal(problem: Problem, cases: Sequence[CaseResult]) -> dict[str, str]:
+    """Return the first of each group of equal motions, with the names of all of them."""
+    errors = {
+        method_name(case): (
+            np.arange(len(case.series[ORIENTATION]), dtype=np.float64),
+            case.series[ORIENTATION],
+        )
+        for case in cases
+    }
+    groups = merged(errors, FLOOR_BOUNDS * float(np.max(problem.truth.bound_rad)))
+    return {group[0]: "\n= ".join(group) for group in groups}
 
 
 def _momentum(problem: Problem) -> Array | None:
