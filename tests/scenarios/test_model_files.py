@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import random
+import sys
+from collections.abc import Callable
 from pathlib import Path
+from types import FrameType
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -12,6 +16,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from bodycheck._util.errors import InputError
+from bodycheck.reports.audit.lint import lint
 from bodycheck.runs.spelling_run import SPELLINGS, name_of
 from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.model_files.exact_arithmetic import composite, doubles
@@ -431,3 +436,36 @@ def test_file_outside_of_the_folder_is_named(tmp_path: Path) -> None:
     model = _read("<mujoco><include file='../other.xml'/></mujoco>", inner)
     assert [path.name for path in model.outside()] == ["other.xml"]
     assert [link.name for link in model.links] == ["b"]
+
+
+def _instructions(path: Path) -> int:
+    """Return the number of instructions of Python for reading and checking a model file."""
+    count = 0
+
+    def counted(frame: FrameType, event: str, _argument: object) -> Callable[..., Any]:
+        nonlocal count
+        frame.f_trace_opcodes = True
+        count += event == "opcode"
+        return counted
+
+    before = sys.gettrace()
+    sys.settrace(counted)
+    try:
+        list(lint(read_model(path)))
+    finally:
+        sys.settrace(before)
+    return count
+
+
+@pytest.mark.parametrize("kind", ["empty", "chain"])
+def test_the_work_grows_with_the_number_of_links_not_with_its_square(kind: str, tmp_path: Path) -> None:
+    """Twice as many links, without joints or in one chain, take twice as many instructions."""
+    joint = '<joint name="j{0}" type="fixed"><parent link="l{0}"/><child link="l{1}"/></joint>'
+    found = []
+    for size in (40, 40, 80, 160):  # the first reading also imports
+        links = [f'<link name="l{number}"/>' for number in range(size)]
+        joints = [joint.format(number, number + 1) for number in range(size - 1)] if kind == "chain" else []
+        path = tmp_path / f"{size}.urdf"
+        path.write_text(f'<robot name="r">{"".join([*links, *joints])}</robot>')
+        found.append(_instructions(path))
+    assert found[3] - found[2] < 2.5 * (found[2] - found[1])
