@@ -98,6 +98,29 @@ def _against() -> tuple[Figure, ...]:
     )
 
 
+TREE_RATIOS: tuple[tuple[str, str, float | None], ...] = (
+    ("double-pendulum", "MuJoCo rk4", 8.0),
+    ("double-pendulum", "DOP853", 3.0),
+    ("double-pendulum", "heyoka Taylor", None),
+    ("free-chain", "MuJoCo rk4", 5.0),
+    ("free-chain", "DOP853", 3.0),
+    ("free-chain", "heyoka Taylor", None),
+    ("quadruped", "MuJoCo rk4", 2.0),
+    ("quadruped", "DOP853", 3.0),
+)
+"""Built-in tree, contender, and the minimum speed ratio of the series to it, at 1e-9."""
+
+
+def _trees() -> tuple[Figure, ...]:
+    ratios = tuple(
+        Figure(
+            f"trees.{tree}.{key(rival)}", f"times as fast as {rival}, {tree}, to 1e-9", "x", at_least=least
+        )
+        for tree, rival, least in TREE_RATIOS
+    )
+    return *ratios, Figure("trees.truth", "certified truth of the quadruped, 1 s", "s", at_most=0.2)
+
+
 def _drift() -> tuple[Figure, ...]:
     kept = {
         "energy": "energy, free",
@@ -134,6 +157,7 @@ FIGURES: tuple[Figure, ...] = (
     *_forced(),
     *_against(),
     *_drift(),
+    *_trees(),
     Figure("batch.rk4", "batch of free bodies, RK4, body-steps", "1/s", at_least=3e8),
     Figure("batch.dop853", "batch of free bodies, order 8, body-steps", "1/s", at_least=4e7),
     Figure(

@@ -16,6 +16,7 @@ from benchmarks.topics.forced import forced
 from benchmarks.topics.mesh import mesh
 from benchmarks.topics.specialised import specialised
 from benchmarks.topics.start import start
+from benchmarks.topics.trees import trees
 
 _TOPICS: tuple[Callable[[Effort], list[Measured]], ...] = (
     closed_form,
@@ -23,6 +24,7 @@ _TOPICS: tuple[Callable[[Effort], list[Measured]], ...] = (
     drift,
     batch,
     certified,
+    trees,
     mesh,
     specialised,
     start,

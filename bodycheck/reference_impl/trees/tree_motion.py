@@ -238,6 +238,13 @@ def length_of(scene: TreeScene) -> float:
     return max(sizes) or 1.0
 
 
+def state_layout(scene: TreeScene, equations: TreeEquations) -> tuple[list[int], list[int], list[int], Array]:
+    """Return the rows of the state, the places of q and u in it, and its start in doubles."""
+    layout, series = _State(scene, equations), TreeSeries(scene, SeriesAccuracy(1, 1.0))
+    start, _ = series.packed((scene.q0, np.zeros_like(scene.q0)), (scene.u0, np.zeros_like(scene.u0)))
+    return layout.rows.tolist(), layout.q, layout.u, start[:, 0]
+
+
 class TreeSeries:
     """A scene packed for the kernels once, at one accuracy: then any motion of it."""
 
@@ -259,7 +266,7 @@ class TreeSeries:
         NaN from where the motion cannot be followed. Raises TooManyStepsError for a motion that takes hours.
         """
         end_s = float(t_s[-1]) if len(t_s) else 0.0
-        layout, state = self._layout, self._packed(q, u)
+        layout, state = self._layout, self.packed(q, u)
         high, low = np.empty((len(t_s), len(layout.rows))), np.empty((len(t_s), len(layout.rows)))
         steps, ratio = 0, 1.0
         for piece, (begin, end) in zip(self._pieces, pairwise(self._edges), strict=True):
@@ -274,7 +281,7 @@ class TreeSeries:
             (high[:, layout.q], low[:, layout.q]), (high[:, layout.u], low[:, layout.u]), steps, ratio
         )
 
-    def _packed(self, q: tuple[Array, Array], u: tuple[Array, Array]) -> tuple[Array, Array]:
+    def packed(self, q: tuple[Array, Array], u: tuple[Array, Array]) -> tuple[Array, Array]:
         """Return the state (s, 1) of coordinates and rates; quaternions may have any norm."""
         tree = self._pieces[0][1]
         series = np.zeros((len(tree.rows), 1)), np.zeros((len(tree.rows), 1))

@@ -54,7 +54,7 @@ def _put_coriolis(
 
 
 @unspecialised_borrowing_kernel
-def _put_rates(
+def put_rates(
     tree: TreeNumbers,
     space: Any,
     passive: Array,
@@ -198,7 +198,7 @@ def advance_tree(
     for step in range(steps):
         t = begin + step * h
         if rule != _RK4:
-            _put_rates(tree, space, passive, rate_rows, rule, q, u, t, h, added, du)
+            put_rates(tree, space, passive, rate_rows, rule, q, u, t, h, added, du)
             for i in range(rates):
                 u[i, 0] += h * du[i, 0]
             _move(tree.joints, q, u, h, moved)
@@ -212,7 +212,7 @@ def advance_tree(
                 speed[i, 0] = u[i, 0] + part * du[i, 0]
             _move(tree.joints, q, k, part, moved)
             _put_stage(tree.joints, speed, k, part, k)
-            _put_rates(tree, space, passive, rate_rows, rule, moved, speed, t + part, h, added, du)
+            put_rates(tree, space, passive, rate_rows, rule, moved, speed, t + part, h, added, du)
             for i in range(rates):
                 total_k[i, 0] += weight * k[i, 0]
                 total[i, 0] += weight * du[i, 0]
@@ -252,13 +252,15 @@ class TreeStepper:
         self._space = rounded(workspace(equations, 2))
         self._rate_rows = rate_rows(self._scene, equations)
 
+    @property
+    def numbers(self) -> tuple[Any, ...]:
+        """The first arguments of `put_rates` and `advance_tree`."""
+        return self._tree, self._space, self._passive, self._rate_rows
+
     def advance(self, begin_s: float, dt_s: float, steps: int) -> None:
         """Make steps from a time, in one compiled call."""
         advance_tree(
-            self._tree,
-            self._space,
-            self._passive,
-            self._rate_rows,
+            *self.numbers,
             self._rule,
             self.q,
             self.u,
