@@ -138,12 +138,7 @@ def _heyoka(scene: TreeScene, k: int) -> Motion:
 
 _ORDERS = (10, 12, 14, 16, 18)
 _CONTENDERS: dict[str, Callable[[TreeScene, int], Motion]] = {
-    **{
-        f"series of order {order}": lambda scene, k, order=order: _series(
-            scene, order, 10.0 ** (-6.0 - k / 4)
-        )
-        for order in _ORDERS
-    },
+    **{f"series of order {order}": partial(_series, order) for order in _ORDERS},
     "MuJoCo rk4": _mujoco,
     "DOP853": _dop853,
 }

@@ -218,7 +218,7 @@ class Solver(Protocol):
     steps: int | None
     """Number of steps of the last `solve`; None for a method without steps."""
 
-    def read_back(self) -> ReadBack:
+    def read_back(self) -> ReadBack | TreeReadBack:
         """Return the model as read from the engine, with a step of None."""
 
     def solve(self) -> Trajectory:

@@ -11,6 +11,7 @@ import numpy as np
 
 from bodycheck.adapters.batches import Batch, BatchAnswer
 from bodycheck.adapters.contract import Method, ReadBack, Reading, SceneSolver, Simulation, Solver, Stepping
+from bodycheck.adapters.tree_contract import TreeModel
 from bodycheck.reference_impl.batch import BatchMethod, advance_batch
 from bodycheck.reference_impl.closed_forms.exact_motion import closed_form_of
 from bodycheck.reference_impl.continuous_loads import packed_continuous_loads
@@ -26,6 +27,7 @@ from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
 from bodycheck.reference_impl.pivot import about_pivot, load_about
 from bodycheck.reference_impl.scene import ContinuousLoad, Drag, GravityGradient, Scene, WrenchFunction
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench, continuous_wrench_of
 
 _POSITION, _VELOCITY, _SPIN = slice(0, 3), slice(3, 6), slice(6, 9)
@@ -247,8 +249,20 @@ class Reference:
             return None
         return _stepped_together(batch, cast("BatchMethod", batch.method))
 
-    def solver(self, scene: Scene, method: str, tolerance: float | None) -> Solver:
+    @property
+    def tree_model(self) -> type[TreeModel]:
+        """What moves trees."""
+        from bodycheck.adapters.reference_tree import ReferenceTree
+
+        return ReferenceTree
+
+    def solver(self, scene: Scene | TreeScene, method: str, tolerance: float | None) -> Solver:
         """Return the closed form of the scene, or its Taylor series."""
+        if isinstance(scene, TreeScene):
+            from bodycheck.adapters.reference_tree import TreeSeriesSolver  # imported here: needs numba
+
+            assert tolerance is not None
+            return TreeSeriesSolver(scene, tolerance)
         if method == _EXACT.name:
             return ClosedForm(scene)
         assert tolerance is not None

@@ -156,17 +156,25 @@ def truth(
 ) -> None:
     """Print the true motion at the given times as CSV.
 
-    The last column, bound_rad, bounds the orientation error of the truth.
+    The last column, bound_rad, bounds the orientation error of the truth. A tree has the columns
+    body.NAME.x_m and so on, joint.NAME.q_rad or q_m, and joint.NAME.rate; then come its bounds.
     """
+    from bodycheck.reference_impl.truth.truth import QUANTITIES
     from bodycheck.reports.render.progress import status_line
     from bodycheck.reports.run_files.tables import FORMATS
-    from bodycheck.reports.run_files.trajectory_files import trajectory_table
+    from bodycheck.reports.run_files.trajectory_files import trajectory_table, tree_table
     from bodycheck.runs import runner
+    from bodycheck.scenarios.library import load_one
+    from bodycheck.scenarios.model import Scenario
 
     with status_line(f"solving the truth of {scenario}", quiet=quiet):
         solved = runner.truth(scenario, numbers(at, "--at") or [], allow_code=allow_code)
-    table = trajectory_table(solved.trajectory)
-    table["bound_rad"] = solved.bound_rad
+    found = load_one(scenario, allow_code=allow_code)
+    if isinstance(found, Scenario):
+        table = trajectory_table(solved.trajectory).assign(bound_rad=solved.bound_rad)
+    else:
+        table = tree_table(found.scene, solved.trajectory)
+        table = table.assign(**{f"bound_{name}": getattr(solved, f"bound_{name}") for name in QUANTITIES})
     sys.stdout.write(FORMATS["json" if json else "csv"](table).decode())
 
 

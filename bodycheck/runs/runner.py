@@ -43,7 +43,7 @@ from bodycheck.runs.run_progress import NULL_PROGRESS, Progress
 from bodycheck.runs.selection import Selection, select
 from bodycheck.runs.speed import Clock, last_core, measure_speeds
 from bodycheck.scenarios.given_motion import GivenMotion
-from bodycheck.scenarios.library import PROBES, load_scenario
+from bodycheck.scenarios.library import PROBES, load_one, load_scenario
 from bodycheck.scenarios.model import Scenario
 from bodycheck.scenarios.reader import AnyScenario
 
@@ -241,11 +241,14 @@ def truth(scenario: str | Path, at: Sequence[float], *, allow_code: bool = False
     """Return the true motion at the given times, with its error bounds.
 
     scenario: a built-in name or the path of a TOML file. at: n times in s, t >= 0, in any order; the arrays
-    of the truth are (n,), (n, 3) and (n, 4) in the same order. The motion starts from the numbers of the
-    file, whereas engines receive them rounded to doubles. allow_code: whether the file may name functions.
+    of the truth are (n,), (n, 3) and (n, 4) in the same order; of a tree (n, bodies, 3) and so on, with q and
+    u, and bounds that are the largest of any body or joint. The motion starts from the numbers of the file,
+    whereas engines receive them rounded to doubles; of a tree, axes and quaternions are rounded once.
+    allow_code: whether the file may name functions.
     Raises InputError if the scenario is wrong, a time is negative or not finite, or the truth ends before it.
     """
-    scene = load_scenario(scenario, allow_code=allow_code).scene_as_written
+    found = load_one(scenario, allow_code=allow_code)
+    scene = found.scene_as_written if isinstance(found, Scenario) else found.scene
     try:
         times = np.array(at, dtype=np.float64)
         if times.ndim != 1:

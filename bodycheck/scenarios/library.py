@@ -117,11 +117,20 @@ def load_scenario(name: str | Path, *, allow_code: bool = False) -> Scenario:
 
     Raises InputError if there is no such name or file, or the file is wrong.
     """
+    return cast("Scenario", _only(name, allow_code=allow_code, trees=False))
+
+
+def load_one(name: str | Path, *, allow_code: bool = False) -> AnyScenario:
+    """Return a scenario as `load_scenario` does, or a tree."""
+    return _only(name, allow_code=allow_code, trees=True)
+
+
+def _only(name: str | Path, *, allow_code: bool, trees: bool) -> AnyScenario:
     if not isinstance(name, str | Path):
         raise InputError(f"a scenario must be a name or a path, not {name!r}")
     if members := suites().get(str(name)):
         raise InputError(f"{name}: is a suite; name one of its scenarios: {', '.join(members)}")
-    found = cast("list[tuple[str, Scenario]]", _members(name, allow_code=allow_code, trees=False))
+    found = _members(name, allow_code=allow_code, trees=trees)
     if len(found) > 1:
         raise InputError(
             f"{name}: is a family; name one of its scenarios: {', '.join(spec for spec, _ in found)}"

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import geodesic_angle, quaternion_product
@@ -66,10 +67,13 @@ class TreeTruth:
 def certified_tree(scene: TreeScene, t_s: Array) -> TreeTruth:
     """bound = 10 (|difference of two series| + 2^-104 steps sensitivity max M_ii / d_i) + half an ulp.
 
-    t_s (n,) in s, ascending, not negative. Raises ValueError, naming the time, where there is no truth.
+    t_s (n,) in s, not negative, in any order. Raises ValueError, naming the time, where there is no truth.
     """
     for t in t_s[~(np.isfinite(t_s) & (t_s >= 0.0))]:
         raise ValueError(f"a truth needs times that are finite and not negative, not {float(t)!r}")
+    if np.any(np.diff(t_s) < 0.0):
+        order = np.argsort(t_s, kind="stable")
+        return _reordered(certified_tree(scene, t_s[order]), np.argsort(order, kind="stable"))
     solution = certified_series(scene, t_s)
     motion, errors = solution.motion, solution.errors
     bounds = np.maximum.accumulate(errors + _rounding(scene, motion), axis=1)
@@ -77,6 +81,15 @@ def certified_tree(scene: TreeScene, t_s: Array) -> TreeTruth:
     until = float(t_s[np.argmax(lost)]) if lost.any() else math.inf
     named = [dict(zip(TREE_QUANTITIES, rows, strict=True)) for rows in (bounds, _EPS * solution.growths)]
     return TreeTruth(motion, named[0], named[1], until)
+
+
+def _reordered(truth: TreeTruth, order: NDArray[np.intp]) -> TreeTruth:
+    names = [one.name for one in fields(truth.motion)]
+    motion = replace(truth.motion, **{name: getattr(truth.motion, name)[order] for name in names})
+    bounds, round_offs = (
+        {name: row[order] for name, row in rows.items()} for rows in (truth.bounds, truth.round_offs)
+    )
+    return replace(truth, motion=motion, bounds=bounds, round_offs=round_offs)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,8 @@ from bodycheck._util.formatting import unread
 from bodycheck._util.untrusted import open_input
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.trees.joint_kind import Translation
+from bodycheck.reference_impl.trees.tree_scene import TreeScene
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -144,6 +146,38 @@ def trajectory_table(trajectory: Trajectory) -> pd.DataFrame:
     columns = {"t_s": trajectory.t_s}
     for array, value in values.items():
         columns |= {name: value[:, i] for i, name in enumerate(COLUMNS[array])}
+    return pd.DataFrame(columns)
+
+
+_RATES = ("rate_x", "rate_y", "rate_z")
+
+
+def tree_table(scene: TreeScene, trajectory: Trajectory) -> pd.DataFrame:
+    """Return t_s, body.NAME.x_m ... of each body, joint.NAME.q_rad, q_m or qw ..., and joint.NAME.rate."""
+    import pandas as pd
+
+    assert trajectory.q is not None
+    assert trajectory.u is not None
+    columns: dict[str, Array] = {"t_s": trajectory.t_s}
+    for k, body in enumerate(scene.bodies):
+        own = Trajectory(
+            trajectory.t_s,
+            trajectory.position_m[:, k],
+            trajectory.velocity_m_s[:, k],
+            trajectory.attitude[:, k],
+            omega_body_rad_s=trajectory.omega_body[:, k],
+        )
+        table = trajectory_table(own)
+        columns |= {f"body.{body.name}.{name}": table[name].to_numpy() for name in table.columns[1:]}
+    for body, places, rates in zip(scene.bodies, scene.coordinate_slices, scene.rate_slices, strict=True):
+        kind = body.joint.of_kind
+        if kind.translation is Translation.SPACE:
+            continue
+        names = ["q_m"] * bool(kind.translation)
+        names += ((), ("q_rad",), COLUMNS["quaternion"])[kind.rotation]
+        speeds = ("rate",) if kind.rates == 1 else _RATES
+        for joint, values in ((names, trajectory.q[:, places]), (speeds, trajectory.u[:, rates])):
+            columns |= {f"joint.{body.name}.{name}": values[:, i] for i, name in enumerate(joint)}
     return pd.DataFrame(columns)
 
 
