@@ -275,11 +275,13 @@ class PyBulletTree(TreeModel):
     def push(self, loads: Sequence[tuple[TreeLoad, float]]) -> None:
         """Keep the loads, which Bullet forgets after every step."""
         self._loads = tuple(loads)
-        self.stepping = "python" if loads else "native"
+        # Bullet evaluates damping once per call, and holds it over the substeps
+        is_damped = any(body.joint.damping for body in self._scene.bodies)
+        self.stepping = "python" if loads or is_damped else "native"
 
     def advance(self, steps: int) -> None:
-        """Make many steps in one call, unless loads are set before each."""
-        if not self._loads:
+        """Make many steps in one call, unless loads or dampers act anew in each."""
+        if self.stepping == "native":
             for substeps in powers_of_two(steps * self._substeps):
                 set_substeps(self._at["physicsClientId"], self._dt_s / self._substeps, substeps)
                 pybullet.stepSimulation(**self._at)
@@ -325,7 +327,7 @@ class PyBulletTree(TreeModel):
             )
 
     def held(self) -> TreeReadBack:
-        """Read getDynamicsInfo and getJointInfo."""
+        """Read getDynamicsInfo and getJointInfo, whose damping is the one at the creation of the body."""
         world = pybullet.getPhysicsEngineParameters(**self._at)
         numbers: dict[str, list[Any]] = {}
         for link, index, axes in zip(self._links, self._indices, self._axes, strict=True):
@@ -334,7 +336,7 @@ class PyBulletTree(TreeModel):
             one: dict[str, Any] = {"mass": info[0], "inertia": held @ np.diag(info[2]) @ held.T}
             one["centre"] = info[3]
             if index == _BASE:
-                place, zero, axis, damping = link.place, link.zero, np.zeros(3), 0.0
+                place, zero, axis = link.place, link.zero, np.zeros(3)
             else:
                 joint = pybullet.getJointInfo(self._body, index, **self._at)
                 # the parent frame is relative to the parent's inertial frame
@@ -342,8 +344,8 @@ class PyBulletTree(TreeModel):
                 turned = self._axes[link.parent] if before is not None else np.eye(3)
                 place = turned @ np.array(joint[14]) + (0.0 if before is None else before.centre)
                 zero = matrix_to_quaternion(turned @ quaternion_to_matrix(np.roll(joint[15], 1)).T @ axes.T)
-                axis, damping = axes @ np.array(joint[13]), joint[6]
-            one |= {"place": place, "zero": zero, "axis": axis, "damping": damping}
+                axis = axes @ np.array(joint[13])
+            one |= {"place": place, "zero": zero, "axis": axis}
             for name, value in one.items():
                 numbers.setdefault(name, []).append(value)
         q, u = self.state()

@@ -99,8 +99,10 @@ def _random(seed: int, **options: bool) -> TreeScene:
 def test_a_method_makes_the_map_of_its_formula(name: str, seed: int) -> None:
     """20 steps of random trees with springs, dampers and loads end where the formula does."""
     engine, _, method = name.partition(":")
-    springs = engine != "pybullet"
-    scene = _random(seed, springs=springs, loads=True)
+    scene = _random(seed, springs=True, loads=True)
+    if engine == "pybullet":  # which has no springs
+        bodies = (replace(body, joint=replace(body.joint, stiffness=0.0)) for body in scene.bodies)
+        scene = replace(scene, bodies=tuple(bodies))
     answer = record(get_adapter(engine), Case(scene, method, Setting(dt_s=_DT_S)))
     assert answer.outcome == "ok", answer.message
     assert answer.trajectory is not None
@@ -119,7 +121,7 @@ def test_a_method_makes_the_map_of_its_formula(name: str, seed: int) -> None:
 @pytest.mark.parametrize(
     ("number", "change"),
     [
-        ("damping", lambda held: held + 0.04),
+        ("mass", lambda held: held + 0.04),
         ("inertia", lambda held: 1.001 * held),
         ("zero", lambda held: np.roll(held, 1, axis=1)),
         ("place", lambda held: held + 1e-3),

@@ -17,12 +17,11 @@ from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.render.body_surface import box_corners, surface_of
 from bodycheck.reports.render.page.played_motions import (
     FRAMES,
-    coarsest_shared_step,
     frame_numbers,
     played_cases,
     shown_cases,
 )
-from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run, coarsest_shared_step
 from tests.helpers.html_page import Page
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Error, Locator, Page, expect
 
-from bodycheck.reports.render.page.played_motions import coarsest_shared_step, shown_cases
-from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.render.page.played_motions import shown_cases
+from bodycheck.reports.run_files.run_tables import Run, coarsest_shared_step
 from tests.helpers.markup_run import HOSTILE
 
 pytestmark = pytest.mark.slow

@@ -22,6 +22,7 @@ from bodycheck.reports.measurement.measures import IDENTITY
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.verdicts import FAULTS, QuantityVerdict, most_severe
 from bodycheck.reports.run_files.run_tables import MethodKey, Run, cases_by_method, key_of
+from bodycheck.scenarios.model import Scenario
 
 _FINEST_STRIDE = 40
 """Steps between two samples of the finest case that is diagnosed: few enough for a quick answer."""
@@ -119,9 +120,10 @@ def explained_cases(
 ) -> list[ExplainedCase]:
     """Return one case of each method on each scenario where verdicts count against it, with its diagnosis.
 
-    orders: the theoretical orders of the methods.
+    orders: the theoretical orders of the methods. Motions of trees have no diagnosis.
     """
     rows = list(method_rows)
+    problems = [problem for problem in problems if isinstance(problem.scenario, Scenario)]
     wrong, maps = wrong_verdicts(rows), _fingerprints(rows)
     by_method = cases_by_method(cases)
     known: dict[MethodKey, list[tuple[str, ...]]] = {}

@@ -16,9 +16,9 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.render.body_surface import BodySurface, surface_of
-from bodycheck.reports.render.page.played_motions import coarsest_shared_step, shown_cases
+from bodycheck.reports.render.page.played_motions import shown_cases
 from bodycheck.reports.render.styles import COLOURS, engine_colour
-from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run, coarsest_shared_step
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -25,9 +25,9 @@ from bodycheck.reports.render.body_figures import (
 )
 from bodycheck.reports.render.body_surface import surface_of
 from bodycheck.reports.render.figures import WIDTHS_IN, check_drawable, figure_bytes, rendering
-from bodycheck.reports.render.page.played_motions import coarsest_shared_step, shown_cases
+from bodycheck.reports.render.page.played_motions import shown_cases
 from bodycheck.reports.render.styles import COLOURS, engine_colour, merged
-from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run, coarsest_shared_step
 
 if TYPE_CHECKING:
     from matplotlib.animation import AbstractMovieWriter

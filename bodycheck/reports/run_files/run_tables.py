@@ -118,6 +118,12 @@ def common_step(cases: Iterable[CaseResult]) -> float | None:
     return max(shared, key=lambda dt_s: (shared[dt_s], -dt_s), default=None)
 
 
+def coarsest_shared_step(cases: Iterable[CaseResult]) -> float | None:
+    """Return the coarsest of the steps at which most methods ended well; None where there are no steps."""
+    shared = Counter(case.dt_s for case in cases if case.dt_s is not None and case.ok)
+    return max(shared, key=lambda dt_s: (shared[dt_s], dt_s), default=None)
+
+
 def shown_case(cases: Iterable[CaseResult], at_s: float | None) -> CaseResult | None:
     """Return the case that represents a method: at the common step, or else at its finest tolerance."""
     candidates = [case for case in cases if case.dt_s in (None, at_s)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -19,7 +18,7 @@ from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.render.body_surface import surface_of
 from bodycheck.reports.render.page.downsampling import packed_fractions, packed_line
-from bodycheck.reports.run_files.run_tables import MethodKey, common_step, key_of
+from bodycheck.reports.run_files.run_tables import MethodKey, coarsest_shared_step, common_step, key_of
 from bodycheck.scenarios.body import Body
 
 FRAMES = 101
@@ -80,12 +79,6 @@ def played_motions(
         "panels": 1 + len({case.columns["engine"] for case in shown}),  # the truth, and one per engine
         "left_out": max(len(played) - most, 0),
     }
-
-
-def coarsest_shared_step(cases: Sequence[CaseResult]) -> float | None:
-    """Return the coarsest of the steps at which most methods ended well, where errors are most visible."""
-    shared = Counter(case.dt_s for case in cases if case.dt_s is not None and case.ok)
-    return max(shared, key=lambda dt_s: (shared[dt_s], dt_s), default=None)
 
 
 def shown_cases(cases: Sequence[CaseResult], at_s: float | None) -> list[CaseResult]:
