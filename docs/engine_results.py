@@ -2,7 +2,7 @@
 
 python docs/engine_results.py RUN...: folders of runs, such as one of `bodycheck run smoke heavy-top
 off-centre-link --engine ...`. Rewrites what is between the two comments below, for each engine of the runs.
-An engine that two runs have is taken from the last.
+A method that two runs have is taken from the last.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import Any
 from bodycheck._util.formatting import scientific, step
 from bodycheck.reports.document import escaped_markdown, markdown_table
 from bodycheck.reports.measurement.measures import ORIENTATION
+from bodycheck.reports.probes.fingerprint import NO_KNOWN_MAP, NOT_MEASURED
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import Tables
 from bodycheck.reports.summary.sentences import Summary
@@ -25,7 +26,10 @@ PAGES = Path(__file__).parent
 BEGIN, END = "<!-- measured -->", "<!-- end of measured -->"
 MEASURED_ON = "free-flight"
 """The scenario of the orders and floors: a free body that every engine can represent."""
-_HEAD = ("method", "verdict", "order", "least error, rad", "floor, rad", "predicted floor, rad")
+_HEAD = (
+    *("method", "one-step map", "verdict", "order"),
+    *("least error, rad", "floor, rad", "predicted floor, rad"),
+)
 _ALL = (
     "engine",
     "version",
@@ -44,7 +48,8 @@ class MeasuredMethod:
 
     row: of methods.csv, the orientation error on free-flight; None where the method does not represent it.
     verdicts: of the orientation error, by scenario. refused: why scenarios, or scenes of laws, are not
-    represented. finding: the worst, and the number of others; "" for a healthy method.
+    represented. finding: the worst, and the number of others; "" for a healthy method. fingerprint: the
+    measured map and its distance; "" for a method without steps.
     """
 
     name: str
@@ -54,13 +59,15 @@ class MeasuredMethod:
     verdicts: Mapping[str, str]
     refused: tuple[str, ...]
     finding: str
+    fingerprint: str
 
 
 def measured(runs: Iterable[Tables]) -> dict[str, dict[str, MeasuredMethod]]:
-    """Return engine -> name -> method, of the last run that has the engine."""
+    """Return engine -> name -> method, each of the last run that has it."""
     found: dict[str, dict[str, MeasuredMethod]] = {}
     for run in runs:
-        found |= _of_run(run)
+        for engine, methods in _of_run(run).items():
+            found.setdefault(engine, {}).update(methods)
     return found
 
 
@@ -76,6 +83,11 @@ def _of_run(run: Tables) -> dict[str, dict[str, MeasuredMethod]]:
         _, unsupported, reason = str(law["message"]).partition("unsupported: ")
         if unsupported:
             refused.setdefault((law["engine"], law["method"]), {})[reason] = None
+    maps = {
+        (row["engine"], row["method"]): _map_of(row)
+        for row in run.fingerprints.to_dict("records")
+        if row["fingerprint"] != NOT_MEASURED
+    }
     found: dict[str, dict[str, MeasuredMethod]] = {}
     for engine, facts in run.manifest["engines"].items():
         for name, stated in facts.get("methods", {}).items():
@@ -88,6 +100,7 @@ def _of_run(run: Tables) -> dict[str, dict[str, MeasuredMethod]]:
                 {scenario: row["verdict"] for scenario, row in mine.items()},
                 tuple(refused.get((engine, name), ())),
                 findings.get(f"{engine}:{name}", ""),
+                maps.get((engine, name), ""),
             )
     return found
 
@@ -104,7 +117,9 @@ def with_measured(page: str, lines: Sequence[str]) -> str:
 def engine_lines(methods: Iterable[MeasuredMethod]) -> Iterator[str]:
     """Yield the table of an engine's page, what it does not represent, and its faults."""
     methods = list(methods)
-    yield f"Version {methods[0].version}; order, error and floors of the orientation on `{MEASURED_ON}`."
+    ran = ", ".join(f"`{one}`" for one in dict.fromkeys(name for one in methods for name in one.verdicts))
+    yield f"Version {methods[0].version} on {ran}."
+    yield f"Order, error and floors are those of the orientation on `{MEASURED_ON}`."
     yield ""
     yield from markdown_table(_HEAD, [_cells(one) for one in methods])
     yield from _listed(
@@ -141,12 +156,19 @@ def _cells(one: MeasuredMethod) -> tuple[str, ...]:
     least = _figure(row.get("least_error"))
     return (
         f"`{one.name}`",
+        one.fingerprint,
         _verdicts(one.verdicts.values()),
         _order(row),
         f"{least} at {step(at)} s" if least and at is not None else least or _figure(row.get("finest_error")),
         _figure(row.get("measured_floor")),
         _figure(row.get("predicted_floor")),
     )
+
+
+def _map_of(row: Mapping[str, Any]) -> str:
+    if row["fingerprint"] == NO_KNOWN_MAP:
+        return NO_KNOWN_MAP
+    return f"{escaped_markdown(row['fingerprint'])} to {row['agreement']:.1e}"
 
 
 def _verdicts(verdicts: Iterable[str]) -> str:

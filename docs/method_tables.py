@@ -11,6 +11,7 @@ from pathlib import Path
 
 from bodycheck.adapters.contract import Method
 from bodycheck.adapters.registry import engine_names, get_adapter, stated_by
+from bodycheck.reference_impl.one_step_maps import formula_of
 from bodycheck.reports.document import markdown_table
 
 ENGINES = Path(__file__).parent / "engines"
@@ -32,7 +33,7 @@ def _tables(methods: list[Method]) -> str:
     for method in methods:
         order = "" if method.order is None else str(method.order)
         facts = (
-            f"`{method.formula}`",
+            f"`{formula_of(method.formula)}`",
             order,
             method.precision,
             method.conserves,

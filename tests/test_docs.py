@@ -24,8 +24,10 @@ from bodycheck._util.formatting import scientific
 from bodycheck.adapters.engine_names import admit_file
 from bodycheck.adapters.registry import get_adapter, optional_engines, program_of, registered, stated_by
 from bodycheck.cli.commands import app
+from bodycheck.reference_impl.one_step_maps import named_map
 from bodycheck.reports.gates.gate import read_gates, read_thresholds
 from bodycheck.reports.gates.thresholds import THRESHOLD
+from bodycheck.reports.probes.fingerprint import NO_KNOWN_MAP
 from bodycheck.reports.recordings.column_map import read_map
 from bodycheck.reports.run_files.trajectory_files import trajectory_table
 from bodycheck.scenarios.reader import parse_members, parse_trees
@@ -447,6 +449,21 @@ def test_table_of_methods_equals_the_adapter(engine: str) -> None:
 
 
 @pytest.mark.nightly
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet", "dart", *optional_engines()])
+def test_formula_that_a_page_states_is_the_map_that_was_measured(engine: str) -> None:
+    """The fingerprint in the results of a page names the stated map; a formula of no known map has none."""
+    if engine == "pybullet":  # no wheels for later versions of Python
+        pytest.importorskip(engine)
+    methods = (stated_by(engine) or get_adapter(engine)).methods
+    results = text_of(f"docs/engines/{engine}.md").partition("<!-- measured -->")[2]
+    measured = dict(re.findall(r"^\| `(.+?)` \| (.*?) \| ", results.replace(r"\|", "|"), re.MULTILINE))
+    assert measured
+    for name, found in measured.items():
+        stated = methods[name].formula.partition("; ")[0]
+        known = named_map(stated) is not None
+        assert found.startswith(stated) if known else found in ("", NO_KNOWN_MAP), (name, found)
+
+
 def test_pages_of_engines_are_written_from_a_run() -> None:
     """The tables have the orders, floors, refusals and faults of a run; a second writing changes nothing."""
     write = runpy.run_path(str(ROOT / "docs/engine_results.py"))
@@ -478,7 +495,7 @@ def test_pages_of_engines_are_written_from_a_run() -> None:
     )
     assert "Findings: none." in written["reference"]
     assert "Not represented: none." in written["reference"]
-    sound = f"| `sound` | converges | {rows.loc['sound']['order']:.2f} |"
+    sound = f"converges | {rows.loc['sound']['order']:.2f} |"
     assert sound in written["faulty-m1"]
     assert "\n- no pivot\n" in written["faulty-m1"]
     (fault,) = {line for line in written["faulty-m1"].splitlines() if "omega x I omega is missing" in line}
@@ -492,7 +509,7 @@ def test_pages_of_engines_are_written_from_a_run() -> None:
 def test_list_of_engines_has_each_with_the_version_of_its_page(engine: str) -> None:
     """The measured values on the engine's page and in the list of all engines are of the same version."""
     page, listed = text_of(f"docs/engines/{engine}.md"), text_of("docs/engines.md")
-    version = re.search(r"<!-- measured -->\nVersion (\S+); ", page)
+    version = re.search(r"<!-- measured -->\nVersion (\S+) on ", page)
     assert version is not None
     assert re.search(rf"^\| {engine} \| {re.escape(version[1])} \| ", listed, re.MULTILINE)
 

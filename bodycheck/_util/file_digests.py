@@ -42,6 +42,12 @@ def _walk(folder: str) -> Iterator[Entry]:
                 yield entry.path, entry.stat()
 
 
+def disk_bytes(folders: Iterable[Path]) -> int:
+    """Return the bytes of the files in and below folders; a file with several hard links counts once."""
+    files = (status for folder in folders for _, status in _walk(str(folder)))
+    return sum({(status.st_dev, status.st_ino): status.st_size for status in files}.values())
+
+
 def files_at(paths: Iterable[str]) -> Iterator[Entry]:
     """Yield the entries of those paths that exist."""
     for path in paths:

@@ -40,6 +40,8 @@ or in a source folder. plug-in: an adapter of another package. handed over: an o
 class Method:
     """One integrator or mode of an engine, and its properties.
 
+    formula: the name of a known one-step map (`reference_impl.one_step_maps.MAPS`), "MAP" or "MAP; REMARK",
+    whose formula is then shown and which fingerprints must agree with; or the formula of another method.
     order: theoretical order on a smooth, torque-free motion, None if none is expected. evaluations:
     right-hand sides per step. torque: when a torque is evaluated: at every stage, once per step and held
     constant over it (zero-order hold), or in a closed form only. continuous_loads: the same for loads that
@@ -145,7 +147,8 @@ class Reading:
 
     position (3,) in m and velocity (3,) in m/s of the centre of mass in world axes, quaternion (4,) scalar
     first and/or rotation (3, 3), body to world, omega (3,) in rad/s in world or in body axes. Set rotation
-    only if the engine itself returns a matrix for this state.
+    only if the engine itself returns a matrix for this state. specific_force (3,) in m/s^2 and gyro (3,) in
+    rad/s: readings of the engine's own sensors at `imu.imu_point`, in body axes.
     """
 
     position: Array
@@ -154,6 +157,8 @@ class Reading:
     rotation: Array | None = None
     omega_world: Array | None = None
     omega_body: Array | None = None
+    specific_force: Array | None = None
+    gyro: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,7 +281,12 @@ class Requirements(Protocol):
     """Requirements in pip's notation, such as ("drake>=1.51",). Where they are not installed next to
     bodycheck, the engine runs in an environment of its own."""
     requires_python: str
-    """The versions of Python of that environment, such as ">=3.12,<3.13" [default: the current one]."""
+    """The versions of Python of that environment, such as ">=3.12,<3.13" [default: the current one, or
+    another one for which the requirements have wheels]."""
+    system_library: str
+    """A shared library of the system in place of a package, which ctypes loads, such as "ode"."""
+    install: str
+    """The command that installs this library, such as "apt install libode8"."""
 
 
 class SolvingAdapter(Adapter, Protocol):

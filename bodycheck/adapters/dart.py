@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 _SEMI_IMPLICIT = Method(
     name="semi-implicit",
-    formula="omega += h I^-1 (tau - omega x I omega); R = R exp([h omega]x)",
+    formula="M1",
     order=1,
     evaluations=1,
     torque="zero-order hold",

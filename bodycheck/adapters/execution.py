@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol, TypeAlias, cast
 
 import numpy as np
@@ -123,16 +123,30 @@ def motion_of(scene: Scene | TreeScene, t_s: Array, readings: list[Any]) -> Traj
 
 
 def readings_along(simulation: Simulation | TreeSimulation, legs: Iterable[Leg]) -> list[Any]:
-    """Step a fresh simulation along the legs, and return the states at the start and at the samples."""
-    readings: list[Any] = [simulation.read()]
+    """Step a fresh simulation along the legs, and return the states at the start and at the samples.
+
+    A simulation may have `imu()`, which returns the specific force and the rate that its sensors read.
+    """
+    readings: list[Any] = []
+    imu = getattr(simulation, "imu", None)
+
+    def read() -> None:
+        state: Any = simulation.read()
+        if imu is not None:
+            force, rate = imu()
+            state = replace(state, specific_force=force, gyro=rate)
+        readings.append(state)
+
     wrench: Wrench | None = None
     for leg in legs:
         if leg.wrench is not wrench:
             wrench = leg.wrench
             simulation.apply(wrench)
+        if not readings:  # the first, under the loads that act then
+            read()
         simulation.advance(leg.steps)
         if leg.ends_at_sample:
-            readings.append(simulation.read())
+            read()
     return readings
 
 
@@ -160,6 +174,8 @@ def trajectory_of(t_s: Array, readings: list[Reading]) -> Trajectory:
         rotation=column("rotation"),
         omega_world_rad_s=column("omega_world"),
         omega_body_rad_s=column("omega_body"),
+        specific_force_m_s2=column("specific_force"),
+        gyro_rad_s=column("gyro"),
     )
 
 

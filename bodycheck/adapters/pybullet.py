@@ -42,7 +42,7 @@ _MAXIMAL_BODY = (
 
 _MULTIBODY = Method(
     name="multibody",
-    formula="omega += h I^-1 (tau - omega x I omega); q = q exp(h omega)",
+    formula="M1, step angle at most pi/4",
     order=1,
     evaluations=1,
     torque="zero-order hold",
@@ -58,8 +58,7 @@ _MULTIBODY = Method(
 
 _MAXIMAL = Method(
     name="maximal",
-    formula="omega += h I^-1 tau - h (I + h D)^-1 (omega x I omega), "
-    "D = d(omega x I omega)/domega; q = q exp(h omega)",
+    formula="M3, step angle at most pi/4",
     order=1,
     evaluations=1,
     torque="zero-order hold",
@@ -74,20 +73,23 @@ _LINK = 0  # index of a pivoted body, the only link of its base
 _SUBSTEPS, _SUBSTEPPED = 4, f"{VARIANT}substeps"
 _SUBSTEP_SETTING = f"p.setPhysicsEngineParameter(fixedTimeStep={{dt_s}}, numSubSteps={_SUBSTEPS})"
 
+_DAMPING = "velocities damped by 0.04 (1 + |v|) per second and clamped at 100, then "
+
 _VARIANTS = tuple(
     variant
-    for method, changed in ((_MULTIBODY, ()), (_MAXIMAL, (_REFRESHED,)))
+    for method, changed, damping in ((_MULTIBODY, (), _DAMPING), (_MAXIMAL, (_REFRESHED,), ""))
     for variant in (
         replace(
             method,
             name=f"{method.name}{DEFAULTS}",
+            formula=f"{damping}{method.formula}",
             changed_defaults=changed,
             snippet=method.snippet.removesuffix(f"; {_UNDAMPED}"),
         ),
         replace(
             method,
             name=f"{method.name}{_SUBSTEPPED}",
-            formula=f"{_SUBSTEPS} times, by h / {_SUBSTEPS}: {method.formula}",
+            formula=f"{method.formula}, {_SUBSTEPS} steps per step",
             evaluations=_SUBSTEPS,
             changed_defaults=(*method.changed_defaults, f"numSubSteps {_SUBSTEPS}"),
             snippet=method.snippet.replace(_TIME_STEP, _SUBSTEP_SETTING),

@@ -44,6 +44,8 @@ _OPTIONAL = {
     "mjx": ("bodycheck.adapters.optional.mjx", "Mjx"),
     "sapien": ("bodycheck.adapters.optional.sapien", "Sapien"),
     "exudyn": ("bodycheck.adapters.optional.exudyn", "Exudyn"),
+    "basilisk": ("bodycheck.adapters.optional.basilisk", "Basilisk"),
+    "ode": ("bodycheck.adapters.optional.ode", "Ode"),
 }
 """Adapters of engines that are not installed with bodycheck, and that run only if requested by name.
 

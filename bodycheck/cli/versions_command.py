@@ -166,16 +166,21 @@ def make(
 )
 def list_(json: Json = False) -> None:
     """Print one line per environment: engine and version, size, folder; then the sources of its packages."""
+    from bodycheck._util.file_digests import disk_bytes
     from bodycheck.adapters.versions.environments import environments
     from bodycheck.reports.document import json_text
 
+    every = environments()
     if json:
-        print(json_text(environments()))
+        print(json_text(every))
         return
-    for found in environments():
+    for found in every:
         print(f"{found.name}  {found.size / 1e6:.0f} MB  {found.folder}")
         for setting in found.packages_from:
             print(f"    {setting}")
+    if len(every) > 1:
+        total = disk_bytes(found.folder for found in every)
+        print(f"together {total / 1e6:.0f} MB: files that environments share count once")
 
 
 @environment_commands.command(

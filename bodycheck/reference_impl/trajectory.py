@@ -17,9 +17,10 @@ class Trajectory:
 
     t_s (n,); position_m and velocity_m_s (n, 3) of the centre of mass, world axes; quaternion (n, 4),
     scalar first, and/or rotation (n, 3, 3), body to world; omega_world_rad_s and/or omega_body_rad_s
-    (n, 3), whichever the engine itself stores. Of a tree of b bodies, the arrays are (n, b, ...), and there
-    are q (n, coordinates) and u (n, rates) as `TreeScene` orders them. Derived quantities are computed once.
-    Raises ValueError for a wrong shape and for a missing attitude or omega.
+    (n, 3), whichever the engine itself stores. specific_force_m_s2 and gyro_rad_s (n, 3), body axes: what
+    its accelerometer and its gyro at `imu.imu_point` read, if it has any. Of a tree of b bodies, the arrays
+    are (n, b, ...), and there are q (n, coordinates) and u (n, rates) as `TreeScene` orders them. Derived
+    quantities are computed once. Raises ValueError for a wrong shape and for a missing attitude or omega.
     """
 
     t_s: Array
@@ -31,6 +32,8 @@ class Trajectory:
     omega_body_rad_s: Array | None = None
     q: Array | None = None
     u: Array | None = None
+    specific_force_m_s2: Array | None = None
+    gyro_rad_s: Array | None = None
 
     def __post_init__(self) -> None:
         n = (len(self.t_s), *np.shape(self.position_m)[1:-1])  # and the number of bodies, if a tree
@@ -41,6 +44,8 @@ class Trajectory:
             "rotation": (*n, 3, 3),
             "omega_world_rad_s": (*n, 3),
             "omega_body_rad_s": (*n, 3),
+            "specific_force_m_s2": (*n, 3),
+            "gyro_rad_s": (*n, 3),
         }
         for name, shape in shapes.items():
             value = getattr(self, name)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import shutil
+import subprocess
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -14,7 +15,7 @@ from bodycheck._util.cache_dir import cache_dir
 from bodycheck._util.compiled_cache import cache_directory
 from bodycheck._util.distributions import installed, requirements
 from bodycheck._util.errors import InputError, UnavailableError
-from bodycheck._util.file_digests import files_below
+from bodycheck._util.file_digests import disk_bytes
 from bodycheck._util.files import check_folder
 from bodycheck._util.formatting import names
 from bodycheck._util.platform_identity import cpu_model, usable_cores
@@ -24,6 +25,7 @@ from bodycheck.adapters.versions.uv import uv_program
 from bodycheck.adapters.workers.engine_pool import announced
 from bodycheck.reference_impl.precompile import closed_forms_compiled
 from bodycheck.reports.document import Column, Document, Sentence, Span, Table
+from bodycheck.reports.summary.catalogue import on_request_state
 
 _NOT_LISTED = {"", "all", "bench", "docs", "engines", "release", "test"}
 """Extras of developers, and those whose packages stand in lines of their own."""
@@ -49,11 +51,15 @@ class CacheFolder:
 
 @dataclass(frozen=True)
 class MachineReport:
-    """The state of an installation: versions by name, folders of the cache, capabilities."""
+    """The state of an installation: versions by name, folders of the cache, capabilities.
+
+    on_request: name -> version and place of each engine that runs on request, or what it needs.
+    """
 
     versions: dict[str, str]
     caches: tuple[CacheFolder, ...]
     checks: tuple[MachineCheck, ...]
+    on_request: dict[str, str]
 
 
 def diagnosis() -> MachineReport:
@@ -64,15 +70,15 @@ def diagnosis() -> MachineReport:
         "system": platform.platform(),
         "processor": f"{cpu_model()}, {usable_cores()} of {os.cpu_count()} cores",
     }
-    return MachineReport(versions, tuple(_caches()), (*_engines(), *_cache_checks(), *_optional()))
+    on_request = {name: on_request_state(name) for name in optional_engines()}
+    checks = (*_engines(), *_cache_checks(), *_optional(), _javascript())
+    return MachineReport(versions, tuple(_caches()), checks, on_request)
 
 
 def _caches() -> Iterator[CacheFolder]:
     for name in ("kernels", "results", "environments"):
         folder = cache_dir() / name
-        yield CacheFolder(
-            name, folder, sum(status.st_size for _, status in files_below(str(folder)).values())
-        )
+        yield CacheFolder(name, folder, disk_bytes([folder]))
 
 
 def _engines() -> Iterator[MachineCheck]:
@@ -112,8 +118,18 @@ def _optional() -> Iterator[MachineCheck]:
             )
         else:
             yield MachineCheck(extra, True, ", ".join(f"{name} {_version(name)}" for name in packages))
-    node = shutil.which("node")
-    yield MachineCheck("JavaScript engines", node is not None, node or "not on the path: node, of Node.js")
+
+
+def _javascript() -> MachineCheck:
+    """Return the versions of node and npm, or which of them is missing."""
+    programs = {name: shutil.which(name) for name in ("node", "npm")}
+    if missing := [name for name, path in programs.items() if path is None]:
+        return MachineCheck("JavaScript engines", False, f"not on the path: {', '.join(missing)}, of Node.js")
+    found = []
+    for name, path in programs.items():
+        done = subprocess.run([str(path), "--version"], capture_output=True, text=True, check=False)
+        found.append(f"{name} {done.stdout.strip()}")
+    return MachineCheck("JavaScript engines", True, ", ".join(found))
 
 
 def _version(name: str) -> str:
@@ -144,6 +160,7 @@ def diagnosis_document(found: MachineReport) -> Document:
         (
             first,
             Table((Column("", "fixed"), Column("", "fixed"), Column("")), checks, "Capabilities"),
+            Table((Column("", "fixed"), Column("")), tuple(found.on_request.items()), "Engines on request"),
             Table((Column("", "fixed"), Column("", "number"), Column("")), caches, "Caches"),
             Table((Column("", "fixed"), Column("")), tuple(found.versions.items()), "Versions"),
         ),

@@ -31,8 +31,8 @@ _TREES = _LIBRARY / "trees"
 
 PROBES = ("probe", "probe-free")
 """Scenarios that every run uses to probe each method, besides the requested ones; part of no suite."""
-RECORDED = ("nesc-tumbling-brick",)
-"""Scenarios of published recordings, for `judge --like`; part of no suite."""
+OF_NO_SUITE = ("nesc-tumbling-brick", "quick")
+"""A published recording, for `judge --like`, and a scenario for engines of which smoke takes minutes."""
 
 
 _STANDARD_TREES = ("free-chain", "double-pendulum")
@@ -55,7 +55,7 @@ def suites() -> dict[str, tuple[str, ...]]:
     The tags "forcings" and "hard" put a scenario into the suite of that name; standard has those without, and
     two trees of bodies.
     """
-    full = tuple(name for name in scenario_names() if name not in (*PROBES, *RECORDED))
+    full = tuple(name for name in scenario_names() if name not in (*PROBES, *OF_NO_SUITE))
     tags = {name: _file(name).get("tags", ()) for name in full}
     forcings, hard = (tuple(name for name in full if tag in tags[name]) for tag in ("forcings", "hard"))
     return {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import _ctypes
 import ctypes
+import importlib
 import json
 import os
 import shutil
@@ -232,7 +233,9 @@ def test_editable_engine_is_a_development_build(
     record: str | None, kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An editable install may change at any time; an unreadable record counts as an editable install."""
-    installed = SimpleNamespace(read_text=lambda _: record, locate_file=distribution("numpy").locate_file)
+    installed = SimpleNamespace(
+        read_text=lambda _: record, locate_file=distribution("numpy").locate_file, files=None
+    )
     monkeypatch.setattr(build_identity, "distribution_of", lambda _: "numpy")
     monkeypatch.setattr(build_identity, "installed", lambda _: installed)
     assert build_identity._kind(Reference()) == kind
@@ -423,6 +426,28 @@ def test_editable_engine_is_not_installed(
         monkeypatch.syspath_prepend(str(tmp_path / folder))
     assert build_identity._is_installed("made_up_engine") is installed
     assert not build_identity._is_installed("no_such_engine")
+
+
+@pytest.mark.parametrize(
+    "file", ["cmeel.prefix/lib/python3/site-packages/inner/__init__.py", "inner/part/x.py"]
+)
+def test_engine_is_installed_under_another_name_than_its_package(
+    file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The modules of a distribution are those of its RECORD, as pin provides pinocchio."""
+    facts = tmp_path / "outer_name-1.dist-info"
+    facts.mkdir()
+    (facts / "METADATA").write_text("Metadata-Version: 2.1\nName: outer-name\nVersion: 1\n")
+    (facts / "RECORD").write_text(f"{file},,\n../../bin/outer.py,,\n")
+    package = tmp_path / file.partition("inner")[0] / "inner"
+    (tmp_path / file).parent.mkdir(parents=True)
+    (package / "__init__.py").touch()
+    for folder in {tmp_path, package.parent}:
+        monkeypatch.syspath_prepend(str(folder))
+    assert build_identity._is_installed("outer-name")
+    shutil.rmtree(package)
+    importlib.invalidate_caches()
+    assert not build_identity._is_installed("outer-name")
 
 
 def test_every_variable_has_a_reason() -> None:

@@ -145,23 +145,37 @@ def _no_module(name: str) -> None:
 
 
 class FakeUv:
-    """Creates environments without an index; it refuses one word of a command or of the constraints."""
+    """Creates environments without an index; it refuses one word of a command or of the constraints.
+
+    wheels_for: the only Python with wheels of the engine; "" for any.
+    """
 
     def __init__(self) -> None:
-        self.refuses = "nothing"
+        self.refuses, self.wheels_for, self._venv_for = "nothing", "", ""
         self.commands: list[tuple[str, ...]] = []
         self.constraints: list[str] = []
 
-    def __call__(self, *words: str, downloads: bool = False) -> str:
-        """Do what uv does; Python is the current one, which is never downloaded."""
-        assert not downloads
+    def __call__(self, *words: str, stdin: str = "", downloads: bool = False, progress: bool = False) -> str:
+        """Do what uv does; the current Python is never downloaded."""
+        del progress
+        assert not downloads or self.wheels_for
         self.commands.append(words)
+        if words[0] == "venv":
+            self._venv_for = words[words.index("--python") + 1]
+        installs = {
+            "pip install": self._venv_for,
+            "pip compile": words[words.index("--python-version") + 1] if "--python-version" in words else "",
+        }
+        if self.wheels_for and installs.get(" ".join(words[:2]), self.wheels_for) != self.wheels_for:
+            raise UvError("no wheels", refused=True)
         if "-c" in words:
             self.constraints.append(Path(words[words.index("-c") + 1]).read_text())
         if words[0] == "venv":
             (Path(words[-1]) / "bin").mkdir(parents=True)
             (Path(words[-1]) / "bin" / "python").touch()
-        if self.refuses in words or any(self.refuses in text for text in self.constraints[-1:]):
+        if self.refuses in (*words, *stdin.splitlines()) or any(
+            self.refuses in text for text in self.constraints[-1:]
+        ):
             raise UvError("no such version", refused=True)
         return ""
 
@@ -176,6 +190,17 @@ def fake(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeUv:
 
 
 PIN = Pin("mujoco", "3.6.0")
+
+
+def test_environment_has_a_python_for_which_there_are_wheels(fake: FakeUv) -> None:
+    """If the release has no wheels for the current Python, its environment has another one."""
+    fake.wheels_for = "3.14"
+    environments.python_of(PIN)
+    made = [words[words.index("--python") + 1] for words in fake.commands if words[0] == "venv"]
+    assert made == [sys.executable, "3.14"]
+    fake.wheels_for = "3.2"
+    with pytest.raises(UnavailableError):
+        environments.python_of(Pin("mujoco", "3.7.0"))
 
 
 def test_environment_is_created_once(fake: FakeUv) -> None:
@@ -205,7 +230,8 @@ def test_environment_has_the_python_that_the_adapter_requires(
     """uv may download the required Python, and each Python has its own environment."""
     requested: list[tuple[str, bool]] = []
 
-    def uv_of_any_python(*words: str, downloads: bool = False) -> str:
+    def uv_of_any_python(*words: str, downloads: bool = False, progress: bool = False) -> str:
+        del progress
         if words[0] == "venv":
             requested.append((words[2], downloads))
         return fake(*words)
@@ -239,8 +265,8 @@ def test_index_that_cannot_be_reached_is_no_reason_for_older_libraries(
 ) -> None:
     """If the index cannot be reached, the environment is not created again without constraints."""
 
-    def unreachable(*words: str, downloads: bool = False) -> str:
-        fake(*words, downloads=downloads)
+    def unreachable(*words: str, downloads: bool = False, progress: bool = False) -> str:
+        fake(*words, downloads=downloads, progress=progress)
         if words[0] == "pip":
             raise UvError("no route to the index", refused=False)
         return ""
@@ -342,10 +368,13 @@ def test_cache_folder_is_created(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 def test_environment_is_announced_before_it_is_created(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """One line on standard error precedes the creation; nothing is printed if the environment exists."""
+    """Standard error has a line before the creation and one after; none if the environment exists."""
     reported: list[str] = []
     monkeypatch.setattr(environments, "_make", lambda _pin, place: _make_now(place, reported, capsys))
     environments.python_of(PIN)
+    made = capsys.readouterr().err
+    assert made.startswith("  made in ")
+    assert str(environments._place(PIN)) in made
     environments.python_of(PIN)
     assert reported == ["creating an environment for mujoco 3.6.0 ...\n"]
     assert capsys.readouterr().err == ""
@@ -526,7 +555,8 @@ def test_environment_commands_list_and_remove(tmp_path: Path, expected_message: 
     places = [environments.python_of(pin).parents[1] for pin in (PIN, Pin("mujoco", "3.7.0"))]
     listed = run_bodycheck(tmp_path, "environments", "list").stdout.splitlines()
     lines = [line for line in listed if not line.startswith(" ")]
-    assert lines == [f"mujoco==3.{6 + k}.0  0 MB  {place}" for k, place in enumerate(places)]
+    assert lines[:2] == [f"mujoco==3.{6 + k}.0  0 MB  {place}" for k, place in enumerate(places)]
+    assert [line.split()[0] for line in lines[2:]] == ["together"]
     for words in ((), ("mujoco==3.6.0", "--all"), ("mujoco==3.8.0",)):
         refused = run_bodycheck(tmp_path, "environments", "remove", *words)
         assert refused.returncode == 2

@@ -26,10 +26,12 @@ from bodycheck.adapters.versions.environments import (
     python_of,
 )
 from bodycheck.adapters.workers.engine_pool import EnginePool
+from bodycheck.reference_impl.one_step_maps import named_map
 from bodycheck.reference_impl.rotations import geodesic_angle, matrix_to_quaternion, quaternion_to_matrix
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 from bodycheck.reports.cache.answers import Answers
-from bodycheck.runs.engine_checks import check_adapter
+from bodycheck.reports.probes.fingerprint import NO_KNOWN_MAP, NOT_MEASURED
+from bodycheck.runs.engine_checks import check_adapter, fingerprints
 
 pytestmark = [pytest.mark.engines, pytest.mark.slow]
 
@@ -136,3 +138,33 @@ def test_defaults_that_change_the_motion_are_reported(engine: str, method: str) 
     verdicts = set(run.methods["verdict"])
     assert ("does-not-converge" in verdicts) == ((engine, method) in WRONG)
     assert set(run.results["outcome"]) == {"ok"}
+
+
+def test_basilisk_reproduces_its_published_attitude() -> None:
+    """The attitude of test_SCTransAndRotation of Basilisk's test_spacecraft.py after 10 s, to 1e-9."""
+    made_or_skipped("basilisk")
+    omega = np.array([0.5, -0.4, 0.7])
+    start = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), omega)
+    scene = Scene(RigidBody(100.0, np.diag([500.0, 200.0, 300.0])), start, (), np.zeros(3), 10.0, 2)
+    pool = EnginePool()
+    try:
+        case = Case(scene, "rk4", Setting(dt_s=1e-3))
+        answer = Answers(None, None, 300.0).ask(pool, pool.announced("basilisk"), case)
+    finally:
+        pool.close()
+    assert answer.trajectory is not None
+    q = answer.trajectory.attitude[-1]
+    q = -q if q[0] < 0.0 else q
+    published = np.array([0.373034285, -0.00239564413, 0.208570797])
+    assert np.abs(q[1:] / (1.0 + q[0]) - published).max() < 1e-9
+
+
+@pytest.mark.parametrize("engine", optional_engines())
+def test_formula_of_each_method_is_its_measured_map(engine: str) -> None:
+    """The fingerprint of a method is the known map that it states, or of no known map."""
+    made_or_skipped(engine)
+    for row in fingerprints(engine, timeout_s=600.0):
+        if row["fingerprint"] != NOT_MEASURED:
+            stated = stated_by(engine).methods[row["method"]].formula.partition("; ")[0]
+            expected = NO_KNOWN_MAP if named_map(stated) is None else stated
+            assert row["fingerprint"].startswith(expected), row["method"]

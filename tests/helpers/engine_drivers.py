@@ -258,10 +258,55 @@ def exudyn(method: str) -> dict[str, Any]:
     return {"rotation": turn.tolist(), "omega_body": list(omega)}
 
 
+def basilisk(method: str) -> dict[str, Any]:
+    """Run a simulation with one task, as Basilisk's own scenarios do."""
+    from Basilisk.simulation import spacecraft, svIntegrators
+    from Basilisk.utilities import SimulationBaseClass, macros
+
+    simulation = SimulationBaseClass.SimBaseClass()
+    simulation.CreateNewProcess("process").addTask(simulation.CreateNewTask("task", macros.sec2nano(DT)))
+    craft = spacecraft.Spacecraft()
+    craft.hub.mHub, craft.hub.IHubPntBc_B = 1.0, np.diag(MOMENTS).tolist()
+    craft.hub.omega_BN_BInit = [[value] for value in OMEGA]
+    called = {"euler": "svIntegratorEuler", "rk2": "svIntegratorRK2", "rk4": "svIntegratorRK4"}[method]
+    integrator = getattr(svIntegrators, called)(craft)
+    craft.setIntegrator(integrator)
+    simulation.AddModelToTask("task", craft)
+    simulation.InitializeSimulation()
+    simulation.ConfigureStopTime(macros.sec2nano(DT * STEPS))
+    simulation.ExecuteSimulation()
+    state = craft.scStateOutMsg.read()
+    sigma = np.array(state.sigma_BN)
+    quaternion = np.concatenate([[1.0 - sigma @ sigma], 2.0 * sigma]) / (1.0 + sigma @ sigma)
+    return {"quaternion": quaternion.tolist(), "omega_body": list(state.omega_BN_B)}
+
+
+def ode(method: str) -> dict[str, Any]:
+    """Step a world by ctypes."""
+    from ctypes import CDLL, POINTER, byref, c_double, c_void_p
+    from ctypes.util import find_library
+
+    lib: Any = CDLL(find_library("ode"))
+    lib.dWorldCreate.restype = lib.dBodyCreate.restype = c_void_p
+    lib.dBodyGetQuaternion.restype = lib.dBodyGetAngularVel.restype = POINTER(c_double)
+    lib.dInitODE2(0)
+    world = c_void_p(lib.dWorldCreate())
+    body = c_void_p(lib.dBodyCreate(world))
+    mass = (c_double * 17)()
+    numbers = (1.0, 0.0, 0.0, 0.0, *MOMENTS, 0.0, 0.0, 0.0)
+    lib.dMassSetParameters(byref(mass), *map(c_double, numbers))
+    lib.dBodySetMass(body, byref(mass))
+    lib.dBodySetFiniteRotationMode(body, int(method == "step-finite"))
+    lib.dBodySetAngularVel(body, *map(c_double, OMEGA))
+    for _ in range(STEPS):
+        lib.dWorldStep(world, c_double(DT))
+    return {"quaternion": lib.dBodyGetQuaternion(body)[:4], "omega_world": lib.dBodyGetAngularVel(body)[:3]}
+
+
 DRIVERS: dict[str, Callable[[str], dict[str, Any]]] = {
     **{
         driver.__name__: driver
-        for driver in (rapier, drake, pinocchio, scipy, heyoka, newton, mjx, sapien, exudyn)
+        for driver in (rapier, drake, pinocchio, scipy, heyoka, newton, mjx, sapien, exudyn, basilisk, ode)
     },
     "mujoco-warp": mujoco_warp,
 }

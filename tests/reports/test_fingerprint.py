@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,8 +15,15 @@ import pytest
 from bodycheck.adapters.contract import Build, Engine, Method, ReadBack, Reading, Setting
 from bodycheck.adapters.execution import Answer, Case
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.one_step_maps import EXACT, MAPS
-from bodycheck.reference_impl.one_step_maps.one_step_map import Motion, Solid, Step, scene_loads
+from bodycheck.reference_impl.one_step_maps import EXACT, MAPS, formula_of
+from bodycheck.reference_impl.one_step_maps.one_step_map import (
+    Loads,
+    Motion,
+    Solid,
+    Step,
+    held_acceleration,
+    scene_loads,
+)
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.scene import RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
@@ -93,7 +101,8 @@ def found_for(step: Step) -> Fingerprint:
     "name",
     [
         "M1", "M2", "M3", "M4", "explicit Euler", "implicit midpoint", "no gyroscopic term", "Jolt",
-        "RK4, additive quaternion", "RK4 Munthe-Kaas", "RK4 on the rotation group, stages averaged", "CF4",
+        "PhysX 5", "RK4, additive quaternion", "RK4 Munthe-Kaas",
+        "RK4 on the rotation group, stages averaged", "CF4",
         "Buss 2000, order 2 augmented", "Moser-Veselov", "SPIRAL", "splitting6",
     ],
 )  # fmt: skip
@@ -106,6 +115,26 @@ def test_a_planted_map_is_named_and_the_runner_up_is_a_thousand_times_farther(na
     assert found.runner_up_distance is not None
     assert found.agreement < 1e-12
     assert found.runner_up_distance > FARTHER * found.agreement
+
+
+def capped_substeps(solid: Solid, motion: Motion, dt: Array, loads: Loads) -> Motion:
+    """Return what four substeps make, under accelerations of the start, with |omega| dt at most pi/4."""
+    held, speed = held_acceleration(solid, loads, motion), float(np.linalg.norm(motion.omega))
+    motion = replace(motion, omega=motion.omega * min(1.0, math.pi / 4.0 / (speed * float(dt[0]))))
+    for _ in range(4):
+        motion = BY_ALIAS["PhysX 5"].step(solid, motion, dt / 4.0, held)
+    return motion
+
+
+@pytest.mark.slow
+def test_a_map_with_a_speed_limit_is_named_by_its_slow_steps() -> None:
+    """Substeps under held accelerations, with |omega| dt limited to pi/4, are those of a known map."""
+    found = found_for(capped_substeps)
+    name = "rescaled momentum, torque first, 4 steps per step"
+    assert found.name == f"{name}, |omega| dt below pi/4, zero-order hold of accelerations in world axes"
+    assert found.agreement is not None
+    assert found.agreement < 1e-12
+    assert formula_of(f"{name}; a remark").endswith("w = omega+; a remark")
 
 
 @pytest.mark.slow

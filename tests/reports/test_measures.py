@@ -15,6 +15,7 @@ import pytest
 from bodycheck.adapters.stable_step import energy_blowup, invalid_state, kinetic_limit
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum
+from bodycheck.reference_impl.imu import ImuReadings, has_imu, imu_mistake, imu_point
 from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
 from bodycheck.reference_impl.rotations import exp_matrix, quaternion_product, quaternion_to_matrix
@@ -669,6 +670,39 @@ def stretched(name: str) -> Trajectory:
     )
 
 
+def with_imu(name: str, motion: Trajectory, mistake: str = "") -> Trajectory:
+    """Add the readings of sensors along a motion, with a mistake."""
+    readings = ImuReadings.of(SCENES[name], motion)
+    found = dict(readings.mistakes())[mistake] if mistake else readings
+    return replace(motion, specific_force_m_s2=found.specific_force, gyro_rad_s=found.rate)
+
+
+def turning_of_the_velocity_dropped(name: str) -> Trajectory:
+    """Let an accelerometer read the derivative of its velocity in body axes, without omega x v."""
+    return with_imu(name, stepped(SCENES[name]), "accelerometer: omega x v is missing")
+
+
+@pytest.mark.parametrize("mistake", [name for name, _ in ImuReadings.of(scene(), still()).mistakes()])
+def test_mistake_of_a_sensor_is_named(mistake: str) -> None:
+    """A planted mistake is named from the readings and the motion alone; correct readings have none."""
+    motion = truth_of("free").trajectory
+    assert imu_mistake(SCENES["free"], with_imu("free", motion)) == ""
+    assert imu_mistake(SCENES["free"], with_imu("free", motion, mistake)) == mistake
+
+
+def test_readings_of_sensors_are_derivatives_of_the_motion_of_their_point() -> None:
+    """The specific force is R^T (p'' - g), p the point of the sensors along the exact motion."""
+    step, free = 1e-3, SCENES["free"]
+    short = replace(free, duration_s=4.0 * step, samples=5)
+    exact = solve_truth(short, short.sample_times).trajectory
+    point = exact.position_m + exact.rotation_matrices @ imu_point(free)
+    weights = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / (12.0 * step**2)
+    expected = exact.rotation_matrices[2].T @ (weights @ point - free.gravity)
+    readings = ImuReadings.of(free, exact)
+    assert readings.specific_force[2] == pytest.approx(expected, rel=1e-7)
+    assert np.array_equal(readings.rate, exact.omega_body)
+
+
 def measured(name: str, trajectory: Trajectory) -> dict[str, float]:
     """Return the columns of a trajectory through one of the scenes."""
     truth = truth_of(name)
@@ -687,7 +721,8 @@ def measured(name: str, trajectory: Trajectory) -> dict[str, float]:
 @cache
 def healthy(name: str) -> dict[str, float]:
     """Return the columns of the untampered method."""
-    return measured(name, stepped(SCENES[name]))
+    motion = stepped(SCENES[name])
+    return measured(name, with_imu(name, motion) if has_imu(SCENES[name]) else motion)
 
 
 FAULTS = [
@@ -717,6 +752,7 @@ FAULTS = [
     ("orientation_error_final_rad", wrong_step, "forced"),
     ("omega_error", wrong_axes, "free"),
     ("omega_error", clamped, "forced"),
+    ("imu_error", turning_of_the_velocity_dropped, "free"),
     ("position_error", wrong_step, "free"),
     ("position_error", damped, "forced"),
     ("velocity_error", clamped, "free"),

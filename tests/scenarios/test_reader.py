@@ -20,8 +20,8 @@ from bodycheck.reference_impl.scene import (
     TorsionSpring,
 )
 from bodycheck.scenarios.library import (
+    OF_NO_SUITE,
     PROBES,
-    RECORDED,
     load_scenario,
     load_scenarios,
     scenario_names,
@@ -534,10 +534,10 @@ HARD = suites()["hard"]
 
 def test_library_list_is_complete() -> None:
     """The list that is used to test the library contains every file."""
-    assert sorted((*LIBRARY, *FORCED, *HARD, *PROBES, *RECORDED)) == list(scenario_names())
+    assert sorted((*LIBRARY, *FORCED, *HARD, *PROBES, *OF_NO_SUITE)) == list(scenario_names())
 
 
-@pytest.mark.parametrize("name", [*LIBRARY, *FORCED, *HARD, *PROBES, *RECORDED])
+@pytest.mark.parametrize("name", [*LIBRARY, *FORCED, *HARD, *PROBES, *OF_NO_SUITE])
 def test_library_scenario_has_its_source(name: str) -> None:
     """A built-in scenario or family is found by name, has a source, and its tags match its loads."""
     for _, scenario in load_scenarios([name]):
@@ -555,7 +555,7 @@ def test_suites_contain_built_in_scenarios() -> None:
     for members in suites().values():
         assert set(members) <= {*scenario_names(), *tree_names()}
     parts = (suites()[part] for part in ("standard", "forcings", "hard", "trees"))
-    whole = {name for name in (*scenario_names(), *tree_names()) if name not in (*PROBES, *RECORDED)}
+    whole = {name for name in (*scenario_names(), *tree_names()) if name not in (*PROBES, *OF_NO_SUITE)}
     assert {name for part in parts for name in part} == {*suites()["full"]} == whole
 
 

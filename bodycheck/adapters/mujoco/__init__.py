@@ -8,6 +8,7 @@ aligned. After mj_step, xpos, xmat and the sensors are one step old, so everythi
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -29,8 +30,10 @@ from bodycheck.adapters.mujoco.mj_model import (
     methods_of,
     variants_of,
 )
+from bodycheck.adapters.mujoco.mujoco_sensors import MuJoCoImu
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
+from bodycheck.reference_impl.imu import has_imu
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import Wrench, continuous_wrench_of
 
@@ -131,6 +134,10 @@ class MuJoCoSimulation:
         # views of the engine's memory: getting them from mjData again costs more than copying them
         self._qpos, self._qvel = self._data.qpos, self._data.qvel
         self._warned = self._data.warning.number
+        if has_imu(scene) and not scene.continuous_loads:
+            # compiled only where the motion is recorded
+            self._imu = cache(partial(MuJoCoImu, scene, self._model, self._points, build))
+            self.imu = self._read_imu
         self.reset()
 
     def _passive_loads(
@@ -220,6 +227,10 @@ class MuJoCoSimulation:
             rotation=self._axes.body_rotation(rotation),
             omega_body=self._axes.body_vector(qvel[-3:]),
         )
+
+    def _read_imu(self) -> tuple[Array, Array]:
+        """Return what an accelerometer and a gyro read in this state, under the present loads."""
+        return self._imu().read(self._model, self._data)
 
     @property
     def model(self) -> mujoco.MjModel:

@@ -27,11 +27,7 @@ _CHANGED = (*_OFF, "the free joint of a body with a link frame aligned")
 _BY_THE_ORIGIN = (
     "; v and x of the link's origin are stepped, v += h (F / m - d(omega x c)/dt), c the centre of mass"
 )
-_EXPLICIT = "omega += h I^-1 (tau - omega x I omega); q = q exp(h omega)"
-_IMPLICIT = (
-    "omega += h (I + h D)^-1 (tau - omega x I omega), D = d(omega x I omega)/domega; q = q exp(h omega)"
-)
-_MIDPOINT = "omega += h I^-1 (tau - m x I m), m the mean of omega before and after; q = q exp(h m)"
+_EXPLICIT, _IMPLICIT, _MIDPOINT = "M1", "M2", "implicit midpoint"
 
 
 def methods_of(version: str) -> dict[str, Method]:
@@ -44,8 +40,7 @@ def methods_of(version: str) -> dict[str, Method]:
         "euler": _one_evaluation("euler", _EXPLICIT),
         "rk4": Method(
             name="rk4",
-            formula="classical Runge-Kutta 4 on the rotation group: q = q exp(h sum b_i k_i)",
-            # before 4.0, its digits match a sum of rotation vectors, as if rotations commuted
+            formula="RK4 Munthe-Kaas" if numbers >= (4,) else "RK4 on the rotation group, stages averaged",
             order=4 if numbers >= (4,) else 2,
             evaluations=4,
             torque="every stage",
@@ -148,8 +143,12 @@ def compiled(
     points: tuple[Point, ...],
     off: tuple[mujoco.mjtDisableBit, ...],
     build: Build,
+    imu: Array | None = None,
 ) -> mujoco.MjModel:
-    """Compile the model with these features off; its last body has the mass."""
+    """Compile the model with these features off; its last body has the mass.
+
+    imu (3,): the point of an accelerometer and a gyro, in body axes from the centre of mass.
+    """
     spec = mujoco.MjSpec()
     spec.option.integrator = integrator
     spec.option.timestep = dt_s
@@ -175,6 +174,10 @@ def compiled(
         spec.worldbody.add_site(name="world")
     for number, point in enumerate(points):
         _add_force(spec, body, f"point-{number}", point, link)
+    if imu is not None:
+        body.add_site(name="imu", pos=link.point(imu), quat=link.rotated(np.array([1.0, 0.0, 0.0, 0.0])))
+        for kind in (mujoco.mjtSensor.mjSENS_ACCELEROMETER, mujoco.mjtSensor.mjSENS_GYRO):
+            spec.add_sensor(type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="imu")
     model = spec.compile()
     if not np.array_equal(model.body_inertia[-1], moments):
         model.body_inertia[-1] = moments

@@ -35,24 +35,25 @@ class _Scheme:
     formula: str
 
 
+_OF_STATE = ", omega in world axes, additive quaternion"
 _SCHEMES = {
-    "semi-explicit-euler": _Scheme(1, 1, "v += h v'(q, v); q += h N(q) v"),
-    "explicit-euler": _Scheme(1, 1, "y += h f(t, y)"),
+    "semi-explicit-euler": _Scheme(1, 1, "M1, additive quaternion"),
+    "explicit-euler": _Scheme(1, 1, "M1, pose from the old omega, omega in world axes, additive quaternion"),
     "implicit-euler": _Scheme(1, None, "y+ = y + h f(t + h, y+)"),
     "velocity-implicit-euler": _Scheme(
         1, None, "implicit Euler for the velocities alone, q by the new velocity"
     ),
     "radau1": _Scheme(1, None, "Radau IIA with one stage"),
     "radau3": _Scheme(3, None, "Radau IIA with two stages"),
-    "runge-kutta2": _Scheme(2, 2, "y += h (f(t, y) + f(t + h, y + h f(t, y))) / 2"),
-    "runge-kutta3": _Scheme(3, 3, "explicit Runge-Kutta 3(2)"),
-    "bogacki-shampine3": _Scheme(3, 4, "explicit Runge-Kutta 3(2) of Bogacki and Shampine"),
-    "runge-kutta5": _Scheme(5, 7, "explicit Runge-Kutta 5(4) of Dormand and Prince"),
+    "runge-kutta2": _Scheme(2, 2, f"Heun 2{_OF_STATE}"),
+    "runge-kutta3": _Scheme(3, 3, f"RK3 (Kutta){_OF_STATE}"),
+    "bogacki-shampine3": _Scheme(3, 4, f"RK3 (Ralston){_OF_STATE}; Bogacki and Shampine's pair 3(2)"),
+    "runge-kutta5": _Scheme(5, 7, f"RK5 (Dormand-Prince){_OF_STATE}"),
 }
 _CONSERVES = "nothing: the quaternion is not normalised"
 _DISCRETE = Method(
     name="discrete",
-    formula="omega += h I^-1 (tau - omega x I omega); q += h omega q / 2, not normalised",
+    formula="M1, additive quaternion",
     order=1,
     evaluations=1,
     torque="zero-order hold",

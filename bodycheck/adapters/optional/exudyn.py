@@ -34,10 +34,10 @@ class _Solver:
 
 
 _SOLVERS = {
-    "explicit-euler": _Solver("ExplicitEuler", 1, 1, "explicit Euler on the rotation group"),
-    "explicit-midpoint": _Solver("ExplicitMidpoint", 2, 2, "explicit midpoint rule on the rotation group"),
-    "rk44": _Solver("RK44", 4, 4, "classical Runge-Kutta 4 on the rotation group"),
-    "dopri5": _Solver("DOPRI5", 5, 7, "Dormand-Prince 5(4) on the rotation group, without step control"),
+    "explicit-euler": _Solver("ExplicitEuler", 1, 1, "M1, pose from the old omega"),
+    "explicit-midpoint": _Solver("ExplicitMidpoint", 2, 2, "midpoint Munthe-Kaas"),
+    "rk44": _Solver("RK44", 4, 4, "RK4 Munthe-Kaas"),
+    "dopri5": _Solver("DOPRI5", 5, 7, "RK5 (Dormand-Prince) Munthe-Kaas"),
     "rk67": _Solver("RK67", 6, 7, "explicit Runge-Kutta of order 6 with 7 stages on the rotation group"),
     "trapezoidal-index2": _Solver(
         "TrapezoidalIndex2", 2, None, "implicit trapezoidal rule (Newmark, beta 1/4, gamma 1/2)"
@@ -69,7 +69,7 @@ class Exudyn(FreeBodiesOnly):
 
     name = "exudyn"
     distribution = "exudyn"
-    requires = ("exudyn>=1.13",)
+    requires = ("exudyn>=1.13.6",)
     methods: Mapping[str, Method] = {name: _method_of(name, solver) for name, solver in _SOLVERS.items()}
 
     def __init__(self) -> None:

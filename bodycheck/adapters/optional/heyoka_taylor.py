@@ -34,7 +34,7 @@ class Heyoka:
 
     name = "heyoka"
     distribution = "heyoka"
-    requires = ("heyoka>=7.0",)
+    requires = ("heyoka>=7.10.1",)
     methods: Mapping[str, Method] = {_TAYLOR.name: _TAYLOR}
 
     def __init__(self) -> None:

@@ -22,10 +22,9 @@ if TYPE_CHECKING:
     from bodycheck.adapters.tree_contract import TreeModel
 
 _FLOAT64 = f"{VARIANT}float64"
-_M1 = "omega += h I^-1 (tau - omega x I omega); q = q exp(h omega)"
 _EULER = Method(
     name="euler",
-    formula=_M1,
+    formula="M1",
     order=1,
     evaluations=1,
     torque="zero-order hold",
@@ -37,7 +36,7 @@ _EULER = Method(
 _RK4 = replace(
     _EULER,
     name="rk4",
-    formula="classical Runge-Kutta 4 on the rotation group, without a correction for the group",
+    formula="RK4 on the rotation group, stages averaged",
     order=2,
     evaluations=4,
     torque="every stage",
@@ -46,7 +45,7 @@ _RK4 = replace(
 _IMPLICITFAST = replace(
     _EULER,
     name="implicitfast",
-    formula=f"{_M1}; without MuJoCo's gyroscopic derivatives",
+    formula="M1; without MuJoCo's gyroscopic derivatives",
     snippet="model = mjx.put_model(m) with m.opt.timestep = {dt_s}; m.opt.integrator = mjINT_IMPLICITFAST",
 )
 _SINGLE = (_EULER, _RK4, _IMPLICITFAST)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _EULER = Method(
     name="euler",
-    formula="omega += h I^-1 (tau - omega x I omega); q = q exp(h omega)",
+    formula="M1",
     order=1,
     evaluations=1,
     torque="zero-order hold",
@@ -32,15 +32,11 @@ _EULER = Method(
     snippet="m.opt.timestep = {dt_s}; m.opt.integrator = mjINT_EULER; model = mujoco_warp.put_model(m)",
     precision="float32",
 )
-_IMPLICIT = replace(
-    _EULER,
-    formula="omega += h (I + h D)^-1 (tau - omega x I omega), D = d(omega x I omega)/domega; "
-    "q = q exp(h omega)",
-)
+_IMPLICIT = replace(_EULER, formula="M2")
 _RK4 = replace(
     _EULER,
     name="rk4",
-    formula="classical Runge-Kutta 4 on the rotation group: q = q exp(h sum b_i k_i)",
+    formula="RK4 Munthe-Kaas",
     order=None,  # at usual steps its error is that of float32
     evaluations=4,
     torque="every stage",

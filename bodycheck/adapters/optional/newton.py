@@ -50,7 +50,7 @@ def _methods() -> dict[str, Method]:
         if solver.changed:
             found[f"{name}{DEFAULTS}"] = replace(
                 method, name=f"{name}{DEFAULTS}", conserves="|q| = 1", changed_defaults=(),
-                formula=f"{method.formula}; omega damped by 1 - 0.05 h",
+                formula=f"omega damped by 1 - 0.05 dt, then {method.formula}",
                 snippet=f"newton.solvers.{solver.name}(model).step(s0, s1, None, None, {{dt_s}})",
             )  # fmt: skip
     return found

@@ -22,7 +22,8 @@ class NewtonSolver:
     bias: float = 1.4
 
 
-_EULER = "omega += h I^-1 (tau - omega x I omega); q = q + h omega q / 2, normalised"
+_EULER = "M1, additive quaternion renormalised"
+_PORT = "; MuJoCo Warp, in the version that Newton requires"
 SOLVERS = {
     "semi-implicit": NewtonSolver(
         "SolverSemiImplicit", {"angular_damping": 0.0}, _EULER, ("no angular damping",)
@@ -30,19 +31,22 @@ SOLVERS = {
     "xpbd": NewtonSolver("SolverXPBD", {}, _EULER),
     # its argument angular_damping has no effect
     "featherstone": NewtonSolver(
-        "SolverFeatherstone", {}, "articulated body algorithm, then " + _EULER, bias=0.0
+        "SolverFeatherstone", {}, _EULER + "; by the articulated body algorithm", bias=0.0
     ),
     "mujoco-euler": NewtonSolver(
         "SolverMuJoCo",
         {"integrator": "euler"},
-        "MuJoCo Warp: omega += h I^-1 (tau - omega x I omega); q = q exp(h omega)",
+        f"M1{_PORT}",
     ),
     "mujoco-implicitfast": NewtonSolver(
         "SolverMuJoCo",
         {"integrator": "implicitfast"},
-        "MuJoCo Warp: linearly implicit, of the version installed",
+        f"M2{_PORT}",
     ),
     "mujoco-rk4": NewtonSolver(
-        "SolverMuJoCo", {"integrator": "rk4"}, "MuJoCo Warp: classical Runge-Kutta 4", order=None
+        "SolverMuJoCo",
+        {"integrator": "rk4"},
+        f"RK4 on the rotation group, stages averaged{_PORT}",
+        order=None,
     ),
 }

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _SEMI_IMPLICIT = Method(
     name="semi-implicit",
-    formula="v += h aba(q, v, tau); q = integrate(q, h v), v in body axes",
+    formula="M1; v += h aba(q, v, tau), q = integrate(q, h v), both velocities in body axes",
     order=1,
     evaluations=1,
     torque="zero-order hold",
@@ -36,7 +36,7 @@ _SEMI_IMPLICIT = Method(
 )
 _RK4 = Method(
     name="rk4",
-    formula="classical Runge-Kutta 4, stages and step by integrate: q = integrate(q, h sum b_i v_i)",
+    formula="RK4 on the rotation group, stages averaged; q = integrate(q, h sum b_i v_i)",
     order=2,  # it averages tangent vectors as if rotations commuted
     evaluations=4,
     torque="every stage",

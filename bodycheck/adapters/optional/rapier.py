@@ -22,19 +22,24 @@ from bodycheck.reference_impl.scene import Scene, State
 
 _STEP = Method(
     name="semi-implicit",
-    formula="omega += h I^-1 tau, then one Newton step of I omega' + h omega' x I omega' = I omega; "
-    "q = q + h omega q / 2, normalised",
+    formula="rescaled momentum, torque first, additive quaternion renormalised, 4 steps per step"
+    "; the accelerations of loads are held over the step",
     order=1,
     evaluations=1,
     torque="zero-order hold",
     conserves="|q| = 1; linear momentum",
-    source="Rapier, RigidBodyVelocity::integrate, angvel_with_gyroscopic_forces; Catto, GDC 2015",
+    source="Rapier, angvel_with_gyroscopic_forces in each of num_solver_iterations = 4",
     changed_defaults=("no sleeping", "no cap of the angular and linear speed"),
     snippet="world.integration_parameters.dt = {dt_s}; body.gyroscopic_forces_enabled = True",
     precision="float32",
     rounding_bias=4.0,
 )
-_DEFAULTS = replace(_STEP, name=f"{_STEP.name}{DEFAULTS}", changed_defaults=())
+_DEFAULTS = replace(
+    _STEP,
+    name=f"{_STEP.name}{DEFAULTS}",
+    formula=f"{_STEP.formula}; |omega| at most pi/4 / dt, |v| at most 400 m/s",
+    changed_defaults=(),
+)
 
 
 class Rapier(FreeBodiesOnly):

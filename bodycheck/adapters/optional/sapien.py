@@ -23,12 +23,12 @@ from bodycheck.reference_impl.scene import Scene, State
 
 _PHYSX = Method(
     name="physx",
-    formula="omega += h I^-1 tau with a gyroscopic term at the middle of the step; q = exp(h omega) q",
+    formula="rescaled momentum, torque first",
     order=None,  # at usual steps its error is that of float32
     evaluations=1,
     torque="zero-order hold",
     conserves="|q| = 1; linear momentum",
-    source="PhysX 5, rigid body dynamics on the CPU",
+    source="PhysX 5, rigid body dynamics on the CPU, gyroscopic forces on",
     changed_defaults=("no damping", "no sleeping", "no limits of velocities"),
     snippet="system.timestep = {dt_s}; body.linear_damping = body.angular_damping = 0",
     precision="float32",
@@ -37,6 +37,7 @@ _PHYSX = Method(
 _DEFAULTS = replace(
     _PHYSX,
     name=f"{_PHYSX.name}{DEFAULTS}",
+    formula=f"omega damped by 1 - 0.05 dt and limited to 100 rad/s, else {_PHYSX.formula}",
     conserves="|q| = 1",
     changed_defaults=(),
     snippet="system.timestep = {dt_s}",
@@ -49,7 +50,7 @@ class Sapien(FreeBodiesOnly):
 
     name = "sapien"
     distribution = "sapien"
-    requires = ("sapien>=3.0",)
+    requires = ("sapien>=3.0.3",)
     methods: Mapping[str, Method] = {method.name: method for method in (_PHYSX, _DEFAULTS)}
 
     def __init__(self) -> None:

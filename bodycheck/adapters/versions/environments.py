@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import fcntl
 import json
+import platform
 import re
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
-from importlib.metadata import distribution, version
+from importlib.metadata import distribution, distributions, version
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
@@ -24,7 +26,7 @@ from urllib.parse import unquote, urlsplit
 from bodycheck._util.cache_dir import cache_dir
 from bodycheck._util.distributions import installed
 from bodycheck._util.errors import UnavailableError
-from bodycheck._util.file_digests import files_below
+from bodycheck._util.file_digests import disk_bytes
 from bodycheck.adapters.engine_names import Pin, Program, pin_of
 from bodycheck.adapters.registry import distribution_of, plug_in_of, stated_by
 from bodycheck.adapters.versions.uv import UvError, in_one_line, index_settings, uv
@@ -35,6 +37,8 @@ _FACTS = "bodycheck.json"
 """File in an environment: its engine and version, and the sources of its packages."""
 _UNFINISHED = ".part"
 """End of the name of a folder that is not an environment yet."""
+_PYTHONS = ("3.11", "3.12", "3.13", "3.14")
+"""The versions of Python that a worker can run in."""
 _NEVER = b"bodycheck ; python_version < '0'\n"
 """Overrides an adapter's requirement of bodycheck, because the worker uses the running bodycheck."""
 _PACKAGE = re.compile(r"@?[A-Za-z0-9._/-]+")
@@ -77,6 +81,26 @@ def is_made(pin: Pin) -> bool:
     return _is_complete(_place(pin))
 
 
+def installed_version(engine: str) -> str | None:
+    """Return the version of an engine that runs on request, here or in its environment; None if not made.
+
+    It is read from the metadata of its package: no engine is imported.
+    """
+    package = distribution_of(engine)
+    pin = needed_environment(engine)
+    if pin is None:
+        found = None if package is None else installed(package)
+        return None if found is None else found.version
+    place = _place(pin)
+    if not is_made(pin):
+        return None
+    if _is_javascript(stated_by(engine)):
+        facts = (place / "node_modules" / str(package) / "package.json").read_bytes()
+        return str(json.loads(facts)["version"])
+    sites = [str(site) for site in place.glob("lib/python*/site-packages")]
+    return next((one.version for one in distributions(name=package, path=sites)), None)
+
+
 def requirements_of(pin: Pin) -> list[str]:
     """Return the requirements of an engine, with the pinned version in place of that of its package."""
     package = distribution_of(pin.engine)
@@ -113,7 +137,10 @@ def _made(pin: Pin) -> Path:
             if not _is_complete(place):  # another process may have made it meanwhile
                 # always reported, because downloading about 100 MB takes a while
                 print(f"creating an environment for {pin.name.replace('==', ' ')} ...", file=sys.stderr)
+                begin = time.monotonic()
                 _make(pin, place)
+                size, seconds = disk_bytes([place]) / 1e6, time.monotonic() - begin
+                print(f"  made in {seconds:.0f} s, {size:.0f} MB: {place}", file=sys.stderr)
     except UvError as error:
         raise UnavailableError(f"{pin.name} cannot be installed: {error}") from None
     except OSError as error:
@@ -134,7 +161,7 @@ def _place(pin: Pin) -> Path:
     if not _is_javascript(stated):
         rest += [sys.version, sys.base_prefix, *_as_here(), *index_settings()]
     if hasattr(stated, "requires"):
-        rest += [_other_python(pin), *requirements_of(pin)]
+        rest += [getattr(stated, "requires_python", ""), *requirements_of(pin)]
     digest = sha256("\n".join(rest).encode()).hexdigest()[:12]
     return cache_dir() / "environments" / f"{pin.name.replace('==', '-')}-{digest}"
 
@@ -143,9 +170,36 @@ def _as_here() -> list[str]:
     return [f"{name}=={version(name)}" for name in _NEEDED]
 
 
-def _other_python(pin: Pin) -> str:
-    """Return the versions of Python that the adapter requires; "" for the current one."""
-    return getattr(stated_by(pin.engine), "requires_python", "")
+def _other_python(pin: Pin) -> str | None:
+    """Return another Python for which an engine and the worker's imports have wheels; None if there is none.
+
+    An installed one is preferred to one that would have to be downloaded.
+    """
+    released, _ = _plug_in(pin)
+    wanted = "\n".join([*requirements_of(pin), *released, *_NEEDED])
+    here = f"{sys.version_info[0]}.{sys.version_info[1]}"
+    others = sorted((one for one in _PYTHONS if one != here), key=_must_be_downloaded)
+    return next((one for one in others if _has_wheels(wanted, one)), None)
+
+
+def _has_wheels(requirements: str, python: str) -> bool:
+    """Whether there are wheels of all packages for a version of Python; raises UvError without network."""
+    options = ("--python", sys.executable, "--python-version", python, "--no-build", "--no-header", "-")
+    try:
+        uv("pip", "compile", *options, stdin=requirements)
+    except UvError as error:
+        if not error.refused:
+            raise
+        return False
+    return True
+
+
+def _must_be_downloaded(python: str) -> bool:
+    try:
+        uv("python", "find", "--no-project", python)
+    except UvError:
+        return True
+    return False
 
 
 @contextmanager
@@ -178,10 +232,22 @@ def _make(pin: Pin, place: Path) -> None:
 
 
 def _make_python(pin: Pin, environment: Path) -> None:
-    # another Python than the current one may have to be downloaded
-    other = _other_python(pin)
-    python = other or sys.executable
+    stated = getattr(stated_by(pin.engine), "requires_python", "")
+    try:
+        _make_with(pin, environment, stated)
+    except UvError as error:
+        other = _other_python(pin) if error.refused and not stated else None
+        if other is None:
+            raise
+        print(f"  no wheels for Python {platform.python_version()}: uses Python {other}", file=sys.stderr)
+        shutil.rmtree(environment)
+        _make_with(pin, environment, other)
+
+
+def _make_with(pin: Pin, environment: Path, other: str) -> None:
+    """Make an environment with another Python, which may have to be downloaded, or the current one for ""."""
     # the working directory may be a project of anybody
+    python = other or sys.executable
     uv("venv", "--python", python, "--no-project", str(environment), downloads=bool(other))
     try:
         _install(pin, environment, _as_here())
@@ -226,7 +292,7 @@ def environments() -> list[Environment]:
 
 
 def _environment(folder: Path) -> Environment:
-    size = sum(status.st_size for _, status in files_below(str(folder)).values())
+    size = disk_bytes([folder])
     try:
         facts = json.loads((folder / _FACTS).read_bytes())
         return Environment(folder, Pin(facts["engine"], facts["version"]).name, tuple(facts["from"]), size)
@@ -253,6 +319,7 @@ def _install(pin: Pin, environment: Path, constraints: Sequence[str]) -> None:
         *requirements_of(pin),
         *released,
         *_NEEDED,
+        progress=True,
     )
     if local is not None:
         uv(*install, "--no-deps", local)

@@ -40,10 +40,15 @@ class UvError(UnavailableError):
         self.refused = refused
 
 
-def uv(*words: str, stdin: str = "", downloads: bool = False) -> str:
+_PROGRESS = ("Resolved", "Building", "Downloading", "Downloaded", "Prepared", "Installed")
+_REMARKS = ("Using ", "warning: ")
+
+
+def uv(*words: str, stdin: str = "", downloads: bool = False, progress: bool = False) -> str:
     """Run uv with these arguments and this standard input; return its standard output.
 
-    downloads: whether it may download a Python that is not installed.
+    downloads: whether it may download a Python that is not installed. progress: whether to print on standard
+    error what it resolves, downloads and installs.
 
     Raises UnavailableError if uv is not installed, UvError with uv's message in one line if it fails.
     """
@@ -54,17 +59,36 @@ def uv(*words: str, stdin: str = "", downloads: bool = False) -> str:
         "UV_PYTHON_DOWNLOADS": "automatic" if downloads else "never",
         "NO_COLOR": "1",
     }
-    done = subprocess.run(
-        [uv_program(), "--quiet", *words],
-        input=stdin,
-        capture_output=True,
+    if progress:
+        status, output, errors = _watched([uv_program(), *words], environment)
+    else:
+        command = [uv_program(), "--quiet", *words]
+        done = subprocess.run(
+            command, input=stdin, capture_output=True, text=True, env=environment, check=False
+        )
+        status, output, errors = done.returncode, done.stdout, done.stderr
+    if status != 0:
+        raise UvError(in_one_line(errors), refused=status == _REFUSED)
+    return output
+
+
+def _watched(command: list[str], environment: dict[str, str]) -> tuple[int, str, str]:
+    """Run uv and print its steps while it works; return its status, "", and its other messages."""
+    errors: list[str] = []
+    with subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
         text=True,
         env=environment,
-        check=False,
-    )
-    if done.returncode != 0:
-        raise UvError(in_one_line(done.stderr), refused=done.returncode == _REFUSED)
-    return done.stdout
+    ) as process:
+        for line in process.stderr or ():
+            if line.strip().startswith(_PROGRESS):
+                print(f"  {line.strip()}", file=sys.stderr, flush=True)
+            elif not line.startswith(_REMARKS):
+                errors.append(line)
+    return process.returncode, "", "".join(errors)
 
 
 def _users_configuration() -> dict[str, str]:

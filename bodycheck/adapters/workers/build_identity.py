@@ -22,6 +22,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from functools import cache
+from importlib.metadata import Distribution
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -124,14 +125,22 @@ def _kind(adapter: Adapter) -> BuildKind:
 
 def _is_installed(name: str) -> bool:
     """Return whether a package is imported from its installed distribution, not from a source folder."""
-    found, spec = installed(name), find_spec(name)
-    if found is None or spec is None or spec.origin is None:
+    found = installed(name)
+    if found is None:
         return False
     origin = found.read_text("direct_url.json")
     if origin is not None and _is_editable(origin):
         return False
     place = Path(str(found.locate_file("")))
-    return Path(spec.origin).is_relative_to(place) or Path(spec.origin).resolve().is_relative_to(place)
+    files = (Path(spec.origin) for spec in map(find_spec, _modules_of(found, name)) if spec and spec.origin)
+    return any(file.is_relative_to(place) or file.resolve().is_relative_to(place) for file in files)
+
+
+def _modules_of(found: Distribution, name: str) -> set[str]:
+    """Return the top-level modules of a distribution, whose name may differ: pin provides pinocchio."""
+    files = (str(file).rpartition("site-packages/")[2] for file in found.files or ())
+    code = (file for file in files if file.endswith((".py", ".so")) and not file.startswith(".."))
+    return {file.partition("/")[0].partition(".")[0] for file in code} or {name.replace("-", "_")}
 
 
 def _is_editable(direct_url: str) -> bool:

@@ -108,14 +108,24 @@ def _no_gyroscopic_term(solid: Solid, omega: Array, torque: Array, dt: Array) ->
     return omega + dt * times(solid.inverse, torque)
 
 
-def _momentum_length_preserved(solid: Solid, omega: Array, torque: Array, dt: Array) -> Array:
+def _rescaled_momentum(
+    solid: Solid, omega: Array, torque: Array, dt: Array, *, torque_first: bool = False
+) -> Array:
+    pushed = dt * times(solid.inverse, torque)
+    if torque_first:
+        omega = omega + pushed
     momentum = times(solid.inertia, omega)
-    rotated = momentum - dt * cross(omega, momentum)
-    length, rotated_length = (np.linalg.norm(m, axis=-1, keepdims=True) for m in (momentum, rotated))
-    rescaled = rotated * np.where(
-        rotated_length > 0.0, length / np.where(rotated_length > 0.0, rotated_length, 1.0), 0.0
+    turned = momentum - dt * cross(omega, momentum)
+    length, turned_length = (np.linalg.norm(m, axis=-1, keepdims=True) for m in (momentum, turned))
+    kept = times(solid.inverse, turned * (length / np.where(turned_length > 0.0, turned_length, 1.0)))
+    return kept if torque_first else kept + pushed
+
+
+def _linear_in_new_omega(solid: Solid, omega: Array, torque: Array, dt: Array) -> Array:
+    momentum = times(solid.inertia, omega)
+    return _solved(solid.inertia - dt[..., None] * hat(momentum), momentum) + dt * times(
+        solid.inverse, torque
     )
-    return times(solid.inverse, rescaled) + dt * times(solid.inverse, torque)
 
 
 @dataclass(frozen=True)
@@ -199,11 +209,25 @@ _RULES = (
         reversible=True,
     ),
     _OmegaRule(
-        "Jolt",
-        _momentum_length_preserved,
+        "rescaled momentum",
+        _rescaled_momentum,
         "I omega+ = |L| (L - dt omega x L) / |L - dt omega x L| + dt tau, L = I omega",
-        "Jolt's MotionProperties::ApplyGyroscopicForceInternal; PhysX 5's gyroscopic forces",
+        "Jolt's MotionProperties::ApplyGyroscopicForceInternal",
+        aliases=("Jolt",),
+    ),
+    _OmegaRule(
+        "rescaled momentum, torque first",
+        partial(_rescaled_momentum, torque_first=True),
+        "w' = omega + dt I^-1 tau, L = I w', I omega+ = |L| (L - dt w' x L) / |L - dt w' x L|",
+        "PhysX 5's gyroscopic forces; Rapier's, in its solver's iterations",
         aliases=("PhysX 5",),
+    ),
+    _OmegaRule(
+        "gyroscopic term of the new omega and the old momentum",
+        _linear_in_new_omega,
+        "I w' + dt w' x L = L, L = I omega; omega+ = w' + dt I^-1 tau",
+        "ODE's dWorldStep with dBodySetGyroscopicMode",
+        aliases=("ODE",),
     ),
     _OmegaRule(
         "no gyroscopic term",

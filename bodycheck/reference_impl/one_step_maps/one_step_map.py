@@ -162,6 +162,21 @@ def zero_order_hold(loads: Loads, begin: Motion, *, in_body_axes: bool) -> Loads
     return constant
 
 
+def held_acceleration(solid: Solid, loads: Loads, begin: Motion) -> Loads:
+    """Return loads whose force and angular acceleration are those at the start of the step, in world axes."""
+    start = begin.orthogonal
+    force, torque = loads(begin.t, begin.position, start, begin.velocity, times(start, begin.omega))
+    acceleration = times(start, times(solid.inverse, torque))
+
+    def constant(
+        t: Array, position: Array, rotation: Array, velocity: Array, omega: Array
+    ) -> tuple[Array, Array]:
+        del t, position, velocity, omega
+        return force, times(solid.inertia, back(rotation, acceleration))
+
+    return constant
+
+
 def stepped(motion: Motion, dt: Array) -> Motion:
     """Return the states with their times advanced by dt."""
     return replace(motion, t=motion.t + dt)

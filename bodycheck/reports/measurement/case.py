@@ -25,6 +25,7 @@ from bodycheck.adapters.registry import program_file
 from bodycheck.adapters.stable_step import energy_blowup, invalid_state, kinetic_limit
 from bodycheck.adapters.tree_contract import tree_mismatch
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.imu import imu_mistake
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
@@ -172,7 +173,9 @@ def run_case(problem: Problem, engine: Engine, method: Method, setting: Setting,
     columns |= measured
     if isinstance(scene, TreeScene) and plan is not None:
         columns |= made_map(scene, trajectory, plan, method.precision, problem.scales)
-    columns |= {"outcome": "ok", "message": _note(problem, plan, answer.message)}
+    mistake = "" if isinstance(scene, TreeScene) else imu_mistake(scene, trajectory)
+    messages = [text for text in (answer.message, mistake) if text]
+    columns |= {"outcome": "ok", "message": _note(problem, plan, messages)}
     return CaseResult(columns, moved, read_back)
 
 
@@ -303,8 +306,7 @@ def scenario_spec(reproduce: str) -> str | None:
     return arguments[2] if len(arguments) > 2 else None
 
 
-def _note(problem: Problem, plan: StepPlan | None, message: str) -> str:
-    notes = [message] if message else []
+def _note(problem: Problem, plan: StepPlan | None, notes: list[str]) -> str:
     if plan is not None and plan.mid_step_switches:
         notes.append(f"{SWITCH_NOTE}: {plan.mid_step_switches}; such a step applies the mean of its loads")
     if problem.compared < len(problem.truth.trajectory.t_s):

@@ -16,6 +16,7 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum, linear_momentum
+from bodycheck.reference_impl.imu import ImuReadings, has_imu
 from bodycheck.reference_impl.pivot import kinetic_energies, rotational_inertia
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.scene import Scene
@@ -113,6 +114,14 @@ class Compared:
         if not isinstance(self.scene, TreeScene):
             return None
         return joint_errors(self.scene, self.truth, self.trajectory)
+
+    @cached_property
+    def imu(self) -> ImuReadings | None:
+        """The true readings of sensors; None where the trajectory has none, or they are not defined."""
+        scene = self.scene
+        if self.trajectory.specific_force_m_s2 is None or isinstance(scene, TreeScene) or not has_imu(scene):
+            return None
+        return ImuReadings.of(scene, self.truth)
 
     @cached_property
     def invariant_drifts(self) -> list[InvariantDrift]:
@@ -340,6 +349,14 @@ _ALL = (
         scale="omega_scale_rad_s",
         unit="rad/s",
         bound="omega_rad_s",
+    ),
+    Measure(
+        "imu_error",
+        "max |a - a*| of the engine's accelerometer over max |a*|, or of its gyro over max |omega*|",
+        lambda c: None if c.imu is None else c.imu.departure(c.trajectory),
+        _needing("attitude", "omega"),
+        bound="omega_rad_s",
+        floor=lambda _: _NORM_FLOOR,
     ),
     Measure(
         "position_error",

@@ -299,13 +299,14 @@ def method_rows(cases: Sequence[CaseResult], problem: Problem, method: Method) -
 def _expected_order(cases: Sequence[CaseResult], problem: Problem, method: Method) -> int | None:
     """Return the lowest theoretical order over all quantities; None for a method without one.
 
-    Varying loads held constant over the step (zero-order hold), and steps that apply the mean of a load that
-    switches inside them, reduce any method to order 1.
+    Loads held constant over the step (zero-order hold), and steps that apply the mean of a load that switches
+    inside them, reduce any method to order 1.
     """
     if method.order is None or method.control != "dt":
         return None
-    zero_order_hold = (
-        bool(problem.scenario.scene.continuous_loads) and method.continuous_loads == "zero-order hold"
+    scene = problem.scenario.scene
+    zero_order_hold = (scene.continuous_loads and method.continuous_loads == "zero-order hold") or (
+        scene.loads and method.torque == "zero-order hold"
     )
     switched = any(SWITCH_NOTE in case.columns["message"] for case in cases)
     return min(method.order, 1) if zero_order_hold or switched else method.order

@@ -26,11 +26,12 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.loads import load_kinds
 from bodycheck.reference_impl.loads.kinds.callback import CallbackLoad
 from bodycheck.reference_impl.loads.load import ContinuousLoad, KeyForm
-from bodycheck.reference_impl.one_step_maps import MAPS, OneStepMap
+from bodycheck.reference_impl.one_step_maps import MAPS, OneStepMap, named_map, substepped
 from bodycheck.reference_impl.one_step_maps.one_step_map import (
     Loads,
     Motion,
     Solid,
+    held_acceleration,
     scene_loads,
     zero_order_hold,
 )
@@ -60,18 +61,26 @@ _ANGLES_RAD = (1.0, 0.5, 0.25, 0.125)
 _STEPS = 4
 _FINALISTS = 8  # maps that are compared over all steps, and at least all within 1e4 times the nearest
 _WIDE = 1e4
+_LIMITED = ", step angle at most pi/4"
 _ENGINES_MAPS = tuple(
     rule + update
-    for rule in ("M1", "M2", "M3", "Jolt", "no gyroscopic term")
+    for rule in (
+        *("M1", "M2", "M3", "no gyroscopic term"),
+        *("rescaled momentum", "rescaled momentum, torque first"),
+    )
     for update in (
         "",
-        ", step angle at most pi/4",
+        _LIMITED,
         ", additive quaternion",
         ", additive quaternion renormalised",
     )
 )
 """The maps that are also tried with several steps per step."""
 _MAX_SUBSTEPS = 8
+_SPEED_LIMIT_RAD = math.pi / 4.0
+_ONLY_SLOW = ", |omega| dt below pi/4"
+_NAMED_TIES = 4
+"""More maps than these that agree alike, as those of high order do in float32, are only counted."""
 _STATE = ("t", "position", "velocity", "quaternion", "omega")
 _TINY = float(np.finfo(np.float64).eps) / 2.0
 
@@ -207,9 +216,20 @@ def fingerprint_of(
         nearest = nearest_maps(free)
         if nearest[0].distance > limit:
             nearest = _substepped(free, limit) or nearest
-        if nearest[0].distance > limit:
-            return _unknown(free, nearest)
-        return _under_loads(engine, method, ask, loads, nearest)
+        if nearest[0].distance <= limit:
+            return _under_loads(engine, method, ask, loads, nearest)
+        rows = _slow(free)
+        slow = _substepped(free.part(rows), limit) if len(rows) > len(free.dt) // 4 else []
+        if slow:  # below the limit, a limited step is the same map
+            slow = [one for one in slow if _LIMITED not in one.name]
+            return _under_loads(engine, method, ask, loads, slow, only_slow=True)
+        return _unknown(free, nearest)
+
+
+def _slow(steps: Steps) -> Rows:
+    """Return the rows whose |omega| dt is below the speed limit of game engines, pi/4 a step."""
+    speed = np.maximum(*(np.linalg.norm(one.omega, axis=-1) for one in (steps.before, steps.after)))
+    return np.flatnonzero(speed * steps.dt < 0.99 * _SPEED_LIMIT_RAD)
 
 
 def _free_scenes() -> Iterator[tuple[Scene, float]]:
@@ -417,12 +437,12 @@ def _largest_distance(steps: Steps, one: OneStepMap, parts: int = 1) -> float:
 
 
 def _substepped(steps: Steps, limit: float) -> list[Match]:
-    """Return the maps of engines by distance, each made several times per step; none if none is near."""
+    """Return the maps of engines by distance, each made once or more per step; none if none is near."""
     found = []
     for name in _ENGINES_MAPS:
-        for parts in range(2, _MAX_SUBSTEPS + 1):
-            text = f"{name}, {parts} steps per step"
-            found.append(Match(text, _largest_distance(steps, MAPS[name], parts)))
+        for parts in range(1, _MAX_SUBSTEPS + 1):
+            distance = _largest_distance(steps, MAPS[name], parts)
+            found.append(Match(substepped(name, parts), distance))
     found.sort(key=lambda match: match.distance)
     return found if found[0].distance <= limit else []
 
@@ -447,12 +467,19 @@ def _unknown(free: Steps, nearest: list[Match]) -> Fingerprint:
     return replace(unknown, leading=leading, message=message)
 
 
-_RULES: Mapping[str, bool | None] = {
-    "": None,
-    "zero-order hold of loads in world axes": False,
-    "zero-order hold of loads in body axes": True,
+_RULES: Mapping[str, Callable[[Steps], Loads]] = {
+    "": lambda steps: steps.loads,
+    "zero-order hold of loads in world axes": lambda steps: zero_order_hold(
+        steps.loads, steps.before, in_body_axes=False
+    ),
+    "zero-order hold of loads in body axes": lambda steps: zero_order_hold(
+        steps.loads, steps.before, in_body_axes=True
+    ),
+    "zero-order hold of accelerations in world axes": lambda steps: held_acceleration(
+        steps.solid, steps.loads, steps.before
+    ),
 }
-"""The treatment of loads by a map that evaluates them at its stages; True: held in body axes."""
+"""The loads of a map that evaluates them at its stages, or is made several times per step."""
 
 
 def _under_loads(
@@ -461,8 +488,13 @@ def _under_loads(
     ask: RunCase,
     loads: Mapping[str, tuple[Load, ...]],
     nearest: list[Match],
+    *,
+    only_slow: bool = False,
 ) -> Fingerprint:
-    """Compare the maps that agree with free steps under each load, and name the one that agrees with all."""
+    """Compare the maps that agree with free steps under each load, and name the one that agrees with all.
+
+    only_slow: whether only steps below the speed limit are those of a map.
+    """
     rivals = _within(nearest)
     best: dict[str, dict[str, Match]] = {one.name: {} for one in rivals}
     notes: dict[str, str] = {}
@@ -472,6 +504,11 @@ def _under_loads(
         if isinstance(steps, str):
             notes[name] = steps
             continue
+        if only_slow:
+            steps = steps.part(_slow(steps))
+            if not len(steps.dt):
+                notes[name] = "no slow step"
+                continue
         for one in rivals:
             best[one.name][name] = min(_ruled(one.name, steps), key=lambda match: match.distance)
         if name == "gravity":
@@ -495,23 +532,24 @@ def _under_loads(
     tied = [one.name for one in others if one.distance < FARTHER * agreement]
     rules = {name: match.rule for name, match in best[chosen].items() if match.distance <= limit}
     shared = {rule for name, rule in rules.items() if name != "gravity"}
-    suffix = f", {shared.pop()}" if len(shared) == 1 and shared != {""} else ""
+    suffix = _ONLY_SLOW * only_slow + (f", {shared.pop()}" if len(shared) == 1 and shared != {""} else "")
     notes |= {name: rule or "as the map" for name, rule in rules.items() if len(shared) > 1}
     notes |= {
         name: f"unknown treatment, {match.distance:.2g} from the map"
         for name, match in best[chosen].items()
         if match.distance > limit
     }
-    known = MAPS.get(chosen)
+    same = [chosen, *tied] if len(tied) <= _NAMED_TIES else [chosen, f"{len(tied)} others"]
+    known = named_map(chosen)
     return Fingerprint(
-        " or ".join([chosen, *tied]) + suffix,
+        " or ".join(same) + suffix,
         agreement,
         runner_up.text,
         runner_up.distance,
-        "" if known is None else known.description,
+        "" if known is None else known[0].description,
         "" if position is None else position.name,
         notes,
-        known is not None and known.reversible,
+        known is not None and known[0].reversible,
         message="; ".join(f"{name}: {note}" for name, note in notes.items()),
     )
 
@@ -521,27 +559,14 @@ def _within(nearest: list[Match]) -> list[Match]:
     return [one for one in nearest if one.distance < FARTHER * max(nearest[0].distance, _TINY)]
 
 
-def _step_of(name: str) -> tuple[OneStepMap, int]:
-    """Return the map and the number of its steps per step, from the words of a match."""
-    base, _, rest = name.rpartition(", ")
-    if name in MAPS:
-        return MAPS[name], 1
-    return MAPS[base], int(rest.split()[0])
-
-
 def _ruled(name: str, steps: Steps) -> Iterator[Match]:
     """Yield how near a map is under each treatment of loads."""
-    one, parts = _step_of(name)
-    for rule, in_body_axes in _RULES.items():
-        if in_body_axes is None:
-            acting = steps
-        elif one.stages:
-            acting = replace(
-                steps, loads=zero_order_hold(steps.loads, steps.before, in_body_axes=in_body_axes)
-            )
-        else:
-            continue
-        yield Match(name, _largest_distance(acting, one, parts), rule)
+    found = named_map(name)
+    assert found is not None
+    one, parts = found
+    for rule, acting in _RULES.items():
+        if not rule or one.stages or parts > 1:
+            yield Match(name, _largest_distance(replace(steps, loads=acting(steps)), one, parts), rule)
 
 
 _POSITIONS = {"new velocity": 1.0, "old velocity": 0.0, "mean velocity": 0.5}

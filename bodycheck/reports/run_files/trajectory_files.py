@@ -127,6 +127,12 @@ COLUMNS = {
     "rotation": tuple(f"r{i}{j}" for i in range(3) for j in range(3)),
 }
 """Array of the npz -> its columns in the CSV."""
+_ARRAYS = {
+    **COLUMNS,
+    "specific_force_m_s2": ("ax_m_s2", "ay_m_s2", "az_m_s2"),
+    "gyro_rad_s": ("gx_rad_s", "gy_rad_s", "gz_rad_s"),
+}
+"""The arrays of the npz, with those of an engine's sensors."""
 
 _OF_TREES = ("q", "u")
 """Arrays of a tree; its others have an axis for bodies after that of samples."""
@@ -183,7 +189,7 @@ def tree_table(scene: TreeScene, trajectory: Trajectory) -> pd.DataFrame:
 
 def stored_arrays(trajectory: Trajectory) -> dict[str, Array]:
     """Return the arrays that the npz of a trajectory holds."""
-    values = {name: getattr(trajectory, name) for name in ("t_s", *COLUMNS, *_OF_TREES)}
+    values = {name: getattr(trajectory, name) for name in ("t_s", *_ARRAYS, *_OF_TREES)}
     return {name: value for name, value in values.items() if value is not None}
 
 
@@ -214,7 +220,7 @@ def read_arrays(path: Path) -> dict[str, Array]:
     Raises InputError with one line that names the file and the fault.
     """
     try:
-        stored = read_npz(path, ("t_s", *COLUMNS, *_OF_TREES))
+        stored = read_npz(path, ("t_s", *_ARRAYS, *_OF_TREES))
     except OSError as error:
         raise InputError(unread(path, error)) from None
     try:
@@ -241,7 +247,7 @@ def checked_arrays(path: Path, arrays: dict[str, Array], *, trees: bool = False)
     for name, value in arrays.items():
         if name in _OF_TREES and value.ndim == 2 and len(value) == len(t_s):
             continue
-        shape = {"t_s": (), "rotation": (3, 3)}.get(name, (len(COLUMNS.get(name, ())),))
+        shape = {"t_s": (), "rotation": (3, 3)}.get(name, (len(_ARRAYS.get(name, ())),))
         shape = shape if name == "t_s" else (*bodies, *shape)
         if value.shape != (len(t_s), *shape):
             raise InputError(f"{path}: {name} has the shape {value.shape}, not {(len(t_s), *shape)}")

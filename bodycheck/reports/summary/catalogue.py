@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from ctypes.util import find_library
 from dataclasses import dataclass
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import suggestion
 from bodycheck.adapters.contract import Engine, Method
-from bodycheck.adapters.engine_names import is_named
+from bodycheck.adapters.engine_names import Pin, is_named
 from bodycheck.adapters.registry import default_engines, engine_names, optional_engines, stated_by
-from bodycheck.adapters.versions.environments import is_made, needed_environment, requirements_of
+from bodycheck.adapters.versions.environments import installed_version, needed_environment, requirements_of
 from bodycheck.adapters.workers.engine_pool import announced
+from bodycheck.reference_impl.one_step_maps import formula_of
 from bodycheck.reports.document import Column, Document, Sentence, Table
 from bodycheck.reports.measurement.measures import MEASURES, SIGNED, Measure
 from bodycheck.scenarios.library import scenario_summaries, suites, tree_summaries
@@ -84,20 +86,22 @@ def _engine_rows(requested: Sequence[str]) -> list[tuple[str, str]]:
         for name, engine in announced([name for name in default_engines() if name in requested]).items()
     ]
     return rows + [
-        (name, f"on request (--engine {name}): {_needs(name)}")
+        (name, f"on request (--engine {name}): {on_request_state(name)}")
         for name in optional_engines()
         if name in requested
     ]
 
 
-def _needs(engine: str) -> str:
-    """Return what an optional engine needs, and whether it is there."""
+def on_request_state(engine: str) -> str:
+    """Return the version of an engine that runs on request and where it is, or what it needs."""
+    stated = stated_by(engine)
+    if library := getattr(stated, "system_library", ""):
+        found = find_library(library)
+        return f"{found}, of this system" if found else f"needs a shared library: {stated.install}"
     needed = needed_environment(engine)
-    if needed is None:
-        return "installed here"
-    requirements = ", ".join(requirements_of(needed))
-    if is_made(needed):
-        return f"{requirements} in its own environment"
+    if found := installed_version(engine):
+        return f"{found}, installed here" if needed is None else f"{found}, in its own environment"
+    requirements = ", ".join(requirements_of(Pin(engine, None)))
     return f"needs {requirements}, which are installed into an environment when it is first requested"
 
 
@@ -125,4 +129,5 @@ def _method_row(engine: str, method: Method, *, on_request: bool) -> tuple[str, 
     only = "; run only when requested by name" if on_request else ""
     if method.is_for_off_centre_links:
         only += ", or where a link is off the centre of mass"
-    return f"{engine}:{method.name}", f"{method.formula}{order}; conserves {method.conserves}{only}"
+    formula = formula_of(method.formula)
+    return f"{engine}:{method.name}", f"{formula}{order}; conserves {method.conserves}{only}"
