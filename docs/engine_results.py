@@ -168,7 +168,7 @@ def _cells(one: MeasuredMethod) -> tuple[str, ...]:
 def _map_of(row: Mapping[str, Any]) -> str:
     if row["fingerprint"] == NO_KNOWN_MAP:
         return NO_KNOWN_MAP
-    return f"{escaped_markdown(row['fingerprint'])} to {row['agreement']:.1e}"
+    return f"{row['fingerprint']} to {row['agreement']:.1e}"
 
 
 def _verdicts(verdicts: Iterable[str]) -> str:

@@ -45,6 +45,7 @@ _OPTIONAL = {
     "sapien": ("bodycheck.adapters.optional.sapien", "Sapien"),
     "exudyn": ("bodycheck.adapters.optional.exudyn", "Exudyn"),
     "basilisk": ("bodycheck.adapters.optional.basilisk", "Basilisk"),
+    "simbody": ("bodycheck.adapters.optional.simbody", "Simbody"),
     "ode": ("bodycheck.adapters.optional.ode", "Ode"),
 }
 """Adapters of engines that are not installed with bodycheck, and that run only if requested by name.

@@ -281,6 +281,34 @@ def basilisk(method: str) -> dict[str, Any]:
     return {"quaternion": quaternion.tolist(), "omega_body": list(state.omega_BN_B)}
 
 
+def simbody(method: str) -> dict[str, Any]:
+    """Integrate a model of one body on a free joint, each step by one call of a new manager."""
+    import opensim as o
+
+    o.Logger.setLevelString("Off")
+    model = o.Model()
+    model.setGravity(o.Vec3(0.0))
+    body = o.Body("b", 1.0, o.Vec3(0.0), o.Inertia(*MOMENTS, 0.0, 0.0, 0.0))
+    model.addBody(body)
+    joint = o.FreeJoint("j", model.getGround(), body)
+    model.addJoint(joint)
+    state = model.initSystem()
+    for index, value in enumerate(OMEGA):
+        joint.upd_coordinates(index).setSpeedValue(state, value)
+    called = "".join(word.capitalize() for word in method.split("-")).replace("kutta", "Kutta")
+    for step in range(STEPS):
+        manager = o.Manager(model)
+        manager.setIntegratorMethod(getattr(o.Manager, f"IntegratorMethod_{called}"))
+        manager.setIntegratorFixedStepSize(2.0 * DT)
+        state.setTime(step * DT)
+        manager.initialize(state)
+        state = o.State(manager.integrate((step + 1) * DT))
+    model.realizeVelocity(state)
+    turn = body.getTransformInGround(state).R()
+    rotation = [[turn.get(i, k) for k in range(3)] for i in range(3)]
+    return {"rotation": rotation, "omega_world": body.getAngularVelocityInGround(state).to_numpy().tolist()}
+
+
 def ode(method: str) -> dict[str, Any]:
     """Step a world by ctypes."""
     from ctypes import CDLL, POINTER, byref, c_double, c_void_p
@@ -306,7 +334,20 @@ def ode(method: str) -> dict[str, Any]:
 DRIVERS: dict[str, Callable[[str], dict[str, Any]]] = {
     **{
         driver.__name__: driver
-        for driver in (rapier, drake, pinocchio, scipy, heyoka, newton, mjx, sapien, exudyn, basilisk, ode)
+        for driver in (
+            rapier,
+            drake,
+            pinocchio,
+            scipy,
+            heyoka,
+            newton,
+            mjx,
+            sapien,
+            exudyn,
+            basilisk,
+            simbody,
+            ode,
+        )
     },
     "mujoco-warp": mujoco_warp,
 }
