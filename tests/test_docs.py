@@ -48,7 +48,6 @@ NOT_RUN = {
     'pip install "bodycheck[engines,history]"': "installs what a release publishes",
     '.venv/bin/pip install -e ".[bench]" && .venv/bin/python -m benchmarks '
     "&& .venv/bin/python -m benchmarks.readme": "installs, and measures speed for a quarter of an hour",
-    "bodycheck nightly --history nights": "takes minutes",
     "bodycheck run intermediate-axis --engine mujoco==3.17.0:rk4,mujoco==4.0.0:rk4": (
         "installs; tests/test_versions.py does that"
     ),
