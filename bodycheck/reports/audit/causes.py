@@ -1,4 +1,9 @@
-"""Name the cause of a difference between a stated and a held body, by trying each known fault on the file."""
+"""Name the cause of a difference between a stated and a held body, by trying each known fault on the file.
+
+These faults are of importers: they rotate by frames of the file, drop or merge links and shapes, or compute
+densities, none of which a scene has. So they are not among the faults of the diagnosis, which change how the
+body of a scene moves.
+"""
 
 from __future__ import annotations
 

@@ -4,6 +4,9 @@ dP = integral of F dt, dL = integral of tau dt, with P = m v and L = R I omega f
 A difference is due to the load's size, axes or point, the effective mass or inertia, or the readings. In a
 window of n steps under a constant load, any consistent method gives n h F. One that responds k steps late
 gives (n - k) h F, and one that releases the load k steps late gives k h F after the window.
+
+The mistakes that are tried have impulses in closed form, whatever the map of an engine is. The faults of the
+diagnosis change the steps of a known map, which an engine behind a new adapter need not make.
 """
 
 from __future__ import annotations
