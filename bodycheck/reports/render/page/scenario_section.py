@@ -203,7 +203,10 @@ _CASE_MEASURES = (
 )
 """The columns of results.csv that the table of a cell shows, if the scenario has them."""
 
-_METHOD_MEASURES = ("orientation_error_rad", "energy_drift", "angular_momentum_drift", "omega_error", "cpu_s")
+_METHOD_MEASURES = (
+    *("orientation_error_rad", "joint_error_rad", "joint_error_m"),
+    *("energy_drift", "angular_momentum_drift", "omega_error", "cpu_s"),
+)
 """The columns of results.csv by which the table of methods compares them."""
 
 _ORDER_COLUMNS = (
