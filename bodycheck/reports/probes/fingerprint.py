@@ -379,7 +379,12 @@ def _key_of_images(starts: Steps) -> str:
     before = {name: protocol.packed(getattr(starts.before, name)) for name in _STATE}
     solid = [protocol.packed(starts.solid.mass), protocol.packed(starts.solid.inertia)]
     return key_of(
-        maps=own_code(), evaluated_by=numeric_parts(), dt=protocol.packed(starts.dt), solid=solid, **before
+        maps=own_code(),
+        names=list(MAPS),  # loaded before the hash of the files, which may have changed since
+        evaluated_by=numeric_parts(),
+        dt=protocol.packed(starts.dt),
+        solid=solid,
+        **before,
     )
 
 
