@@ -185,6 +185,7 @@ def run_document(run: Tables) -> Document:
         (
             *_without_engines(run),
             Sentence(summary.conclusion, strong=True, only=("console",)),
+            *(Sentence(sentence, only=("console",)) for sentence in summary.alike),
             *_remarks(run),
             *(Sentence(sentence, only=_FOLDED) for sentence in summary.sentences),
             _method_table(methods) if is_short else replace(_method_table(methods), only=_FOLDED),

@@ -24,7 +24,7 @@ def shared_maps(run: Tables) -> list[str]:
     found = sorted(_shared(run), key=lambda one: (one.error > _LOST, -one.error))
     if not found:
         return []
-    others = [one.scenario for one in found[1:]]
+    others = [name for name in dict.fromkeys(one.scenario for one in found) if name != found[0].scenario]
     rest = [f"The same holds for the maps of engines in {names(others)}."] if others else []
     return [found[0].sentence, *rest]
 
