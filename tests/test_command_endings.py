@@ -43,7 +43,7 @@ def test_traceback_of_an_unexpected_error_is_printed_on_request(
 ) -> None:
     """BODYCHECK_TRACEBACK=1 prints it before the line, which still comes last and names the stored one."""
 
-    def broken(_: str) -> NoReturn:
+    def broken(*_: object) -> NoReturn:
         raise TypeError(3)
 
     monkeypatch.setattr("bodycheck.reports.summary.catalogue.catalogue", broken)
@@ -63,7 +63,7 @@ def test_unexpected_exception_is_one_line_and_status_70(
 ) -> None:
     """The line names the action, the file and the file that stores the traceback."""
 
-    def broken(_: str) -> NoReturn:
+    def broken(*_: object) -> NoReturn:
         with doing("reading suites.json"):
             raise UNEXPECTED[words]()
 
@@ -85,7 +85,7 @@ def test_lack_of_memory_is_one_line_and_status_2(
 ) -> None:
     """It is no fault of bodycheck: the line says so, and no traceback is stored."""
 
-    def broken(_: str) -> NoReturn:
+    def broken(*_: object) -> NoReturn:
         raise MemoryError
 
     monkeypatch.setattr("bodycheck.reports.summary.catalogue.catalogue", broken)
@@ -161,7 +161,7 @@ import time
 from bodycheck.cli import commands as cli
 from bodycheck.reports.summary import catalogue
 
-def wait(_):
+def wait(*_):
     print("waiting", flush=True)
     time.sleep(100)
 
@@ -178,7 +178,7 @@ import sys
 import bodycheck.reports.summary.catalogue as catalogue
 from bodycheck.__main__ import main
 
-catalogue.catalogue = lambda _: exec("signal.raise_signal(signal.SIGTERM)", {"signal": signal})
+catalogue.catalogue = lambda *_: exec("signal.raise_signal(signal.SIGTERM)", {"signal": signal})
 sys.argv = ["bodycheck", "list", "suites"]
 main()
 """

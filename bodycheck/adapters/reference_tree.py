@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from bodycheck.adapters.contract import TreeReadBack
-from bodycheck.adapters.tree_contract import TreeModel
+from bodycheck.adapters.tree_contract import TreeModel, UnreportedError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.taylor.solution import resolution_for
 from bodycheck.reference_impl.trajectory import Trajectory
@@ -34,6 +34,10 @@ class ReferenceTree(TreeModel):
         """Refuse the methods for one body."""
         moving = (*_MAPS, _SERIES)
         return None if method in moving else f"trees are moved by {', '.join(moving)}, not by {method}"
+
+    def set_state(self, q: Array, u: Array) -> None:  # noqa: ARG002
+        """Refuse to report the exact values that readings are compared with."""
+        raise UnreportedError("the reference only moves trees: its own readings are the exact ones")
 
     def start(self, method: str, dt_s: float) -> None:
         """Go back to the start."""

@@ -118,7 +118,7 @@ def test_depth_first_order() -> None:
 
 
 def test_engine_without_trees_is_unsupported() -> None:
-    """An adapter without a tree model answers `unsupported` with its name."""
+    """An adapter that reports nothing of trees answers `unsupported` with the reason."""
     scene = branched("hinge", floating=False)
     q, u = random_state(scene, np.random.default_rng(1))
     answer = answered_dynamics(get_adapter("reference"), dynamics_request(scene, q[None], u[None]))

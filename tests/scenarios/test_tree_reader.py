@@ -268,7 +268,9 @@ def test_only_the_spherical_pendulum_is_a_single_body() -> None:
                 load_scenario(name)
 
 
-@pytest.mark.parametrize("command", [("truth", "--at", "1"), ("ensemble", "--engine", "reference:rk4")])
+@pytest.mark.parametrize(
+    "command", [("ensemble", "--engine", "reference:rk4"), ("hunt", "--engine", "reference:rk4")]
+)
 def test_commands_without_trees_refuse_one_in_one_line(
     command: tuple[str, ...], tmp_path: Path, expected_message: ExpectedMessage
 ) -> None:

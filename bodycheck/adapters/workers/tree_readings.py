@@ -74,6 +74,7 @@ def answered_dynamics(adapter: Adapter, request: Message) -> Message:
         scene = case_messages.scene_of(request["scene"])
         assert isinstance(scene, TreeScene)
         model = model_class(scene, request["masses_were"])
+        model.set_state(q[0], u[0])
     except UnreportedError as error:
         return {"outcome": "unsupported", "message": str(error)}
     values: dict[str, list[Array]] = {name: [] for name in request["readings"]}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -354,9 +355,11 @@ def test_every_change_is_in_one_group_and_on_the_page(much: Comparison) -> None:
         assert len(group.changes) == 1 or f"in {count(len(cases), 'case')}" in group.text
     page = comparison_page(much)
     assert "by more than 2.0 % of the smaller value" in page
-    assert page.count("<li>") == len(sentences(much)) + sum(
+    headline, *others = sentences(much)
+    assert page.count("<li>") == len(others) + sum(
         len(group.changes) for group in made if len(group.changes) > 1
     )
+    assert escape(headline) in page
     assert "<b>free</b>" not in page
     assert "&lt;b&gt;free&lt;/b&gt;" in page
 

@@ -98,7 +98,7 @@ def test_all_errors_of_a_file_are_reported_at_once() -> None:
     with pytest.raises(InputError) as refused:
         parse_gates(text, "t")
     assert str(refused.value).splitlines() == [
-        "t: gate[1].uper: is not a key of this table",
+        "t: gate[1].uper: is not a key of this table; did you mean upper?",
         "t: gate[1]: needs a bound: upper, lower, near with decades, or equals",
         "t: gate[2].upper: should be a finite number (it is inf)",
     ]
