@@ -22,7 +22,7 @@ from bodycheck.adapters.contract import Method
 from bodycheck.adapters.engine_names import admit, is_named, with_method
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.case import CaseResult, measured_by, scenario_spec
-from bodycheck.reports.measurement.measures import EnergyAndMomentum
+from bodycheck.reports.measurement.compared_motion import EnergyAndMomentum
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.study import method_rows
 from bodycheck.reports.run_files.run_reader import MANIFEST, read_manifest, read_run, read_tables

@@ -27,7 +27,7 @@ from bodycheck.reference_impl.truth.motion_distance import potential_energy
 from bodycheck.reference_impl.truth.step_halving import solve_by_halving
 from bodycheck.reference_impl.wrench import continuous_wrench_of, sum_of_wrenches, wrench_of
 from bodycheck.reports.cache.truths import known_truth
-from bodycheck.reports.measurement.measures import EnergyAndMomentum
+from bodycheck.reports.measurement.compared_motion import EnergyAndMomentum
 from bodycheck.reports.measurement.work import working_loads
 from tests.helpers.expected_messages import ExpectedMessage
 

@@ -11,8 +11,8 @@ import pytest
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Drag, GravityGradient, Scene
 from bodycheck.reference_impl.truth.certification import solve_truth
+from bodycheck.reports.measurement.compared_motion import EnergyAndMomentum
 from bodycheck.reports.measurement.invariants import invariant_drifts, invariants_of, worst_drift
-from bodycheck.reports.measurement.measures import EnergyAndMomentum
 from bodycheck.reports.measurement.work import power, running_integral, working_loads
 from bodycheck.scenarios.library import load_scenario, load_scenarios
 

@@ -36,8 +36,9 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reference_impl.truth.truth import Truth
 from bodycheck.reference_impl.wrench import plan_steps
-from bodycheck.reports.measurement import measures
+from bodycheck.reports.measurement import compared_motion, measures
 from bodycheck.reports.measurement.case import _horizon, measured_by
+from bodycheck.reports.measurement.compared_motion import Compared, EnergyAndMomentum
 from bodycheck.reports.measurement.invariants import (
     Invariant,
     InvariantDrift,
@@ -49,8 +50,6 @@ from bodycheck.reports.measurement.invariants import (
 from bodycheck.reports.measurement.measure_bounds import TRUTH_BOUNDS, bound_of
 from bodycheck.reports.measurement.measures import (
     SCALES,
-    Compared,
-    EnergyAndMomentum,
     departures_of,
     reduced,
     series_of,
@@ -252,12 +251,12 @@ def test_balance_needs_the_work_to_a_third(
     load: Load, error: float, there: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """|E - E(0) - W| of 3 J is measured if the error of W is at most 1 J."""
-    monkeypatch.setattr(measures, "work_done", lambda *_: (np.array([0.0, 3.0, 1.0, 0.0]), error))
+    monkeypatch.setattr(compared_motion, "work_done", lambda *_: (np.array([0.0, 3.0, 1.0, 0.0]), error))
     found = series_of_motion(still(), still(), scene(load))
     assert ("energy_balance" in found) == there
     if there and not isinstance(load, TorsionSpring):
         assert found["energy_balance"].tolist() == [0.0, 3.0, 1.0, 0.0]
-    monkeypatch.setattr(measures, "work_done", lambda *_: None)
+    monkeypatch.setattr(compared_motion, "work_done", lambda *_: None)
     assert ("energy_balance" in series_of_motion(still(), still(), scene(load))) == isinstance(
         load, TorsionSpring
     )

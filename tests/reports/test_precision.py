@@ -26,8 +26,8 @@ from bodycheck.reference_impl.loads.kinds.drag import Drag
 from bodycheck.reference_impl.rotations import exp_quaternion, quaternion_product
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.case import CaseResult, measured_by
+from bodycheck.reports.measurement.compared_motion import EnergyAndMomentum
 from bodycheck.reports.measurement.convergence import Criteria, Point, convergence_of
-from bodycheck.reports.measurement.measures import EnergyAndMomentum
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.round_off import RoundOff, fitted
 from bodycheck.reports.measurement.study import Study, study

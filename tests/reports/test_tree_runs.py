@@ -19,7 +19,7 @@ from bodycheck.reference_impl.trees.tree_bodies import tree_trajectory
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.case import measured_by
-from bodycheck.reports.measurement.measures import Compared, EnergyAndMomentum
+from bodycheck.reports.measurement.compared_motion import Compared, EnergyAndMomentum
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.run_reader import read_run
 from bodycheck.reports.run_files.run_tables import Run

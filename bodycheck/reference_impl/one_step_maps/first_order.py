@@ -60,7 +60,12 @@ def gyroscopic_derivative(solid: Solid, omega: Array) -> Array:
 
 
 def _solved(matrix: Array, vector: Array) -> Array:
-    return np.asarray(np.linalg.solve(matrix, vector[..., None])[..., 0])
+    """Return x (..., 3) of A x = b; NaN where A is singular, as in a step without a solution."""
+    try:
+        return np.asarray(np.linalg.solve(matrix, vector[..., None])[..., 0])
+    except np.linalg.LinAlgError:
+        singular = ~(np.abs(np.linalg.det(matrix)) > 0.0)[..., None, None]
+        return _solved(np.where(singular, np.nan, matrix), vector)
 
 
 def _explicit(solid: Solid, omega: Array, torque: Array, dt: Array) -> Array:

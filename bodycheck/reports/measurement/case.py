@@ -30,6 +30,7 @@ from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reference_impl.wrench import StepPlan, plan_steps
+from bodycheck.reports.measurement.compared_motion import Compared, EnergyAndMomentum
 from bodycheck.reports.measurement.convergence import LARGEST_ERROR
 from bodycheck.reports.measurement.invariants import worst_drift
 from bodycheck.reports.measurement.joint_errors import joint_rows, worst_body
@@ -39,8 +40,6 @@ from bodycheck.reports.measurement.measures import (
     MEASURES,
     ORIENTATION,
     QUANTITIES,
-    Compared,
-    EnergyAndMomentum,
     departures_of,
     reduced,
     scale_of,

@@ -7,27 +7,18 @@ all derive from `MEASURES`. To add a measure, add an entry there.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.dynamics import angular_momentum, linear_momentum
-from bodycheck.reference_impl.imu import ImuReadings, has_imu
-from bodycheck.reference_impl.pivot import kinetic_energies, rotational_inertia
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.scene import Scene
-from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reference_impl.trees.tree_bodies import tree_momenta, tree_potential_energy
-from bodycheck.reference_impl.trees.tree_scene import TreeScene
-from bodycheck.reference_impl.truth.motion_distance import potential_energy
-from bodycheck.reports.measurement.invariants import Invariant, InvariantDrift, invariant_drifts, worst_drift
-from bodycheck.reports.measurement.joint_errors import JointErrors, joint_errors
+from bodycheck.reports.measurement.compared_motion import Compared
+from bodycheck.reports.measurement.invariants import worst_drift
 from bodycheck.reports.measurement.scales import Scales
-from bodycheck.reports.measurement.work import does_work, work_done
 
 IDENTITY = ("scenario", "family", "engine", "engine_version", "method")
 """The columns that identify a row's method, in each table but probes.csv."""
@@ -36,7 +27,6 @@ SIGNED = "_signed"
 """Suffix of the column of a measure with its sign."""
 
 _NORM_FLOOR = 1e-12  # round-off of |q| and R^T R after millions of products, each renormalised
-_RESOLVED = 3.0  # an imbalance below this many errors of the work counts as not measured
 _DIRECTED = 0.1  # of its largest value: a smaller vector has no reliable direction
 
 BoundKind: TypeAlias = Literal["rad", "energy", "momentum", "omega_rad_s", "m", "m_s"]
@@ -48,86 +38,6 @@ energy, momentum: relative already, to the largest kinetic energy and |L|;
 omega_rad_s, m, m_s: by the scale of omega, of length or of speed, unless the measure has no scale.
 """
 Judgement: TypeAlias = Literal["limit", "property"]
-
-
-@dataclass(frozen=True, eq=False)
-class EnergyAndMomentum:
-    """Energy and momentum along a trajectory: K, its rotational part and E (n,) in J, L and P (n, 3)."""
-
-    kinetic: Array
-    rotational: Array
-    energy: Array
-    angular_momentum: Array
-    linear_momentum: Array
-
-    @classmethod
-    def of(cls, scene: Scene | TreeScene, trajectory: Trajectory) -> EnergyAndMomentum:
-        """E = K + U, U from gravity (zero at the start) and loads; L about the centre of mass, world axes.
-
-        For a body with a pivot, E and L are taken about the pivot; of a tree, L about the world's origin.
-        """
-        kinetic, rotational = kinetic_energies(scene, trajectory)
-        if isinstance(scene, TreeScene):
-            linear, angular = tree_momenta(scene, trajectory)
-            energy = kinetic + tree_potential_energy(scene, trajectory)
-            return cls(kinetic, rotational, energy, angular, linear)
-        inertia = rotational_inertia(scene)
-        return cls(
-            kinetic=kinetic,
-            rotational=rotational,
-            energy=kinetic + potential_energy(scene, trajectory),
-            angular_momentum=angular_momentum(trajectory.rotation_matrices, inertia, trajectory.omega_body),
-            linear_momentum=linear_momentum(scene.body.mass, trajectory.velocity_m_s),
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Compared:
-    """A trajectory and the truth at the same n samples, with energy and momentum along both.
-
-    until: number of leading samples at which the truth can be trusted.
-    """
-
-    scene: Scene | TreeScene
-    truth: Trajectory
-    true: EnergyAndMomentum
-    trajectory: Trajectory
-    motion: EnergyAndMomentum
-    invariants: Sequence[Invariant]
-    until: int
-
-    @cached_property
-    def balance(self) -> tuple[Array, float] | None:
-        """E - E(0) - W (n,) and the error of W, in J; None where the samples are too coarse to resolve W."""
-        gained = self.motion.energy - self.motion.energy[0]
-        if not does_work(self.scene):
-            return gained, 0.0
-        done = work_done(self.scene, self.trajectory)
-        if done is None:
-            return None
-        work, error = done
-        return (gained - work, error) if _RESOLVED * error <= _largest(np.abs(gained - work)) else None
-
-    @cached_property
-    def joints(self) -> JointErrors | None:
-        """The errors of the joints of a tree; None for one body."""
-        if not isinstance(self.scene, TreeScene):
-            return None
-        return joint_errors(self.scene, self.truth, self.trajectory)
-
-    @cached_property
-    def imu(self) -> ImuReadings | None:
-        """The true readings of sensors; None where the trajectory has none, or they are not defined."""
-        scene = self.scene
-        if self.trajectory.specific_force_m_s2 is None or isinstance(scene, TreeScene) or not has_imu(scene):
-            return None
-        return ImuReadings.of(scene, self.truth)
-
-    @cached_property
-    def invariant_drifts(self) -> list[InvariantDrift]:
-        """The departure of each of the scene's invariants from the truth's, (until,)."""
-        drifts = invariant_drifts(self.invariants, self.truth, self.trajectory)
-        return [replace(drift, departure=drift.departure[: self.until]) for drift in drifts]
 
 
 @dataclass(frozen=True, eq=False)
@@ -450,7 +360,7 @@ def reduced(series: Mapping[str, Array], departures: Mapping[str, Array], scales
     """
     columns: dict[str, float] = {}
     for name, values in series.items():
-        largest = _largest(values)
+        largest = float(np.max(values))
         if name not in SCALES:
             columns[name] = largest
             continue
@@ -469,7 +379,3 @@ def reduced(series: Mapping[str, Array], departures: Mapping[str, Array], scales
 def gain_word(signed: float) -> str:
     """Return whether a signed drift gains or loses."""
     return "gains" if signed > 0.0 else "loses"
-
-
-def _largest(values: Array) -> float:
-    return float(np.max(values))

@@ -17,9 +17,9 @@ from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reference_impl.truth.truth import QUANTITIES, Truth
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.truths import known_truth
+from bodycheck.reports.measurement.compared_motion import EnergyAndMomentum
 from bodycheck.reports.measurement.convergence import LARGEST_LIMIT
 from bodycheck.reports.measurement.invariants import Invariant, invariants_of
-from bodycheck.reports.measurement.measures import EnergyAndMomentum
 from bodycheck.reports.measurement.scales import Scales, scene_scales
 from bodycheck.scenarios.model import Scenario
 from bodycheck.scenarios.tree_model import TreeScenario

@@ -22,13 +22,12 @@ from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.truths import known_truth
 from bodycheck.reports.diagnosis.quantity_resolution import Resolution
 from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion, stable_motion
+from bodycheck.reports.measurement.compared_motion import Compared, EnergyAndMomentum
 from bodycheck.reports.measurement.invariants import invariants_of, worst_drift
 from bodycheck.reports.measurement.measures import (
     MEASURES,
     ORIENTATION,
     SCALES,
-    Compared,
-    EnergyAndMomentum,
     departures_of,
     reduced,
     series_of,

@@ -31,7 +31,8 @@ from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion, measured_by, scenario_spec
-from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, SIGNED, EnergyAndMomentum
+from bodycheck.reports.measurement.compared_motion import EnergyAndMomentum
+from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, SIGNED
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.removed_motions import motion_again
 from bodycheck.reports.run_files.run_tables import Run, Tables, case_of, study_key
