@@ -35,9 +35,6 @@ OF_NO_SUITE = ("nesc-tumbling-brick", "quick")
 """A published recording, for `judge --like`, and a scenario for engines of which smoke takes minutes."""
 
 
-_STANDARD_TREES = ("free-chain", "double-pendulum")
-
-
 def scenario_names() -> tuple[str, ...]:
     """Return the names of the built-in scenarios and families, in alphabetical order."""
     return tuple(sorted(entry.name[:-5] for entry in _LIBRARY.iterdir() if entry.name.endswith(".toml")))
@@ -60,7 +57,7 @@ def suites() -> dict[str, tuple[str, ...]]:
     forcings, hard = (tuple(name for name in full if tag in tags[name]) for tag in ("forcings", "hard"))
     return {
         "smoke": ("free-flight", "powered-flight", "fast-flight"),
-        "standard": (*(name for name in full if name not in (*forcings, *hard)), *_STANDARD_TREES),
+        "standard": tuple(name for name in full if name not in (*forcings, *hard)),
         "forcings": forcings,
         "hard": hard,
         "trees": tree_names(),

@@ -99,8 +99,8 @@ def test_a_stored_tree_is_the_same(name: str) -> None:
 
 def test_commands_without_trees_leave_out_those_of_suites_and_refuse_others() -> None:
     """Only `load_any` returns trees; a suite has them, and a tree that is named is refused."""
-    assert {"free-chain", "double-pendulum"} <= {scenario.name for _, scenario in load_any(["standard"])}
-    assert not {*tree_names()} & {scenario.name for _, scenario in load_scenarios(["standard"])}
+    assert {*tree_names()} <= {scenario.name for _, scenario in load_any(["full"])}
+    assert not {*tree_names()} & {scenario.name for _, scenario in load_scenarios(["full"])}
     assert suites()["trees"] == tree_names()
     for load in (load_scenario, lambda name: load_scenarios([name])):
         with pytest.raises(InputError, match="tree of bodies"):
