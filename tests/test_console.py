@@ -94,6 +94,7 @@ def folder(stored_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         "failed": manifest["outcomes"]["failed"] + moved,
     }
     (folder / "other/manifest.json").write_text(json.dumps(manifest))
+    shutil.copytree(folder / "run", folder / "parent/run")
     return folder
 
 
@@ -265,7 +266,7 @@ SUGGESTED = {
     "column": ("table", "run", "--columns", "scenrio"),
     "command": ("comapre", "run", "other"),
     "run": ("compare", "run", "othre"),
-    "parent": ("explain", "."),
+    "parent": ("explain", "parent"),
     "file": ("judge", "motoin.csv", "--inertia-kg-m2", "1,2,3"),
     "listed": ("list", "methods", "--engine", "mujco"),
 }
