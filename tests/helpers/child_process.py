@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import os
 import pickle
@@ -38,6 +39,7 @@ def run_in_child(act: Callable[[], Any], limit_s: float, limit_megabytes: int = 
     begin = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder, "ended")
+        gc.collect()  # a child needs room for all that its parent holds
         child = os.fork()
         if child == 0:
             _carry_out(act, place, limit_megabytes)

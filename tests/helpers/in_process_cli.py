@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 from contextlib import chdir, redirect_stderr, redirect_stdout
 from io import StringIO
@@ -16,6 +17,7 @@ def run_bodycheck(folder: Path, *words: str) -> CompletedProcess[str]:
     """Run `bodycheck words` in a folder and return the result; modules imported from there are removed."""
     out, err = StringIO(), StringIO()
     status: object = None
+    collected_after = gc.get_threshold()
     with (
         chdir(folder),
         redirect_stdout(out),
@@ -27,6 +29,8 @@ def run_bodycheck(folder: Path, *words: str) -> CompletedProcess[str]:
             main()
         except SystemExit as ended:
             status = ended.code
+        finally:
+            gc.set_threshold(*collected_after)
     for name, module in list(sys.modules.items()):
         is_ours = name.partition(".")[0] in ("bodycheck", "tests")  # the folder may be that of the project
         if not is_ours and Path(getattr(module, "__file__", None) or "/").is_relative_to(folder):
