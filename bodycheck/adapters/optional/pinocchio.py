@@ -15,6 +15,7 @@ from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, S
 from bodycheck.adapters.engine_loads import StageLoads
 from bodycheck.adapters.frames import link_frame
 from bodycheck.adapters.optional.between_steps import NO_PIVOT, scalar_first, scalar_last
+from bodycheck.adapters.optional.pinocchio_loops import PinocchioLoops
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene
@@ -76,7 +77,7 @@ class Pinocchio:
         return PinocchioSimulation(scene, dt_s, by_stages=method == _RK4.name)
 
 
-class PinocchioSimulation:
+class PinocchioSimulation(PinocchioLoops):
     """A model of one body, and its state (q, v)."""
 
     stepping: Stepping = "python"
@@ -113,27 +114,6 @@ class PinocchioSimulation:
         """Replace the constant loads."""
         self._loads.wrench = wrench
         self._is_loaded = not wrench.is_zero or bool(self._scene.continuous_loads)
-
-    def advance(self, steps: int) -> None:
-        """Make the steps."""
-        for _ in range(steps):
-            self._step(self._steps_made * self._dt_s)
-            self._steps_made += 1
-
-    def _semi_implicit(self, t_s: float) -> None:
-        self._v = self._v + self._dt_s * self._acceleration(t_s, self._q, self._v)
-        self._q = self._pin.integrate(self._model, self._q, self._dt_s * self._v)
-
-    def _rk4(self, t_s: float) -> None:
-        h, q, v = self._dt_s, self._q, self._v
-        rates, accelerations = [v], [self._acceleration(t_s, q, v)]
-        for share in (0.5, 0.5, 1.0):
-            stage = self._pin.integrate(self._model, q, share * h * rates[-1])
-            rates.append(v + share * h * accelerations[-1])
-            accelerations.append(self._acceleration(t_s + share * h, stage, rates[-1]))
-        weights = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
-        self._v = v + h * (weights @ accelerations)
-        self._q = self._pin.integrate(self._model, q, h * (weights @ rates))
 
     def _acceleration(self, t_s: float, q: Array, v: Array) -> Array:
         """Aba(q, v, tau): (6,) in body axes, under the loads at this state."""

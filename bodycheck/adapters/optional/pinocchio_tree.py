@@ -13,6 +13,7 @@ import numpy as np
 
 from bodycheck.adapters.contract import TreeReadBack
 from bodycheck.adapters.optional.between_steps import scalar_first, scalar_last
+from bodycheck.adapters.optional.pinocchio_loops import PinocchioLoops
 from bodycheck.adapters.tree_contract import (
     JointedLink,
     RateMap,
@@ -27,7 +28,7 @@ from bodycheck.reference_impl.rotations import matrix_to_quaternion, quaternion_
 from bodycheck.reference_impl.trees.tree_scene import TreeLoad, TreeScene
 
 
-class PinocchioTree(TreeModel):
+class PinocchioTree(PinocchioLoops, TreeModel):
     """A model, its data and a state."""
 
     native: ClassVar[Mapping[str, str]] = {
@@ -151,34 +152,13 @@ class PinocchioTree(TreeModel):
     def start(self, method: str, dt_s: float) -> None:
         """Choose the loop of the method, and set the start."""
         self._step = self._rk4 if method == "rk4" else self._semi_implicit
-        self._dt_s, self._steps = dt_s, 0
+        self._dt_s, self._steps_made = dt_s, 0
         self.push(())
         self.set_state(self._scene.q0, self._scene.u0)
 
     def push(self, loads: Sequence[tuple[TreeLoad, float]]) -> None:
         """Keep the loads, which act at every evaluation."""
         self._loads = tuple(loads)
-
-    def advance(self, steps: int) -> None:
-        """Make the steps."""
-        for _ in range(steps):
-            self._step(self._steps * self._dt_s)
-            self._steps += 1
-
-    def _semi_implicit(self, t_s: float) -> None:
-        self._v = self._v + self._dt_s * self._acceleration(t_s, self._q, self._v)
-        self._q = self._pin.integrate(self._model, self._q, self._dt_s * self._v)
-
-    def _rk4(self, t_s: float) -> None:
-        h, q, v = self._dt_s, self._q, self._v
-        rates, accelerations = [v], [self._acceleration(t_s, q, v)]
-        for share in (0.5, 0.5, 1.0):
-            stage = self._pin.integrate(self._model, q, share * h * rates[-1])
-            rates.append(v + share * h * accelerations[-1])
-            accelerations.append(self._acceleration(t_s + share * h, stage, rates[-1]))
-        weights = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
-        self._v = v + h * (weights @ accelerations)
-        self._q = self._pin.integrate(self._model, q, h * (weights @ rates))
 
     def _acceleration(self, t_s: float, q: Array, v: Array) -> Array:
         """Aba under the loads, springs and dampers at this state."""
