@@ -694,15 +694,26 @@ def test_javascript_engine_always_needs_an_environment() -> None:
     assert environments.needed_environment("mujoco") is None
 
 
+@pytest.mark.usefixtures("npm")
 @pytest.mark.parametrize("missing", ["node", "npm"])
 def test_javascript_engine_needs_node_and_npm(
     missing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
 ) -> None:
     """The error names the missing program, and nothing is written."""
-    monkeypatch.setattr(
-        environments.shutil, "which", lambda name: None if name == missing else f"/bin/{name}"
-    )
-    with expected_message.raises(UvError) as refused:
-        environments._npm_install(["cannon-es"], tmp_path)
-    assert not refused.value.refused
+    monkeypatch.setattr(environments.shutil, "which", lambda name: None if name == missing else name)
+    with expected_message.raises(UnavailableError):
+        environments.program_in(CANNON)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("npm")
+def test_existing_javascript_environment_needs_node_only(
+    monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
+) -> None:
+    """Without npm it is used; without Node.js the message is that of one that does not exist."""
+    environments.program_in(CANNON)
+    monkeypatch.setattr(environments.shutil, "which", lambda name: None if name == "npm" else name)
+    assert environments.program_in(CANNON) is not None
+    monkeypatch.setattr(environments.shutil, "which", lambda _: None)
+    with expected_message.raises(UnavailableError):
+        environments.program_in(CANNON)

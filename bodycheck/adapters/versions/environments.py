@@ -73,6 +73,9 @@ def program_in(pin: Pin) -> Program | None:
     stated = stated_by(pin.engine)
     if not _is_javascript(stated):
         return None
+    for program in ["node"] if is_made(pin) else ["node", "npm"]:
+        if shutil.which(program) is None:
+            raise UnavailableError(f"{pin.name} needs Node.js, but {program} is not on the path")
     return Program(command=["node", str(stated.worker)], environment={NODE_PACKAGES: str(_made(pin))})
 
 
@@ -259,9 +262,6 @@ def _make_with(pin: Pin, environment: Path, other: str) -> None:
 
 def _npm_install(requirements: Sequence[str], folder: Path) -> None:
     """Install JavaScript packages into a folder, without running their scripts; raises UvError."""
-    for program in ("node", "npm"):
-        if shutil.which(program) is None:
-            raise UvError(f"it needs Node.js, but {program} is not on the path", refused=False)
     (folder / "package.json").write_bytes(b'{"private": true}')
     quiet = ("--no-audit", "--no-fund", "--ignore-scripts", "--loglevel=error")
     command = ["npm", "install", *quiet, "--prefix", str(folder), *requirements]
