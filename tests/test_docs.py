@@ -24,11 +24,11 @@ from bodycheck._util.formatting import scientific
 from bodycheck.adapters.engine_names import admit_file
 from bodycheck.adapters.registry import get_adapter, optional_engines, program_of, registered, stated_by
 from bodycheck.cli.commands import app
+from bodycheck.recordings.column_map import read_map
 from bodycheck.reference_impl.one_step_maps import named_map
 from bodycheck.reports.gates.gate import read_gates, read_thresholds
 from bodycheck.reports.gates.thresholds import THRESHOLD
-from bodycheck.reports.probes.fingerprint import NO_KNOWN_MAP
-from bodycheck.reports.recordings.column_map import read_map
+from bodycheck.reports.run_files.method_words import NO_KNOWN_MAP
 from bodycheck.reports.run_files.trajectory_files import trajectory_table
 from bodycheck.scenarios.reader import parse_members, parse_trees
 from tests.helpers.doc_pages import ROOT, Block, Command, blocks, commands, has_tests, pages, text_of

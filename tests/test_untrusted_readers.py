@@ -14,8 +14,8 @@ import pytest
 from bodycheck._util.errors import InputError
 from bodycheck._util.pinned_libraries import duckdb_connection
 from bodycheck._util.untrusted import number_of
+from bodycheck.recordings.formats import read_recording
 from bodycheck.reports.cache.journal import Journal
-from bodycheck.reports.recordings.formats import read_recording
 from bodycheck.reports.run_files.tables import as_csv
 from bodycheck.reports.run_files.trajectory_files import MAX_BYTES, read_npz
 from bodycheck.runs import directory

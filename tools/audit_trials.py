@@ -31,16 +31,16 @@ import numpy as np
 from bodycheck._util.errors import InputError
 from bodycheck.adapters.importers import importer
 from bodycheck.adapters.workers.engine_pool import EnginePool
-from bodycheck.reports.audit.audit import SINGLE, Body, Difference, LintFinding
-from bodycheck.reports.audit.lint import lint
-from bodycheck.runs.audit_against import audit_against
-from bodycheck.runs.audit_imports import import_once, import_request
-from bodycheck.runs.audit_run import (
+from bodycheck.audit.audit import SINGLE, Body, Difference, LintFinding
+from bodycheck.audit.audit_against import audit_against
+from bodycheck.audit.audit_imports import import_once, import_request
+from bodycheck.audit.audit_run import (
     AuditOptions,
     audit,
     checked_engines,
     imported_audit,
 )
+from bodycheck.audit.lint import lint
 from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.model_files.xml_file import read_bytes
 

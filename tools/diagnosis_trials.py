@@ -25,9 +25,9 @@ import numpy as np
 
 from bodycheck.adapters.contract import Setting
 from bodycheck.adapters.execution import Case, record
+from bodycheck.examine.diagnosis.diagnosis import Diagnosis, diagnosed
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.cache.disk_cache import Cache
-from bodycheck.reports.diagnosis.diagnosis import Diagnosis, diagnosed
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.scenarios.library import load_scenario
 from tests.helpers.planted_faults import FAULTS, Fault

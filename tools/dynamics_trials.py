@@ -16,9 +16,9 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from bodycheck.adapters.registry import registered
+from bodycheck.examine.dynamics.dynamics_document import dynamics_document
+from bodycheck.examine.dynamics.engine_dynamics import EngineDynamics
 from bodycheck.reports.document import print_document
-from bodycheck.reports.dynamics.dynamics_document import dynamics_document
-from bodycheck.reports.dynamics.engine_dynamics import EngineDynamics
 from bodycheck.runs.dynamics_run import DynamicsOptions, dynamics
 from tests.helpers.faulty_tree_models import PLANTED, FaultyTrees, PlantedTreeFault
 

@@ -21,9 +21,9 @@ import numpy as np
 from bodycheck.adapters.batches import Batch, record_batch
 from bodycheck.adapters.contract import Setting
 from bodycheck.adapters.reference import Reference
+from bodycheck.ensembles.ensemble_cases import measured, truth_of
 from bodycheck.reference_impl.truth.free_batch import free_truths
 from bodycheck.reports.summary.quantiles import SHARES, QuantileSketch
-from bodycheck.runs.ensemble_cases import measured, truth_of
 from bodycheck.scenarios.ensemble import Ensemble, default_distribution
 from bodycheck.scenarios.library import load_scenario
 from tests.helpers.quantile_agreement import agree

@@ -136,7 +136,7 @@ TESTS: dict[str, tuple[str, ...]] = {
         "../test_versions.py",
         _TWO_VERSIONS,
     ),
-    "reports/probes/examination.py": (
+    "examine/probes/examination.py": (
         "test_fingerprint.py",
         "test_fingerprint.py::test_an_unknown_map_is_described_by_its_leading_error",
     ),
@@ -144,7 +144,7 @@ TESTS: dict[str, tuple[str, ...]] = {
         "../test_versions.py",
         "../test_versions.py::test_every_release_is_run_on_request",
         _TWO_VERSIONS,
-        "test_audit.py::test_release_in_which_an_audit_changed_is_named",
+        "../audit/test_audit.py::test_release_in_which_an_audit_changed_is_named",
     ),
     "reports/history/regression.py": ("history/test_regression.py", "history/test_step_detection.py"),
 }

@@ -33,12 +33,12 @@ from bodycheck.adapters.contract import Setting
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.step_function import StepFunction
+from bodycheck.examine.probes.probe import built_in_probes, precision_finding
 from bodycheck.reports.measurement.case import measured_by, stable_motion
 from bodycheck.reports.measurement.convergence import LARGEST_ERROR
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.round_off import RoundOff, fitted
-from bodycheck.reports.probes.probe import built_in_probes, precision_finding
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.scenarios.library import load_scenarios
 from tests.helpers.reported_results import reported_results

@@ -28,6 +28,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
 import pandas as pd
+from tests.reports.recordings.test_conversion import write_mcap
 
 import bodycheck
 from bodycheck._util.errors import BodycheckError
@@ -36,6 +37,8 @@ from bodycheck.adapters.contract import Build, Setting
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.workers import protocol, received_messages
+from bodycheck.recordings.column_map import ColumnMap, read_map
+from bodycheck.recordings.conversion import recorded_motion
 from bodycheck.reference_impl.kernels.cache_files import _content, _DamagedError
 from bodycheck.reports.cache.disk_cache import Cache, Entry
 from bodycheck.reports.cache.journal import Journal
@@ -45,8 +48,6 @@ from bodycheck.reports.gates.gate import read_gates
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import baseline_of, readable_runs
 from bodycheck.reports.history.queries import TABLES, query
-from bodycheck.reports.recordings.column_map import ColumnMap, read_map
-from bodycheck.reports.recordings.conversion import recorded_motion
 from bodycheck.reports.run_files.run_reader import read_run, read_tables
 from bodycheck.reports.run_files.tables import as_parquet
 from bodycheck.reports.run_files.trajectory_files import read_arrays
@@ -74,7 +75,6 @@ from tests.helpers.file_mutations import (
 from tests.helpers.html_page import report_page
 from tests.helpers.nightly_runs import store_nightly_runs, unchanged
 from tests.helpers.scenario_texts import SCENARIO
-from tests.reports.recordings.test_conversion import write_mcap
 from tests.scenarios.test_mesh_files import ascii_ply, ascii_stl, binary_ply, binary_stl, obj
 from tests.scenarios.test_mesh_inputs import ascii_cube
 from tests.scenarios.test_mesh_scenes import dae, glb, model_3mf, packed
@@ -178,7 +178,7 @@ def _trajectories(sound: Path) -> list[Reader]:
     cache = Cache.default()
 
     def judged(path: Path) -> None:
-        from bodycheck.reports.judge import judge_files, read_files
+        from bodycheck.recordings.judge import judge_files, read_files
 
         judge_files([path], read_files([path], ColumnMap(), None), mine, "mine.toml", cache, None)
 

@@ -35,19 +35,19 @@ from scipy.integrate import solve_ivp
 from bodycheck.adapters.contract import Setting
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
+from bodycheck.examine.diagnosis.diagnosis import Diagnosis
+from bodycheck.examine.diagnosis.engine_model import Grid, ReportedStates, matrix_of
+from bodycheck.examine.diagnosis.faults import FAULTS
+from bodycheck.examine.diagnosis.faults.fault import Fault, FaultContext
+from bodycheck.examine.diagnosis.fit import planted
+from bodycheck.examine.diagnosis.flow import BASES, Base, Flow, States
+from bodycheck.examine.diagnosis.transitions import Transitions
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import normalised, quaternion_product, quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import wrench_between
 from bodycheck.reports.cache.disk_cache import Cache
-from bodycheck.reports.diagnosis.diagnosis import Diagnosis
-from bodycheck.reports.diagnosis.engine_model import Grid, ReportedStates, matrix_of
-from bodycheck.reports.diagnosis.faults import FAULTS
-from bodycheck.reports.diagnosis.faults.fault import Fault, FaultContext
-from bodycheck.reports.diagnosis.fit import planted
-from bodycheck.reports.diagnosis.flow import BASES, Base, Flow, States
-from bodycheck.reports.diagnosis.transitions import Transitions
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.runs import runner
 from bodycheck.scenarios.library import load_scenario

@@ -116,17 +116,17 @@ def audit(
     is then spun freely, and its motion compared with the exact motion of the body in the file.
     """
     from bodycheck._util.shard import Shard
+    from bodycheck.audit.audit_against import audit_against
+    from bodycheck.audit.audit_document import alerts_of, audit_data, audit_document, failures
+    from bodycheck.audit.audit_fix import with_fix
+    from bodycheck.audit.audit_merge import write_shard
+    from bodycheck.audit.audit_page import audit_page
+    from bodycheck.audit.audit_run import AuditOptions
+    from bodycheck.audit.audit_run import audit as audited
     from bodycheck.reports.alerts import sarif as as_sarif
-    from bodycheck.reports.audit.audit_document import alerts_of, audit_data, audit_document, failures
-    from bodycheck.reports.audit.audit_page import audit_page
     from bodycheck.reports.document import answer
     from bodycheck.reports.render.progress import status_line
     from bodycheck.reports.run_files.writer import check_output
-    from bodycheck.runs.audit_against import audit_against
-    from bodycheck.runs.audit_fix import with_fix
-    from bodycheck.runs.audit_merge import write_shard
-    from bodycheck.runs.audit_run import AuditOptions
-    from bodycheck.runs.audit_run import audit as audited
 
     if spellings == (model is not None):
         raise InputError("audit: give either a model file or --spellings")
@@ -173,9 +173,9 @@ def audit(
 
 
 def _spellings(engine: str | None, timeout_s: float, *, as_json: bool, quiet: bool) -> None:
+    from bodycheck.audit.spelling_run import run_spellings, spelling_document
     from bodycheck.reports.document import answer
     from bodycheck.reports.render.progress import status_line
-    from bodycheck.runs.spelling_run import run_spellings, spelling_document
 
     with status_line("spinning the spellings of one body", quiet=quiet):
         results = run_spellings(None if engine is None else engine.split(","), timeout_s)

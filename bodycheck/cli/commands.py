@@ -297,9 +297,9 @@ def judge(
     the truth, and with the suffix _from_start relative to the file's first sample.
     """
     from bodycheck._util.files import check_file, write_file
+    from bodycheck.recordings.judge import explained_motion
+    from bodycheck.recordings.judge_document import conclusion, is_true, judgement_document
     from bodycheck.reports.document import answer
-    from bodycheck.reports.judge import explained_motion
-    from bodycheck.reports.judge_document import conclusion, is_true, judgement_document
     from bodycheck.reports.render.progress import status_line
     from bodycheck.runs import runner
 
@@ -328,12 +328,12 @@ def judge(
         ]
     document = judgement_document(ranking, cases, evidence=explain)
     if html is not None:
-        from bodycheck.reports.judge_page import judgement_page
+        from bodycheck.recordings.judge_page import judgement_page
 
         write_file(html, judgement_page(ranking, cases).encode())
     data = ranking.data
     if cases:
-        from bodycheck.reports.explanation.explanation_document import explanation_data
+        from bodycheck.examine.explanation.explanation_document import explanation_data
 
         sentences = [
             conclusion(motion, case).text for motion, case in zip(ranking.motions, cases, strict=True)

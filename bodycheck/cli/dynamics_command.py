@@ -82,9 +82,9 @@ def dynamics(
     show which state each reading belongs to. The exit status is 1 if a reading is wrong.
     """
     from bodycheck.adapters.engine_names import split_method
+    from bodycheck.examine.dynamics.dynamics_document import dynamics_document
+    from bodycheck.examine.dynamics.engine_dynamics import dynamics_rows
     from bodycheck.reports import document
-    from bodycheck.reports.dynamics.dynamics_document import dynamics_document
-    from bodycheck.reports.dynamics.engine_dynamics import dynamics_rows
     from bodycheck.reports.gates.gate import read_gates
     from bodycheck.reports.gates.gate_output import results_document
     from bodycheck.reports.gates.verdict import check_gates

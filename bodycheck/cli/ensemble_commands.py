@@ -34,7 +34,7 @@ from bodycheck.cli.options import (
 from bodycheck.runs.request import TIMEOUT_S
 
 if TYPE_CHECKING:
-    from bodycheck.runs.ensemble_result import EnsembleRequest
+    from bodycheck.ensembles.ensemble_result import EnsembleRequest
 
 ensemble_commands = typer.Typer()
 
@@ -165,8 +165,8 @@ def ensemble(
     Moments of inertia are uniform in the triangle of possible ones, attitudes and directions are uniform, and
     |omega| and the trace of the inertia are log-uniform. Seed and row determine a body.
     """
-    from bodycheck.runs.ensemble_result import EnsembleRequest
-    from bodycheck.runs.ensemble_run import row_text
+    from bodycheck.ensembles.ensemble_result import EnsembleRequest
+    from bodycheck.ensembles.ensemble_run import row_text
 
     admit_engines(engines, allow_code=allow_code)
     request = EnsembleRequest(
@@ -205,9 +205,9 @@ def _new_folder(name: str) -> Path:
 
 
 def _run(request: EnsembleRequest, out: Path | None, *, as_json: bool, quiet: bool) -> None:
+    from bodycheck.ensembles.ensemble_answer import ensemble_data, ensemble_document, write_ensemble_page
+    from bodycheck.ensembles.ensemble_run import run_ensemble
     from bodycheck.reports.document import answer
-    from bodycheck.runs.ensemble_answer import ensemble_data, ensemble_document, write_ensemble_page
-    from bodycheck.runs.ensemble_run import run_ensemble
 
     folder = out or _new_folder(f"ensemble-{Path(request.scenario).stem}-{request.seed}")
     result = run_ensemble(request, folder, progress_of(quiet=quiet))
@@ -285,12 +285,12 @@ def hunt(
     The search begins with random starts from the same distribution as `ensemble`. With --against, it finds
     where two methods, engines or versions differ most. A breakdown of the method ranks above any error.
     """
+    from bodycheck.ensembles.ensemble_answer import hunt_data, hunt_document
+    from bodycheck.ensembles.ensemble_result import EnsembleRequest
+    from bodycheck.ensembles.hunt_run import HuntRequest, write_hunt
+    from bodycheck.ensembles.hunt_run import hunt as search
     from bodycheck.reports.document import answer
     from bodycheck.reports.run_files.writer import check_output
-    from bodycheck.runs.ensemble_answer import hunt_data, hunt_document
-    from bodycheck.runs.ensemble_result import EnsembleRequest
-    from bodycheck.runs.hunt_run import HuntRequest, write_hunt
-    from bodycheck.runs.hunt_run import hunt as search
 
     admit_engines(engines, allow_code=allow_code)
     request = HuntRequest(

@@ -60,15 +60,15 @@ def merge(
     Except for speeds, the tables are those of an undivided run. Differences between the machines are
     reported: versions, and different results of the sentinel cases, which every shard runs.
     """
-    from bodycheck.reports.audit.audit_document import audit_data, audit_document
+    from bodycheck.audit.audit_document import audit_data, audit_document
+    from bodycheck.audit.audit_merge import is_audit, merge_audits
+    from bodycheck.ensembles.ensemble_answer import ensemble_data, ensemble_document, write_ensemble_page
+    from bodycheck.ensembles.ensemble_merge import is_ensemble, merge_ensembles
     from bodycheck.reports.document import answer
     from bodycheck.reports.history.archive import History
     from bodycheck.reports.run_files.writer import check_output
     from bodycheck.reports.summary.sentences import run_data, run_document
-    from bodycheck.runs.audit_merge import is_audit, merge_audits
     from bodycheck.runs.directory import write_run
-    from bodycheck.runs.ensemble_answer import ensemble_data, ensemble_document, write_ensemble_page
-    from bodycheck.runs.ensemble_merge import is_ensemble, merge_ensembles
     from bodycheck.runs.merge import merge as merged
     from bodycheck.runs.nightly_run import store_nightly
 

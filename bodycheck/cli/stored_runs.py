@@ -342,9 +342,9 @@ def explain(
     The reference runs the one-step map of the method with each fault that it knows, alone and in pairs, and
     compares the result with the motion of the engine from sample to sample.
     """
+    from bodycheck.examine.explanation.explain import explain_run
     from bodycheck.reports.document import answer
     from bodycheck.reports.document import markdown as as_markdown
-    from bodycheck.reports.explanation.explain import explain_run
     from bodycheck.reports.render.figures import check_drawable
     from bodycheck.reports.render.progress import status_line
 
@@ -355,7 +355,7 @@ def explain(
     check_files(files)
     with status_line("comparing the motions with each fault", quiet=quiet):
         cases = explain_run(run, case, allow_code=allow_code)
-    from bodycheck.reports.explanation import explanation_document as explanations
+    from bodycheck.examine.explanation import explanation_document as explanations
 
     document = explanations.explanation_document(cases)
 

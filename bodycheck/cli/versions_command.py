@@ -89,10 +89,12 @@ def versions(
     from bodycheck.reports.comparison.release_results import found_data, found_document
     from bodycheck.reports.document import answer
     from bodycheck.runs.request import Request
-    from bodycheck.runs.version_search import ReleaseSearch, audit_versions, search
+    from bodycheck.runs.version_search import ReleaseSearch, search
 
     announce = partial(_announce, quiet=quiet)
     if audit is not None:
+        from bodycheck.audit.audit_versions import audit_versions
+
         refuse_others(context, "--audit: runs no scenario", _OF_AN_AUDIT)
         found = audit_versions(
             engine, since, until, audit, every=every, timeout_s=timeout_s, announce=announce

@@ -19,10 +19,10 @@ from bodycheck.adapters.workers.tree_readings import (
     readings_of,
     without_loads,
 )
+from bodycheck.examine.dynamics.engine_dynamics import EngineDynamics, ReadTree, engine_dynamics
+from bodycheck.examine.dynamics.tree_case import TreeCase, TreeState
 from bodycheck.reference_impl.trees.random_trees import random_state, random_tree
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
-from bodycheck.reports.dynamics.engine_dynamics import EngineDynamics, ReadTree, engine_dynamics
-from bodycheck.reports.dynamics.tree_case import TreeCase, TreeState
 from bodycheck.scenarios.library import load_trees
 from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.model_files.model_tree import model_trees

@@ -14,18 +14,18 @@ from bodycheck._util.formatting import count
 from bodycheck.adapters.contract import Engine, Method
 from bodycheck.adapters.engine_names import is_program
 from bodycheck.adapters.workers.engine_pool import EnginePool
-from bodycheck.reports.cache.answers import Answers, EngineClient
-from bodycheck.reports.document import Column, Command, Document, Sentence, Span, Table
-from bodycheck.reports.dynamics.engine_dynamics import LABELS
-from bodycheck.reports.probes.adapter_checks import CHECKS, Check, CheckBench
-from bodycheck.reports.probes.examination import map_and_laws, replayed
-from bodycheck.reports.probes.finding import Finding
-from bodycheck.reports.probes.fingerprint import (
+from bodycheck.examine.dynamics.engine_dynamics import LABELS
+from bodycheck.examine.probes.adapter_checks import CHECKS, Check, CheckBench
+from bodycheck.examine.probes.examination import map_and_laws, replayed
+from bodycheck.examine.probes.finding import Finding
+from bodycheck.examine.probes.fingerprint import (
     CONSTANT_LOADS,
     continuous_loads,
     fingerprint_of,
     fingerprint_row,
 )
+from bodycheck.reports.cache.answers import Answers, EngineClient
+from bodycheck.reports.document import Column, Command, Document, Sentence, Span, Table
 from bodycheck.runs.dynamics_run import DynamicsOptions, dynamics
 from bodycheck.runs.selection import select
 from bodycheck.scenarios.library import PROBES

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from bodycheck.adapters.engine_names import is_program
 from bodycheck.adapters.registry import default_engines, engine_names, optional_engines
-from bodycheck.reports.dynamics.engine_dynamics import dynamics_rows
+from bodycheck.examine.dynamics.engine_dynamics import dynamics_rows
 from bodycheck.reports.gates.gate import Gate
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs.dynamics_run import DynamicsOptions, dynamics

@@ -23,7 +23,7 @@ from bodycheck.reports.history.baseline import machine_class
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.study import Study, study
-from bodycheck.reports.probes.examination import identified
+from bodycheck.reports.run_files.method_words import identified
 from bodycheck.reports.run_files.run_reader import read_manifest, read_run
 from bodycheck.reports.run_files.run_tables import Run, key_of, study_key
 from bodycheck.reports.run_files.sentinels import (

@@ -13,10 +13,10 @@ from bodycheck.adapters.execution import Case
 from bodycheck.adapters.workers.engine_pool import EnginePool, RemoteEngines
 from bodycheck.adapters.workers.executors import ExecutorEngines
 from bodycheck.adapters.workers.protocol import Message
+from bodycheck.examine.probes.examination import examined, replayed
 from bodycheck.reports.cache.answers import Answers, EngineClient, scene_key
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.study import Study, restored, stored_form, study
-from bodycheck.reports.probes.examination import examined, replayed
 from bodycheck.reports.run_files.run_tables import MethodKey
 from bodycheck.reports.run_files.sentinels import Sentinel
 from bodycheck.runs.request import Request

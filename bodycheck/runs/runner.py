@@ -17,23 +17,23 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.shard import Shard
 from bodycheck._util.source_commit import source_commit
 from bodycheck.adapters.engine_names import admit, admit_file
+from bodycheck.examine.explanation.explain import (
+    ExplainedCase,
+    diagnosis_row,
+    explained_cases,
+    wrong_verdicts,
+)
+from bodycheck.recordings.column_map import ColumnMap, MapSpec, read_map, scenario_of
+from bodycheck.recordings.judge import Ranking, explained_motion, judge_files, of_given_body, read_files
+from bodycheck.recordings.judged_motion import Start
 from bodycheck.reference_impl.precompile import compile_kernels, interprets_closed_forms
 from bodycheck.reference_impl.truth.truth import Truth
 from bodycheck.reports.cache.answers import Answers
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.reports.cache.truths import is_known, known_truth
-from bodycheck.reports.explanation.explain import (
-    ExplainedCase,
-    diagnosis_row,
-    explained_cases,
-    wrong_verdicts,
-)
-from bodycheck.reports.judge import Ranking, explained_motion, judge_files, of_given_body, read_files
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.recordings.column_map import ColumnMap, MapSpec, read_map, scenario_of
-from bodycheck.reports.recordings.judged_motion import Start
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.tables import TABLES, MeasuredTables, Row
 from bodycheck.runs.manifest import Identity, manifest_of

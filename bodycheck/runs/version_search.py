@@ -1,22 +1,18 @@
-"""Find the releases of an engine that differ in a measure or an audit; each runs in its own environment."""
+"""Find the releases of an engine that differ in a measure; each runs in its own environment."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.formatting import count, names, number, suggestion
+from bodycheck._util.formatting import suggestion
 from bodycheck.adapters.contract import Engine, Method
 from bodycheck.adapters.engine_names import Pin
-from bodycheck.adapters.importers import importer
 from bodycheck.adapters.versions.uv import releases
-from bodycheck.adapters.workers.engine_pool import EnginePool, announced
+from bodycheck.adapters.workers.engine_pool import announced
 from bodycheck.reports.comparison.compare import renamed
 from bodycheck.reports.comparison.release_results import (
     Found,
@@ -34,12 +30,7 @@ from bodycheck.runs.request import Request
 from bodycheck.runs.run_progress import ProgressFactory, no_progress
 from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import Selection, checked_scenarios
-from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.reader import AnyScenario
-
-if TYPE_CHECKING:
-    from bodycheck.reports.audit.audit import Audit
-    from bodycheck.scenarios.model_files.model_file import ModelFile
 
 _NO_METHOD = "no such method"
 
@@ -78,7 +69,7 @@ _Run = TypeVar("_Run")
 
 
 @dataclass(frozen=True, eq=False)
-class _Releases(Generic[_Run]):
+class Releases(Generic[_Run]):
     """The releases of an engine, each of which is run when it is first needed.
 
     run_one: name -> what running it gives, or why it cannot be run. announce: called before, with the name.
@@ -144,7 +135,7 @@ def search(
         return _run(request, name, (scenario_spec, scenario), options, progress_for(name))
 
     versions = releases(request.engine, request.since, request.until)
-    found = _Releases(request.engine, versions, run_one, announce, request.every)
+    found = Releases(request.engine, versions, run_one, announce, request.every)
     ends = [
         next((one for version in order if isinstance(one := found.run(version), _Release)), None)
         for order in (versions, versions[::-1])
@@ -220,60 +211,3 @@ def _no_method(request: ReleaseSearch, runs: Mapping[str, _Release | str]) -> st
     has = dict.fromkeys(name for engine in engines for name in engine.methods)
     instead = suggestion(str(request.method), has)
     return f"--method {request.method}: {request.engine} has no such method{instead}"
-
-
-def audit_versions(
-    engine: str,
-    since: str,
-    until: str | None,
-    file: Path,
-    *,
-    every: bool,
-    timeout_s: float,
-    announce: Callable[[str], None],
-) -> Found:
-    """Audit a file in every release, or bisect between the first and the last one.
-
-    announce: called with each release before it imports the file. Raises InputError if the input is
-    wrong or no release can be run.
-    """
-    reads = importer(engine)
-    model = read_model(file)
-    if reads is None or model.format not in reads.FLAGS:
-        raise InputError(f"--audit {file}: {engine} does not import {model.format.upper()}")
-    versions = releases(engine, since, until)
-    found = _Releases(engine, versions, lambda name: _audit_release(name, model, timeout_s), announce, every)
-    tracks = (
-        found.track(flags, partial(_audit_finding, flags), lambda a, b: a.value != b.value)
-        for flags in reads.FLAGS[model.format]
-    )
-    return found.found(file.name, "audit", tracks)
-
-
-def _audit_release(name: str, model: ModelFile, timeout_s: float) -> Audit | str:
-    from bodycheck.runs.audit_run import AuditOptions, imported_audit
-
-    engine = announced([name])[name]
-    if isinstance(engine, str):
-        return engine
-    with closing(EnginePool()) as pool:
-        return imported_audit(pool, model, [name], AuditOptions(spins=False, timeout_s=timeout_s))
-
-
-def _audit_finding(flags: str, audit: Audit) -> ReleaseFinding:
-    """Return the audit of one importer in one line: states of links, largest difference, causes, joints."""
-    from bodycheck.reports.audit.audit_summary import joint_groups
-
-    (column,) = (one for one in audit.columns if one.flags == flags)
-    if column.outcome != "ok":
-        return ReleaseFinding(column.outcome, "")
-    comparisons = [link.held[column.name] for link in audit.links]
-    states = Counter(one.state for one in comparisons)
-    states_text = names([f"{amount} {state}" for state, amount in sorted(states.items())])
-    differing = [one for one in comparisons if one.state == "differs"]
-    largest = max((one.difference.largest for one in differing if one.difference is not None), default=0.0)
-    causes = dict.fromkeys(cause for one in differing for cause in one.causes)
-    text = states_text if not causes else f"{states_text}, by up to {number(largest, 2)}: {'; '.join(causes)}"
-    joints = [group for group in joint_groups(audit) if group.importer == column.name]
-    of_joints = (f"{group.kind} in {count(len(group.joints), 'joint')}" for group in joints)
-    return ReleaseFinding("; ".join([text, *of_joints]), "")

@@ -18,7 +18,7 @@ import bodycheck
 from bodycheck._util.errors import InputError
 from bodycheck.adapters.engine_names import admit, admit_file, pin_of, split_method, with_method
 from bodycheck.adapters.registry import registered
-from bodycheck.reports.probes.adapter_checks import CHECKS
+from bodycheck.examine.probes.adapter_checks import CHECKS
 from bodycheck.runs.engine_checks import check_adapter
 from bodycheck.runs.selection import select
 from tests.helpers.expected_messages import ExpectedMessage

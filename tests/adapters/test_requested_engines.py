@@ -30,7 +30,7 @@ from bodycheck.reference_impl.one_step_maps import named_map
 from bodycheck.reference_impl.rotations import geodesic_angle, matrix_to_quaternion, quaternion_to_matrix
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 from bodycheck.reports.cache.answers import Answers
-from bodycheck.reports.probes.fingerprint import NO_KNOWN_MAP, NOT_MEASURED
+from bodycheck.reports.run_files.method_words import NO_KNOWN_MAP, NOT_MEASURED
 from bodycheck.runs.engine_checks import check_adapter, fingerprints
 
 pytestmark = [pytest.mark.engines, pytest.mark.slow]

@@ -15,10 +15,10 @@ from bodycheck.adapters.workers.tree_readings import (
     readings_of,
     without_loads,
 )
+from bodycheck.examine.dynamics.engine_dynamics import ReadTree
+from bodycheck.examine.dynamics.tree_case import TreeCase, TreeState
 from bodycheck.reference_impl.trees.random_trees import random_state, random_tree
 from bodycheck.reference_impl.trees.tree_scene import Joint, TreeBody, TreeScene
-from bodycheck.reports.dynamics.engine_dynamics import ReadTree
-from bodycheck.reports.dynamics.tree_case import TreeCase, TreeState
 
 _BRANCHED = (("ball", True), ("slide", False), ("hinge", False), ("hinge", True))
 """A first joint, and whether the base is free."""

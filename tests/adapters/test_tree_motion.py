@@ -13,13 +13,13 @@ from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.registry import get_adapter
 from bodycheck.adapters.tree_contract import held_loads, tree_mismatch
 from bodycheck.adapters.workers import case_messages
+from bodycheck.examine.dynamics.batch_dynamics import batch_dynamics
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import exp_quaternion, quaternion_product
 from bodycheck.reference_impl.trees.joint_kind import Rotation, Translation
 from bodycheck.reference_impl.trees.random_trees import random_tree
 from bodycheck.reference_impl.trees.tree_bodies import joints_of, tree_trajectory
 from bodycheck.reference_impl.trees.tree_scene import TreeScene, interval
-from bodycheck.reports.dynamics.batch_dynamics import batch_dynamics
 from bodycheck.scenarios.library import load_trees, tree_names
 
 _STEPS, _DT_S = 20, 1e-3

@@ -18,10 +18,10 @@ from bodycheck.adapters.contract import Adapter, Engine
 from bodycheck.adapters.example import Example, ExampleSimulation
 from bodycheck.adapters.execution import Answer, Case, record
 from bodycheck.adapters.registry import distribution_of, registered
+from bodycheck.examine.probes.adapter_checks import CHECKS, Check, CheckBench
+from bodycheck.examine.probes.finding import Finding
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.document import Sentence, Table
-from bodycheck.reports.probes.adapter_checks import CHECKS, Check, CheckBench
-from bodycheck.reports.probes.finding import Finding
 from bodycheck.runs.engine_checks import CheckResult, Conformance, check_adapter, conformance_document
 from tests.helpers.faulty_adapters import FAULTS, AdapterFault, FaultyExample
 from tests.helpers.in_process_cli import run_bodycheck

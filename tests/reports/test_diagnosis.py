@@ -18,23 +18,23 @@ from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.pybullet import PyBullet
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.registry import registered
-from bodycheck.reference_impl.scene import Scene
-from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.diagnosis.diagnosis import Diagnosis, bases_for, diagnosed
-from bodycheck.reports.diagnosis.engine_model import Grid
-from bodycheck.reports.diagnosis.faults import FAULTS
-from bodycheck.reports.diagnosis.faults.fault import FaultContext
-from bodycheck.reports.diagnosis.fit import planted
-from bodycheck.reports.diagnosis.flow import BASES
-from bodycheck.reports.diagnosis.transitions import Transitions
-from bodycheck.reports.document import Document, Span, Table
-from bodycheck.reports.document import markdown as as_markdown
-from bodycheck.reports.explanation.explain import explain_run
-from bodycheck.reports.explanation.explanation_document import (
+from bodycheck.examine.diagnosis.diagnosis import Diagnosis, bases_for, diagnosed
+from bodycheck.examine.diagnosis.engine_model import Grid
+from bodycheck.examine.diagnosis.faults import FAULTS
+from bodycheck.examine.diagnosis.faults.fault import FaultContext
+from bodycheck.examine.diagnosis.fit import planted
+from bodycheck.examine.diagnosis.flow import BASES
+from bodycheck.examine.diagnosis.transitions import Transitions
+from bodycheck.examine.explanation.explain import explain_run
+from bodycheck.examine.explanation.explanation_document import (
     explanation_document,
     similar_issues,
     upstream_issues,
 )
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.document import Document, Span, Table
+from bodycheck.reports.document import markdown as as_markdown
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import Run

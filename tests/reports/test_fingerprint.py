@@ -14,6 +14,17 @@ import pytest
 
 from bodycheck.adapters.contract import Build, Engine, Method, ReadBack, Reading, Setting
 from bodycheck.adapters.execution import Answer, Case
+from bodycheck.examine.probes import examination
+from bodycheck.examine.probes.examination import check_replays
+from bodycheck.examine.probes.fingerprint import (
+    FARTHER,
+    Fingerprint,
+    distances,
+    fingerprint_of,
+    fingerprint_row,
+    steps_along,
+)
+from bodycheck.examine.probes.laws import LAWS, REVERSE, STATES, Checked, check_laws, law_rows
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.one_step_maps import EXACT, MAPS, formula_of
 from bodycheck.reference_impl.one_step_maps.one_step_map import (
@@ -27,19 +38,15 @@ from bodycheck.reference_impl.one_step_maps.one_step_map import (
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.scene import RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.probes import examination
-from bodycheck.reports.probes.examination import OTHER_BITS, SAME_BITS, check_replays, identified
-from bodycheck.reports.probes.fingerprint import (
-    FARTHER,
+from bodycheck.reports.run_files.method_words import (
+    LAW_NAMES,
     NO_KNOWN_MAP,
     NOT_MEASURED,
-    Fingerprint,
-    distances,
-    fingerprint_of,
-    fingerprint_row,
-    steps_along,
+    OTHER_BITS,
+    REPLAY,
+    SAME_BITS,
+    identified,
 )
-from bodycheck.reports.probes.laws import LAWS, REPLAY, REVERSE, STATES, Checked, check_laws, law_rows
 from bodycheck.runs.engine_checks import laws
 
 BY_ALIAS = {alias: one for one in MAPS.values() for alias in (one.name, *one.aliases)}
@@ -532,6 +539,7 @@ def test_laws_are_checked_without_probes(monkeypatch: pytest.MonkeyPatch) -> Non
     """`bodycheck laws` runs no probe, and checks every law."""
     monkeypatch.delattr(examination, "probe_rows")
     assert {row["law"] for row in laws("reference:m1", timeout_s=60.0)} == {law.name for law in LAWS}
+    assert tuple(law.name for law in LAWS) == LAW_NAMES
 
 
 def test_each_row_has_the_map_and_the_replay_of_its_method() -> None:

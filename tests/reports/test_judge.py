@@ -10,9 +10,9 @@ import pandas as pd
 import pytest
 
 import bodycheck
+from bodycheck.recordings.judge_document import judgement_document
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reports.document import Table
-from bodycheck.reports.judge_document import judgement_document
 from bodycheck.reports.run_files.trajectory_files import trajectory_table
 from bodycheck.runs.runner import rank
 from tests.helpers.expected_messages import ExpectedMessage

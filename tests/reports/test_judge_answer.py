@@ -14,11 +14,11 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import bodycheck
+from bodycheck.recordings.judge import Ranking, explained_motion
+from bodycheck.recordings.judge_document import conclusion, is_true, judgement_document
+from bodycheck.recordings.judge_page import judgement_page
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.document import Sentence
-from bodycheck.reports.judge import Ranking, explained_motion
-from bodycheck.reports.judge_document import conclusion, is_true, judgement_document
-from bodycheck.reports.judge_page import judgement_page
 from bodycheck.runs.runner import rank
 from bodycheck.scenarios.given_motion import GivenMotion
 from tests.helpers.expected_messages import ExpectedMessage

@@ -12,8 +12,8 @@ import bodycheck
 from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.execution import record
 from bodycheck.adapters.registry import registered
+from bodycheck.examine.probes.probe import probe_rows
 from bodycheck.reports.document import escaped_markdown, markdown, print_document
-from bodycheck.reports.probes.probe import probe_rows
 from bodycheck.reports.summary.sentences import Summary, run_document
 from tests.helpers.html_page import report_page
 from tests.helpers.planted_faults import BASES, FAULTS, NO_FAULT, Fault, Faulty

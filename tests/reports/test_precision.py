@@ -18,6 +18,7 @@ from bodycheck.adapters.contract import Engine, Precision, Setting, read_back_mi
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.step_function import StepFunction
+from bodycheck.examine.probes.probe import built_in_probes, precision_finding
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_acceleration
 from bodycheck.reference_impl.integrators import INTEGRATORS, SINGLE_PRECISION
@@ -31,7 +32,6 @@ from bodycheck.reports.measurement.convergence import Criteria, Point, convergen
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.round_off import RoundOff, fitted
 from bodycheck.reports.measurement.study import Study, study
-from bodycheck.reports.probes.probe import built_in_probes, precision_finding
 from bodycheck.reports.summary.advice import settings_within
 from bodycheck.reports.summary.error_curve import ErrorCurve
 from bodycheck.scenarios.library import load_scenario

@@ -18,14 +18,14 @@ import bodycheck
 from bodycheck.adapters.contract import Adapter, Engine, Method, Precision, ReadBack, Reading, Simulation
 from bodycheck.adapters.execution import Answer, Case, record
 from bodycheck.adapters.reference import Reference
+from bodycheck.examine.probes import probe
+from bodycheck.examine.probes.finding import limit, noise
+from bodycheck.examine.probes.probe import built_in_probes, probe_rows
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.rotations import exp_matrix, normalised, quaternion_to_matrix
 from bodycheck.reference_impl.scene import RigidBody, Scene, Torque
 from bodycheck.reference_impl.wrench import Wrench
-from bodycheck.reports.probes import probe
-from bodycheck.reports.probes.finding import limit, noise
-from bodycheck.reports.probes.probe import built_in_probes, probe_rows
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.tables import TABLES
 

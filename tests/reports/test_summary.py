@@ -8,7 +8,7 @@ from bodycheck._util.formatting import names, number, scientific, step
 from bodycheck.reports.document import Sentence, Span, Table, plain
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.verdicts import STATES
-from bodycheck.reports.probes.fingerprint import NO_KNOWN_MAP, NOT_MEASURED
+from bodycheck.reports.run_files.method_words import NO_KNOWN_MAP, NOT_MEASURED
 from bodycheck.reports.run_files.run_tables import Run, common_step
 from bodycheck.reports.summary.cells import Cell, summary_cells
 from bodycheck.reports.summary.method_identity import fingerprint_document, map_text

@@ -16,8 +16,8 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from bodycheck._util.errors import InputError
-from bodycheck.reports.audit.lint import lint
-from bodycheck.runs.spelling_run import SPELLINGS, name_of
+from bodycheck.audit.lint import lint
+from bodycheck.audit.spelling_run import SPELLINGS, name_of
 from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.model_files.exact_arithmetic import composite, doubles
 from bodycheck.scenarios.model_files.model_file import ModelFile

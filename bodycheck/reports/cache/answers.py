@@ -251,13 +251,14 @@ def _identity(engine: Engine) -> list[str]:
 
 
 def _derived_key(engine: Engine, topic: Any) -> str:
-    code = [own_code(), _code_of_reports(), numeric_parts()]
+    code = [own_code(), *_code_of_examinations(), numeric_parts()]
     return key_of(derived=topic, protocol=protocol.VERSION, engine=_identity(engine), code=code)
 
 
 @cache
-def _code_of_reports() -> str:
-    return digest_of(Path(__file__).parents[1])
+def _code_of_examinations() -> list[str]:
+    package = Path(__file__).parents[2]
+    return [digest_of(package / room) for room in ("reports", "examine")]
 
 
 @lru_cache(maxsize=256)  # a scene, hashed by identity, has about a hundred cases

@@ -22,7 +22,7 @@ from bodycheck.adapters.reading_names import READINGS
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.measurement.measures import MEASURES, QUANTITIES
 from bodycheck.reports.measurement.verdicts import STATES
-from bodycheck.reports.probes.laws import LAW_NAMES
+from bodycheck.reports.run_files.method_words import LAW_NAMES
 from bodycheck.scenarios.fields import NotNegative, Number, Positive, TomlTable
 from bodycheck.scenarios.reader import fault_lines
 

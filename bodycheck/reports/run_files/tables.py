@@ -24,8 +24,7 @@ from bodycheck.reports.measurement.measures import IDENTITY, MEASURES
 from bodycheck.reports.measurement.study import Study
 from bodycheck.reports.measurement.tree_map_made import DISTANCE, MAP, NEXT
 from bodycheck.reports.measurement.verdicts import STATES
-from bodycheck.reports.probes.examination import identified
-from bodycheck.reports.probes.laws import LAW_VERDICTS
+from bodycheck.reports.run_files.method_words import LAW_VERDICTS, identified
 
 if TYPE_CHECKING:
     import pandas as pd

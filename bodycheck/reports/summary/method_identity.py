@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from bodycheck._util.formatting import names, number
 from bodycheck.reports.document import Column, Document, Sentence, Span, Table
-from bodycheck.reports.probes.fingerprint import NO_KNOWN_MAP, NOT_MEASURED
-from bodycheck.reports.probes.laws import REPLAY
+from bodycheck.reports.run_files.method_words import NO_KNOWN_MAP, NOT_MEASURED, REPLAY
 from bodycheck.reports.run_files.run_tables import MethodKey, key_of
 
 if TYPE_CHECKING:

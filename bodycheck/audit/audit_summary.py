@@ -1,0 +1,202 @@
+"""The answer of an audit in sentences: first the file, then each importer."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from pathlib import Path
+
+from bodycheck._util.formatting import count
+from bodycheck.audit.audit import Audit, ImporterColumn, JointAudit, LinkAudit, LintFinding, Severity
+from bodycheck.reports.document import Sentence
+
+LEVELS: tuple[Severity, ...] = ("error", "warning", "note")
+TINTS = {"error": "bad", "warning": "open", "note": "none"}
+IMPOSSIBLE = ("not-positive", "triangle-inequality", "negative-mass", "unreadable")
+"""The rules whose errors mean that no body has the numbers of a link."""
+
+_DISCARDED = "tensor discarded"
+_NAMES = {"mujoco": "MuJoCo", "pybullet": "PyBullet", "dart": "DART"}
+_MAX_MESSAGE = 120
+_MOST = 0.6  # of the links of an importer: what it does to so many is said once
+_OUTPUT = re.compile(r"; its last output: .*", re.DOTALL)
+_EXCEPTION = re.compile(r"^(?:\w*[Ee]rror: )+")
+
+
+def by_severity(findings: Sequence[LintFinding]) -> list[LintFinding]:
+    """Return findings from errors to notes, impossible numbers first, in the order of the file otherwise."""
+    return sorted(findings, key=lambda one: (LEVELS.index(one.severity), one.rule not in IMPOSSIBLE))
+
+
+def answer(audit: Audit) -> list[Sentence]:
+    """Return a sentence about the file, and one about each importer; of two files, how they compare first."""
+    about, importers = _of_file(audit), _of_importers(audit)
+    if not audit.compared:
+        return [about, *importers]
+    compared = [replace(one, strong=True, tint="bad" if one.tint == "bad" else "good") for one in importers]
+    return [*compared, replace(about, strong=False)]
+
+
+def _of_file(audit: Audit) -> Sentence:
+    findings = by_severity(audit.findings)
+    amounts = Counter(one.severity for one in findings)
+    counted = ", ".join(count(amounts[level], level) for level in LEVELS if amounts[level])
+    file, links = Path(audit.compared or audit.file).name, count(len(audit.links), "link")
+    if not findings:
+        return Sentence(f"{file}: no problem found in the file ({links}).", "good", strong=True)
+    first = findings[0]
+    if first.severity == "note":
+        return Sentence(f"{file}: {counted}, no error or warning ({links}).", "good", strong=True)
+    where = f"{first.link}, line {first.line}: {first.message.partition('; ')[0]}"
+    more = f" (and {len(findings) - 1} more below)" if len(findings) > 1 else ""
+    return Sentence(f"{file}: {counted}: {where}{more}", TINTS[first.severity], strong=True)
+
+
+def _of_importers(audit: Audit) -> list[Sentence]:
+    found = []
+    for engine, columns in groupby(audit.columns, key=lambda one: one.engine):
+        clauses = {column.flags: _clause(audit, column) for column in columns}
+        name, _, version = engine.partition("==")
+        name = " ".join(filter(None, (_NAMES.get(name, name), version)))
+        sound = all(good for _, good in clauses.values())
+        texts = [text for text, _ in clauses.values()]
+        if len(set(texts)) == 1:
+            sentence = f"{name} {texts[0]}"
+        else:
+            parts = [f"{flags} {text}" for flags, (text, _) in clauses.items()]
+            sentence = f"{name}'s {'; '.join(parts)}"
+        found.append(Sentence(f"{sentence}.", "none" if sound else "bad"))
+    return found
+
+
+def _clause(audit: Audit, column: ImporterColumn) -> tuple[str, bool]:
+    """Return what an importer does with the file, and whether it holds all that it reads."""
+    bodies, sound = _of_bodies(audit, column)
+    changed = [group for group in joint_groups(audit) if group.importer == column.name]
+    joints = {joint for group in changed for joint in group.joints}
+    matrix = audit.matrices.get(column.name)
+    if matrix is not None and matrix.is_wrong and not joints:
+        return f"{bodies}{', but' if sound else ', and'} its mass matrix differs ({matrix.cause})", False
+    if column.outcome != "ok" or not joints:
+        return bodies, sound
+    first = max(changed, key=lambda group: len(group.joints))
+    amount = f"{len(joints)} of {count(len(moving_joints(audit)), 'joint')}"
+    return f"{bodies}{', but changes' if sound else ', and'} {amount} ({first.kind})", False
+
+
+def moving_joints(audit: Audit) -> list[JointAudit]:
+    """Return the joints that are not fixed in the file."""
+    return [joint for joint in audit.joints if joint.stated.motion != "fixed"]
+
+
+@dataclass(frozen=True)
+class JointGroup:
+    """A kind of difference in one importer: the joints that have it, and its text in the first of them."""
+
+    importer: str
+    kind: str
+    joints: tuple[str, ...]
+    first: str
+    same: bool
+
+
+def joint_groups(audit: Audit) -> list[JointGroup]:
+    """Return the differences of joints by importer and kind, in the order of importers."""
+    found: dict[tuple[str, str], dict[str, str]] = {}
+    for joint, importer, cause in audit.differing_joints():
+        found.setdefault((importer, cause.partition(":")[0]), {})[joint.name] = cause
+    order = [column.name for column in audit.columns]
+    groups = [
+        JointGroup(importer, kind, tuple(causes), next(iter(causes.values())), len(set(causes.values())) == 1)
+        for (importer, kind), causes in found.items()
+    ]
+    return sorted(groups, key=lambda group: order.index(group.importer))
+
+
+def _of_bodies(audit: Audit, column: ImporterColumn) -> tuple[str, bool]:
+    """Return what an importer does with the bodies of the file, and whether it holds all that it reads."""
+    if column.outcome == "unsupported":
+        return column.message, True
+    if column.outcome != "ok":
+        why = _EXCEPTION.sub("", _OUTPUT.sub("", column.message)).strip()
+        verb = {"failed": "refuses it", "timeout": "does not end in time"}.get(column.outcome, column.outcome)
+        return f"{verb} ({why[:_MAX_MESSAGE]})" if why else verb, False
+    states = Counter(link.held[column.name].state for link in audit.links if column.name in link.held)
+    total, merged = sum(states.values()), states["merged"]
+    differing = [(link, why) for link, name, why in audit.differing() if name == column.name]
+    if (which := said_once(audit).get(column.name)) is not None:
+        others = len(differing) - len(_discarding(audit, column.name))
+        more = f", and changes {count(others, 'link')} otherwise" if others else ""
+        return f"discards {which}{more}", False
+    if audit.compared:
+        return _compared(audit, len(differing), total, single=bool(states["rounded"]))
+    if differing:
+        causes = Counter(why.partition(":")[0].partition(" (")[0] for _, why in differing)
+        ((cause, _), *_) = causes.most_common(1)
+        return f"changes {len(differing)} of {count(total, 'link')} ({cause})", False
+    if not total:
+        return "reads it", True
+    if merged == total:
+        return "merges every link into the world", True
+    held = "to single precision" if states["rounded"] else "as written"
+    return f"holds it {held}" + (f", with {count(merged, 'link')} merged" if merged else ""), True
+
+
+def _compared(audit: Audit, differing: int, total: int, *, single: bool) -> tuple[str, bool]:
+    """Return whether a file states the bodies of another."""
+    other = Path(audit.file).name
+    if differing:
+        return f"states {differing} of {count(total, 'link')} otherwise than {other}", False
+    return f"states the bodies of {other}" + (", to single precision" if single else ""), True
+
+
+def said_once(audit: Audit) -> dict[str, str]:
+    """Return importer -> which tensors it discards, where these are most of those that it holds."""
+    found = {}
+    for column in audit.columns:
+        discarding = len(_discarding(audit, column.name))
+        held = sum(
+            one.state not in ("merged", "absent", "not computed")
+            and one.expected is not None
+            and one.expected.mass_kg > 0.0
+            for link in audit.links
+            if (one := link.held.get(column.name)) is not None
+        )
+        if discarding and discarding >= held:
+            found[column.name] = "every tensor"
+        elif discarding > _MOST * held:
+            found[column.name] = f"the tensors of {discarding} of {count(held, 'link')}"
+    return found
+
+
+def _discarding(audit: Audit, name: str) -> list[LinkAudit]:
+    """Return the links whose only difference is a tensor that the importer discards."""
+    return [
+        link
+        for link in audit.links
+        if (one := link.held.get(name)) is not None
+        and one.state == "differs"
+        and one.causes
+        and all(cause.startswith(_DISCARDED) for cause in one.causes)
+    ]
+
+
+def repeated(audit: Audit) -> set[tuple[str, str]]:
+    """Return (link, importer) of each difference that the sentence on the importer states of every link."""
+    return {(link.name, name) for name in said_once(audit) for link in _discarding(audit, name)}
+
+
+def severities(audit: Audit) -> dict[str, Severity]:
+    """Return link -> the most severe of its findings."""
+    found: dict[str, Severity] = {}
+    for one in by_severity(audit.findings):
+        found.setdefault(one.link, one.severity)
+    return found
+
+
+def impossible(audit: Audit) -> list[LintFinding]:
+    """Return the findings of numbers that no body has."""
+    return [one for one in audit.findings if one.severity == "error" and one.rule in IMPOSSIBLE]

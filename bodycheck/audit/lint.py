@@ -1,0 +1,277 @@
+"""Findings about the inertias of a model file that need no engine.
+
+Each rule is one function of a link or of the model, listed in `RULES` at the end.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from bodycheck._util.formatting import number, vector
+from bodycheck.audit.audit import Body, Confidence, LintFinding, Severity
+from bodycheck.audit.mesh_lint import weighed_meshes
+from bodycheck.audit.shape_lint import against_shapes, closer_to_shapes, fits_shapes, slip_of
+from bodycheck.audit.shaped_link import is_placeholder
+from bodycheck.reference_impl.dynamics import parallel_axis_tensor
+from bodycheck.scenarios.model_files.exact_arithmetic import doubles
+from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, triangle_excess
+from bodycheck.scenarios.model_files.shape_sizes import half_extents, uniform
+
+_DECIMALS = 1e-6  # a violation below this follows from decimals that were rounded in the file
+_NEAR = 1e-9  # of the limits, relative to the largest moment: 40 digits decide
+_RANGE = (1e-45, 1e45)  # of numbers whose products, up to the square of m r^2, are doubles
+_SIDES = re.compile(r"(?<![a-z])(left|right|l|r)(?![a-z])", re.IGNORECASE)
+_OTHER_SIDE = {"left": "right", "right": "left", "l": "r", "r": "l"}
+
+
+def lint(model: ModelFile) -> Iterator[LintFinding]:
+    """Yield the findings of a model, link by link."""
+    for link in model.links:
+        extreme = list(_range(link, model))
+        yield from extreme
+        if not extreme:
+            found = [finding for rule in RULES for finding in rule(link, model)]
+            beyond = any(finding.rule == "beyond-shape" for finding in found)
+            yield from (one for one in found if not (beyond and one.rule == "placeholder-inertia"))
+    yield from _twins(model)
+
+
+def _range(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
+    """Report numbers whose products leave the range of doubles, so that nothing else can be checked."""
+    if link.stated is None:
+        return
+    body = Body.of(link.stated.in_link)
+    boxes = [box for shape in link.collisions if (box := half_extents(shape, model)) is not None]
+    sizes = [size for _, half in boxes for size in half]
+    positions = [*body.centre_m, *(coordinate for middle, _ in boxes for coordinate in middle)]
+    min_value, max_value = _RANGE
+    for quantity, unit, numbers, low in (
+        ("mass", "kg", [body.mass_kg], min_value),
+        ("moment", "kg m^2", np.diagonal(body.inertia_kg_m2), min_value),
+        ("product of inertia", "kg m^2", body.inertia_kg_m2.ravel(), 0.0),
+        ("size", "m", sizes, min_value),
+        ("position", "m", positions, 0.0),
+    ):
+        if wrong := [x for x in map(float, numbers) if x != 0.0 and not low <= abs(x) <= max_value]:
+            message = f"a {quantity} of {number(wrong[0], 6)} {unit}"
+            yield _finding(
+                "number-range", "error", "certain", link, message, f"0, or from {low:g} to {max_value:g}"
+            )
+            return
+
+
+def _finding(
+    rule: str, severity: Severity, confidence: Confidence, link: ModelLink, message: str, expected: str = ""
+) -> LintFinding:
+    line = link.line if link.stated is None else link.stated.line
+    return LintFinding(rule, severity, confidence, str(link.file), line, link.name, message, expected)
+
+
+def _written(link: ModelLink) -> Body | None:
+    """Return the body of a link whose inertia is written in the file, not derived from geoms."""
+    if link.stated is None or link.stated.derived:
+        return None
+    return Body.of(link.stated.in_link)
+
+
+def _mass(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
+    body = None if link.stated is None else Body.of(link.stated.in_link)
+    if body is None:
+        return
+    if body.mass_kg < 0.0:
+        yield _finding(
+            "negative-mass", "error", "certain", link, f"mass is {number(body.mass_kg)} kg", "a positive mass"
+        )
+    elif body.mass_kg == 0.0 and body.inertia_kg_m2.any():
+        yield _finding(
+            "zero-mass", "error", "certain", link, "mass is 0, but the tensor is not", "a positive mass"
+        )
+    elif body.mass_kg == 0.0 and _moves(link, model):
+        yield _finding(
+            "zero-mass",
+            "warning",
+            "certain",
+            link,
+            "mass is 0 and the link moves: engines fix it, clamp its mass or fail",
+            "a positive mass",
+        )
+
+
+def _possible(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
+    if link.stated is None or not link.stated.inertia.mass > 0:
+        return
+    rough = np.asarray(np.linalg.eigvalsh(doubles(link.stated.inertia.tensor)), dtype=np.float64)
+    if rough[0] > _NEAR * rough[2] and triangle_excess(rough) < -_NEAR:
+        return
+    moments = link.stated.inertia.moments
+    found = None
+    if not moments.any():
+        message = "impossible tensor, all moments are 0 with a mass"
+        found = _finding("not-positive", "error", "certain", link, message, "three positive moments")
+    elif not moments[0] > 0.0:
+        message = f"impossible tensor, I1 <= 0: I1 is {number(float(moments[0]), 6)} kg m^2"
+        found = _finding("not-positive", "error", "certain", link, message, "a positive definite tensor")
+    elif (excess := triangle_excess(moments)) > _DECIMALS:
+        message = f"impossible tensor, I1 + I2 < I3: {vector(moments)} kg m^2"
+        most = f"a largest moment of at most {number(float(moments[0] + moments[1]), 9)} kg m^2"
+        found = _finding("triangle-inequality", "error", "certain", link, message, most)
+    elif excess > 1e-12:
+        message = f"I1 + I2 < I3 by {number(excess, 2)} of I3, as rounded decimals do"
+        yield _finding("triangle-inequality", "note", "certain", link, message, "more decimals")
+    if found is None:
+        return
+    slip = slip_of(link, model)
+    if slip is not None:
+        message = f"{found.message}; {slip.message}"
+        found = replace(slip, rule=found.rule, severity="error", message=message)
+    yield found
+
+
+def _about(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:  # noqa: ARG001 - rules are alike
+    """Note a tensor that is mostly m d^2 of the distance to the link's origin, if the link has no shape."""
+    body = _written(link)
+    if body is None or not body.possible or link.shapes or link.visuals:
+        return
+    steiner = body.mass_kg * parallel_axis_tensor(body.centre_m)
+    about_centre = body.inertia_kg_m2 - steiner
+    moved = Body(body.mass_kg, body.centre_m, about_centre)
+    if not moved.possible or np.max(steiner) < 0.5 * float(body.principal[0][2]):
+        return
+    if float(np.trace(about_centre)) < 0.1 * float(np.trace(body.inertia_kg_m2)):
+        here = f"{vector(about_centre[np.triu_indices(3)])} kg m^2 (xx, xy, xz, yy, yz, zz) in link axes"
+        yield _finding(
+            "about-another-point",
+            "note",
+            "possible",
+            link,
+            "most of the tensor is m d^2 of the distance to the link's origin",
+            f"if it is about the origin: {here}",
+        )
+
+
+def _placeholder(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
+    body = _written(link)
+    if body is None or not body.mass_kg > 0.0 or not is_placeholder(link) or fits_shapes(link, model):
+        return
+    solid = uniform(link, model)
+    expected = "the tensor of the part"
+    if solid is not None:
+        expected = (
+            f"about {vector(np.linalg.eigvalsh(solid.inertia))} kg m^2 for its shape at uniform density"
+        )
+    first = number(float(body.inertia_kg_m2[0, 0]))
+    message = f"three equal moments of {first} kg m^2 look like a placeholder"
+    yield _finding("placeholder-inertia", "warning", "likely", link, message, expected)
+
+
+def _twins(model: ModelFile) -> Iterator[LintFinding]:
+    """Note links that have the numbers of at least two links of other shapes."""
+    same: dict[tuple[float, bytes], list[ModelLink]] = {}
+    for link in model.links:
+        body = _written(link)
+        weighs = body is not None and body.mass_kg > 0.0 and body.inertia_kg_m2.any()
+        if body is not None and weighs and link.collisions and not is_placeholder(link):
+            same.setdefault((body.mass_kg, body.inertia_kg_m2.tobytes()), []).append(link)
+    for links in same.values():
+        shapes = Counter(map(_shape_key, links))
+        for link in links:
+            others = len(links) - shapes[_shape_key(link)]
+            if others >= 2:
+                message = f"the same numbers as in {others} links of other shapes"
+                yield _finding(
+                    "placeholder-inertia", "note", "possible", link, message, "the tensor of the part"
+                )
+
+
+def _shape_key(link: ModelLink) -> tuple[tuple[str, tuple[float, ...], str], ...]:
+    return tuple((shape.kind, shape.size, shape.mesh) for shape in link.collisions)
+
+
+def _missing(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
+    if link.stated is not None or link.unread or not _moves(link, model):
+        return
+    if link.name in model.carrying:
+        return
+    root = link.parent is None
+    yield _finding(
+        "missing-inertial",
+        "note" if root else "warning",
+        "certain",
+        link,
+        "has no inertia; engines invent one, fix the link or fail",
+        "<inertial> with mass, origin and tensor",
+    )
+
+
+def _moves(link: ModelLink, model: ModelFile) -> bool:
+    """Return whether a joint moves this link itself; the root of a URDF counts."""
+    if link.parent is None and model.format == "urdf":
+        return link.name != "world"
+    return link.joint is None or link.joint.kind not in ("fixed", "mocap")
+
+
+def _mirrored(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
+    """Report tensors of a left and a right link that are not mirror images although their centres are."""
+    for shape in link.collisions:
+        if math.prod(shape.scale) < 0.0:
+            message = f"the scale {vector(shape.scale)} of a mesh mirrors it: inside out in some engines"
+            yield _finding("mirrored-axes", "note", "certain", link, message, "a mirrored mesh file")
+    other = model.by_name.get(_SIDES.sub(lambda side: _with_case(side[0]), link.name))
+    body = _written(link)
+    if other is None or other is link or body is None or link.name > other.name:
+        return
+    twin = _written(other)
+    if twin is None or twin.mass_kg != body.mass_kg:
+        return
+    for axis in range(3):
+        M = np.diag([-1.0 if k == axis else 1.0 for k in range(3)])
+        size = float(np.max(np.abs(body.inertia_kg_m2)))
+        centres = np.allclose(M @ body.centre_m, twin.centre_m, rtol=1e-6, atol=1e-9)
+        if centres and abs(body.centre_m[axis]) > 1e-6:
+            expected = M @ body.inertia_kg_m2 @ M
+            wrong = float(np.max(np.abs(expected - twin.inertia_kg_m2)))
+            same_moments = np.allclose(body.principal[0], twin.principal[0], rtol=1e-3)
+            if wrong > 1e-3 * size and same_moments:
+                sides = [(other, link, expected), (link, other, M @ twin.inertia_kg_m2 @ M)]
+                closer = [closer_to_shapes(one, model, mirrored) for one, _, mirrored in sides]
+                one, right, mirrored = sides[closer == [False, True]]
+                yield _finding(
+                    "mirrored-axes",
+                    "warning",
+                    "likely",
+                    one,
+                    f"its centre of mass mirrors that of {right.name} in {'xyz'[axis]}, its tensor does not",
+                    f"{vector(mirrored[np.triu_indices(3)])} kg m^2 (xx, xy, xz, yy, yz, zz) in link axes",
+                )
+            return
+
+
+def _with_case(side: str) -> str:
+    other = _OTHER_SIDE[side.lower()]
+    return other.upper() if side.isupper() else other.capitalize() if side[0].isupper() else other
+
+
+def _unreadable(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:  # noqa: ARG001 - rules are alike
+    if link.malformed:
+        what, _, expected = link.unread.partition(" (expected ")
+        message = what.removeprefix(f"{link.file}:")
+        yield _finding("unreadable", "error", "certain", link, message, expected.removesuffix(")"))
+
+
+RULES: tuple[Callable[[ModelLink, ModelFile], Iterator[LintFinding]], ...] = (
+    _unreadable,
+    _mass,
+    _possible,
+    against_shapes,
+    _about,
+    _placeholder,
+    _missing,
+    _mirrored,
+    weighed_meshes,
+)

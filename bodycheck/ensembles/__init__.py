@@ -1,0 +1,1 @@
+"""Ensembles of random bodies: their statistics, and searches of the largest error."""

@@ -1,0 +1,174 @@
+"""The output of `bodycheck ensemble` and `bodycheck hunt`, as documents and as data."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
+
+from bodycheck._util.files import write_file
+from bodycheck._util.formatting import count, scientific
+from bodycheck.ensembles.ensemble_files import DISTRIBUTIONS, method_rows, quantile_rows, replays
+from bodycheck.ensembles.ensemble_result import SENTINELS, EnsembleResult, key_text
+from bodycheck.ensembles.hunt_run import HuntResult, command_of
+from bodycheck.reports.document import Column, Command, Document, Sentence, Table, page
+from bodycheck.reports.measurement.measures import ORIENTATION
+from bodycheck.reports.run_files.method_words import OTHER_BITS, SAME_BITS
+from bodycheck.reports.summary.quantiles import Quantile
+
+_QUANTILES = (0.5, 0.95, 0.99)
+
+
+def ensemble_document(result: EnsembleResult, folder: Path) -> Document:
+    """Return the distribution of each method's orientation error, the replays, findings and worst bodies."""
+    heads = ("method", "median", "95 %", "99 %", "worst", "unstable", "not measured")
+    columns = (Column(heads[0]), *(Column(head, "number") for head in heads[1:]))
+    rows = []
+    for key, statistics in result.statistics:
+        measured = statistics.bodies
+        cells = [
+            _quantile_text(statistics.quantile(ORIENTATION, share)) if measured else ""
+            for share in _QUANTILES
+        ]
+        worst = _error(statistics.worst[0].error_rad) if statistics.worst else ""
+        unstable = statistics.endings["unstable"]
+        rows.append((key_text(key), *cells, worst, str(unstable), str(len(result.request.rows) - measured)))
+    bodies = count(len(result.request.rows), "body").replace("bodys", "bodies")
+    shard = f" of {result.request.n}, shard {result.request.shard}" if result.request.shard else ""
+    title = f"orientation error in rad of {bodies}{shard}"
+    parts: tuple[Sentence | Table, ...] = (
+        *(Sentence(text, strong=True) for text in _conclusion(result)),
+        Table(columns, tuple(rows), title=title),
+        Sentence(
+            "The range after +- is half of the 95 % error bar of a quantile; >= is its lower end, where too "
+            "few bodies were measured to bound the quantile from above."
+        ),
+        *(Sentence(sentence) for sentence in _replay_sentences(result)),
+        *(Sentence(finding) for finding in result.findings),
+        _worst_table(result, folder),
+    )
+    return Document(f"bodycheck ensemble: {bodies}{shard}", parts)
+
+
+def _conclusion(result: EnsembleResult) -> Iterator[str]:
+    """Yield the method with the smallest error of nearly all bodies, and those with unstable bodies."""
+    for share in reversed(_QUANTILES):
+        highs = [(one.quantile(ORIENTATION, share).high, key) for key, one in result.statistics if one.bodies]
+        bounded = [pair for pair in highs if math.isfinite(pair[0])]
+        if bounded:
+            high, key = min(bounded, key=lambda pair: pair[0])
+            below = f"{100 * share:g} % are below {scientific(high)} rad"
+            yield f"{key_text(key)} has the smallest errors: {below}"
+            break
+    if unstable := [key_text(key) for key, one in result.statistics if one.endings["unstable"]]:
+        yield f"unstable on some bodies: {'; '.join(unstable)}"
+
+
+def _worst_table(result: EnsembleResult, folder: Path) -> Table:
+    """Return the worst bodies of each method, with the commands that replay them."""
+    rows = tuple(
+        (key_text(key), str(body.row), _error(body.error_rad), command)
+        for key, statistics in result.statistics
+        for body, command in replays(result, key, statistics, folder)
+    )
+    heads = (Column("method"), Column("body", "number"), Column("error, rad", "number"))
+    columns = (*heads, Column("replay", "command"))
+    return Table(columns, rows, title="Worst bodies", only=("markdown", "page"))
+
+
+def write_ensemble_page(result: EnsembleResult, folder: Path) -> Path:
+    """Write report.html: the distributions and the worst bodies, with the figure if it was drawn."""
+    figure = folder / DISTRIBUTIONS
+    svg = figure.read_text(encoding="utf-8") if figure.exists() else ""
+    drawn = Markup(svg[svg.index("<svg") :]) if svg else Markup()
+    path = folder / "report.html"
+    write_file(path, page(ensemble_document(result, folder), "ensemble.html", figure=drawn).encode())
+    return path
+
+
+def _replay_sentences(result: EnsembleResult) -> Iterator[str]:
+    """Yield which methods give bodies the same bits in any batch, and which do not."""
+    for word in (SAME_BITS, OTHER_BITS):
+        found = [key_text(key) for key, statistics in result.statistics if statistics.replay == word]
+        if found:
+            order = f"alone, together and in reverse order ({SENTINELS} bodies)"
+            yield f"{word.capitalize()} {order}: {'; '.join(found)}"
+
+
+def _error(value: float) -> str:
+    return scientific(value) if math.isfinite(value) else "unstable"
+
+
+def _quantile_text(quantile: Quantile) -> str:
+    if not math.isfinite(quantile.value):
+        return "unstable"
+    if not math.isfinite(quantile.high):
+        return f">= {scientific(quantile.low)}"
+    half = 0.5 * (quantile.high - quantile.low)
+    return f"{scientific(quantile.value)} +- {scientific(half)}"
+
+
+def ensemble_data(result: EnsembleResult, folder: Path) -> dict[str, Any]:
+    """Return quantiles, endings and the worst bodies as data."""
+    worst = [
+        {"method": key_text(key), "row": body.row, "outcome": body.outcome, **body.measures}
+        for key, statistics in result.statistics
+        for body in statistics.worst
+    ]
+    return {
+        "folder": folder,
+        "quantiles": quantile_rows(result),
+        "methods": method_rows(result),
+        "worst": worst,
+        **({"shards": result.shards, "findings": result.findings} if result.shards else {}),
+    }
+
+
+def hunt_document(result: HuntResult, folder: Path) -> Document:
+    """Return the worst start next to the typical one, and the command that repeats it."""
+    names, measure = " against ".join(key_text(key) for key in result.keys), result.request.measure
+    outcome = str(result.path.outcomes[result.worst])
+    found = scientific(result.value) if math.isfinite(result.value) else outcome
+    found += "" if result.ratio is None else f", {result.ratio:.3g} times the median"
+    of = count(result.typical_of, "start")
+    median = f"{scientific(result.typical)} ({of})" if result.typical_of else "none of them has a value"
+    body, moments = result.bodies, result.bodies.moments[0]
+    rows = (
+        (f"{measure} of {names}", found),
+        ("median of the uniform starts", median),
+        ("found by evaluation", f"{result.worst + 1} of {len(result.path.scores)}"),
+        ("principal moments (kg m^2)", ", ".join(f"{moment:.4g}" for moment in moments)),
+        ("|2 E I2 / L^2 - 1|, 0 on the separatrix", f"{body.separatrix_distance[0]:.3g}"),
+        ("omega in body axes (rad/s)", ", ".join(f"{rate:.4g}" for rate in body.omega_body[0])),
+    )
+    columns = (Column("", "fixed"), Column(""))
+    return Document(
+        "bodycheck hunt",
+        (Table(columns, rows), Command(command_of(result, folder / "worst.toml")), Sentence(str(folder))),
+    )
+
+
+def hunt_data(result: HuntResult, folder: Path) -> dict[str, Any]:
+    """Return the worst start and the improvements that led to it as data."""
+    body = result.bodies
+    return {
+        "folder": folder,
+        "measure": result.request.measure,
+        "value": result.value,
+        "typical": result.typical,
+        "outcome": str(result.path.outcomes[result.worst]),
+        "evaluation": result.worst + 1,
+        "evaluations": len(result.path.scores),
+        "moments_kg_m2": body.moments[0],
+        "quaternion": body.quaternion[0],
+        "omega_body_rad_s": body.omega_body[0],
+        "separatrix_distance": float(body.separatrix_distance[0]),
+        "path": [
+            {"evaluation": index + 1, "value": float(result.path.values[index])}
+            for index in result.improvements
+        ],
+        "reproduce": command_of(result, folder / "worst.toml"),
+    }

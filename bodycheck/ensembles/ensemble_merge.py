@@ -1,0 +1,167 @@
+"""Merge the shards of an ensemble: the union of their rows, and how their machines differ."""
+
+from __future__ import annotations
+
+import shutil
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AliasChoices, AliasPath, BaseModel, Field, ValidationError
+
+from bodycheck._util.errors import InputError
+from bodycheck._util.shard import Shard
+from bodycheck._util.untrusted import escaped, read_json
+from bodycheck.adapters.contract import Engine, Method, Setting
+from bodycheck.ensembles.ensemble_files import PART, add_stored_rows, write_summaries
+from bodycheck.ensembles.ensemble_result import EnsembleRequest, EnsembleResult, Key
+from bodycheck.reports.run_files.method_words import OTHER_BITS, SAME_BITS
+from bodycheck.reports.run_files.sentinels import (
+    Sentinel,
+    differing_facts,
+    disagreements,
+    machine_facts,
+    read_sentinels,
+)
+from bodycheck.reports.run_files.writer import atomic_folder
+from bodycheck.runs.merge import StoredShard, all_shards
+
+_OF_THE_MACHINE = ("shard", "jobs", "timeout_s", "allow_code")
+
+
+class _Method(BaseModel):
+    """One of the entry `methods` of a shard's manifest."""
+
+    engine: str
+    version: str
+    method: dict[str, Any]
+    dt_s: float | None
+    tolerance: float | None
+    replay: Annotated[
+        Literal["", "same bits", "other bits"],
+        Field(validation_alias=AliasChoices("replay", AliasPath("statistics", "replay"))),
+    ]
+
+    @property
+    def key(self) -> Key:
+        """The method at its setting, as of an engine with this method alone."""
+        method = Method.of(self.method)
+        engine = Engine(self.engine, self.version, {method.name: method})
+        return engine, method, Setting(self.dt_s, self.tolerance)
+
+    @property
+    def identity(self) -> tuple[Any, ...]:
+        """Engine, method and setting, as in the tables."""
+        return self.engine, self.method["name"], self.dt_s, self.tolerance
+
+
+class _Manifest(BaseModel):
+    """What merging needs of the manifest of a shard."""
+
+    python: str
+    bodycheck: str
+    cpu: str
+    cores: int | None
+    platform: str
+    libraries: dict[str, str]
+    request: EnsembleRequest
+    distribution: dict[str, Any]
+    methods: list[_Method]
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """What may affect the results, by name."""
+        return machine_facts(self.model_dump()) | {one.engine: one.version for one in self.methods}
+
+
+@dataclass(frozen=True, eq=False)
+class _Part(StoredShard):
+    """A shard as stored, with what merging needs of it."""
+
+    manifest: _Manifest
+    sentinels: tuple[Sentinel, ...]
+
+
+def is_ensemble(folder: Path) -> bool:
+    """Whether a folder was written by `bodycheck ensemble`."""
+    return (folder / "quantiles.csv").is_file()
+
+
+def merge_ensembles(folders: Sequence[Path], out: Path, *, allow_code: bool = False) -> EnsembleResult:
+    """Write the ensemble that these shards are parts of to `out`, and return its statistics.
+
+    allow_code: the scenario may name functions. Raises InputError where a folder is not a shard, a shard is
+    missing or given twice, or the shards are not of one request.
+    """
+    parts = all_shards([_part(folder) for folder in folders], _request_faults)
+    result = _merged(parts, allow_code=allow_code)
+    with atomic_folder(out) as folder:
+        for table in ("bodies", "cases"):
+            _concatenate([part.folder / table for part in parts], folder / table)
+        write_summaries(result, folder, out)
+    return result
+
+
+def _part(folder: Path) -> _Part:
+    path = folder / "manifest.json"
+    try:
+        manifest = _Manifest.model_validate(read_json(path))
+        if manifest.request.shard is None:
+            raise InputError(f"{folder}: a whole ensemble (expected a folder written with --shard)")
+        return _Part(folder, Shard.parse(manifest.request.shard), manifest, read_sentinels(folder))
+    except FileNotFoundError:
+        raise InputError(f"{path}: missing: not a folder of `bodycheck ensemble`") from None
+    except ValidationError as error:
+        fault = error.errors()[0]
+        location = ".".join(map(str, fault["loc"]))
+        raise InputError(
+            escaped(f"{path}: not of a shard of an ensemble: {location}: {fault['msg']}")
+        ) from None
+
+
+def _request_faults(one: _Part, first: _Part) -> Iterator[str]:
+    """Yield in what the requests of two shards differ."""
+    mine, its = one.manifest, first.manifest
+    pairs = {name: (getattr(mine.request, name), getattr(its.request, name)) for name in vars(mine.request)}
+    pairs["distribution"] = mine.distribution, its.distribution
+    pairs["methods"] = [method.identity for method in mine.methods], [one.identity for one in its.methods]
+    for name, (own, expected) in pairs.items():
+        if name not in _OF_THE_MACHINE and own != expected:
+            yield f"{one.folder}: {name} is {own}, but {expected} in {first.folder}"
+
+
+def _merged(parts: Sequence[_Part], *, allow_code: bool) -> EnsembleResult:
+    request = replace(parts[0].manifest.request, shard=None, allow_code=allow_code)
+    methods_of_shards = list(zip(*(part.manifest.methods for part in parts), strict=True))
+    keys = [_key(methods) for methods in methods_of_shards]
+    result = EnsembleResult.empty(request, request.ensemble(), keys)
+    for part in parts:
+        add_stored_rows(result, part.folder, part.manifest.request.rows)
+    for (_, statistics), methods in zip(result.statistics, methods_of_shards, strict=True):
+        replays = {one.replay for one in methods}  # an unknown one, "", makes that of the whole unknown
+        statistics.replay = next(replay for replay in (OTHER_BITS, "", SAME_BITS) if replay in replays)
+    findings = [
+        *differing_facts({str(part.shard): part.manifest.facts for part in parts}),
+        *disagreements({str(part.shard): part.sentinels for part in parts}),
+    ]
+    return replace(result, shards=tuple(str(part.shard) for part in parts), findings=tuple(findings))
+
+
+def _key(methods: Sequence[_Method]) -> Key:
+    """Return a method of all shards; an engine in several versions has all of them as its version."""
+    versions = " and ".join(dict.fromkeys(one.version for one in methods))
+    return methods[0].model_copy(update={"version": versions}).key
+
+
+def _concatenate(tables: Sequence[Path], target: Path) -> None:
+    """Copy the files of a table of all shards, numbered in the order of the shards."""
+    numbers: Counter[Path] = Counter()
+    for table in tables:
+        for folder in {file.parent for file in table.rglob(PART.format("*"))}:
+            whole = target / folder.relative_to(table)
+            whole.mkdir(parents=True, exist_ok=True)
+            for number in range(len(list(folder.glob(PART.format("*"))))):
+                shutil.copyfile(folder / PART.format(number), whole / PART.format(numbers[whole]))
+                numbers[whole] += 1

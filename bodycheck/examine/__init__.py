@@ -1,0 +1,1 @@
+"""Why a motion is wrong: probes, laws and known maps, the diagnosis, and what engines report of trees."""

@@ -1,0 +1,26 @@
+"""The faults that a diagnosis tries, one module for each kind.
+
+To add a fault, add one `Fault` to the function of its kind. A tie goes to the first fault, so specific ones
+come before general ones.
+"""
+
+from __future__ import annotations
+
+from bodycheck.examine.diagnosis.faults.body_faults import body_faults, gravity_faults
+from bodycheck.examine.diagnosis.faults.fault import Fault
+from bodycheck.examine.diagnosis.faults.general_faults import general_faults
+from bodycheck.examine.diagnosis.faults.limit_faults import limit_faults
+from bodycheck.examine.diagnosis.faults.load_faults import load_faults
+from bodycheck.examine.diagnosis.faults.map_faults import map_faults
+from bodycheck.examine.diagnosis.faults.reading_faults import reading_faults
+
+FAULTS: tuple[Fault, ...] = (
+    *map_faults(),
+    *limit_faults(),
+    *gravity_faults(),
+    *body_faults(),
+    *load_faults(),
+    *reading_faults(),
+    *general_faults(),
+)
+"""All faults, the specific ones first."""

@@ -1,0 +1,170 @@
+"""What made a recording: its start, a known map, the exact motion, strapdown integration, or a fault."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bodycheck.examine.diagnosis.attitude_readings import attitude_diagnosis
+from bodycheck.examine.diagnosis.diagnosis import LIBRARY_STEPS, Diagnosis, Search, bases_for, obstacle
+from bodycheck.examine.diagnosis.flow import COMMON, EXACT, Base
+from bodycheck.examine.diagnosis.quantity_resolution import Resolution
+from bodycheck.examine.diagnosis.solver_error import solver_error
+from bodycheck.examine.diagnosis.start import StartState, start_difference
+from bodycheck.examine.diagnosis.strapdown import strapdown_rules
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.one_step_maps import EXACT as EXACT_MAP
+from bodycheck.reference_impl.one_step_maps.one_step_map import Motion, Solid, scene_loads, times
+from bodycheck.reference_impl.rotations import normalised
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.measurement.scales import Scales
+
+_ALIKE = 0.9  # correlation of errors that one map makes, in one step and in several
+
+
+def diagnosed_recording(
+    scene: Scene,
+    trajectory: Trajectory,
+    truth: Trajectory,
+    scales: Scales,
+    dt_s: float | None,
+    *,
+    known: frozenset[str],
+    resolution: Resolution,
+) -> Diagnosis | None:
+    """Return what made a recording; None where it cannot be examined.
+
+    scene: with the samples of the recording. truth: at its times. dt_s: the step of the program; None if it
+    is unknown or there is none: then the exact motion is tried, and maps with one step per sample. known: the
+    quantities that the recording has. Not examined are recordings with an `obstacle`, and those with too many
+    steps between two samples.
+    """
+    if known & {"attitude", "omega"} == {"attitude"}:
+        return attitude_diagnosis(trajectory.attitude, truth.attitude, resolution.attitude)
+    if obstacle(scene, trajectory, known):
+        return None
+    at_start = trajectory.t_s[0] == 0.0
+    start = start_difference(scene, trajectory, known, resolution, {}) if at_start else None
+    step = dt_s
+    is_even = len(trajectory.t_s) == scene.samples and trajectory.t_s[-1] == scene.duration_s
+    if is_even:  # the samples are then where the scene has them, whatever the stamps are rounded to
+        resolution, trajectory = replace(resolution, stamp=0.0), replace(trajectory, t_s=scene.sample_times)
+        step = scene.sample_interval_s if dt_s is None else dt_s
+    from_rows = start is not None or not at_start
+    with np.errstate(all="ignore"):
+        search = Search.of(scene, trajectory, scales, step, known, resolution, from_rows=from_rows)
+        if search is None:
+            return None
+        found, made_by = _without_fault(search, known, resolution)
+        if found is None and dt_s is None:
+            found, made_by = _of_several_steps(search, known, resolution)
+        if found is None:
+            found = _with_fault(search, stepped=dt_s is not None)
+    if start is not None and made_by is not None and scene.pivot is None:
+        later = _later(scene, made_by, step or scene.sample_interval_s, trajectory)
+        start = start_difference(scene, trajectory, known, resolution, later)
+    return replace(found, start=start)
+
+
+def _without_fault(
+    search: Search, known: frozenset[str], resolution: Resolution
+) -> tuple[Diagnosis | None, Base | None]:
+    """Return the diagnosis of a motion without a fault, and the map that made it."""
+    some = search.own or search.fine
+    assert some is not None
+    within = resolution.text(known) if some.is_coarse else ""
+    matches = list(search.matches)
+    if search.fine is not None and search.is_healthy(EXACT):
+        matches.insert(0, EXACT)
+    if matches:
+        first, *others = matches
+        names = tuple(base.name for base in others)
+        return Diagnosis("healthy", first.name, first.text, within=within, equal_maps=names), first
+    if search.fine is not None and search.fine.scene.pivot is None:
+        omega = search.fine.of_quantities(frozenset({"omega"}))
+        rules = strapdown_rules(some) if "attitude" in known else []
+        if rules and Search(None, omega).is_healthy(EXACT):
+            words = f"{rules[0].name}, {rules[0].formula}, of order {rules[0].order}"
+            names = tuple(rule.name for rule in rules[1:])
+            return Diagnosis("strapdown", rules[0].name, words, within=within, equal_maps=names), None
+    return None, None
+
+
+def _of_several_steps(
+    search: Search, known: frozenset[str], resolution: Resolution
+) -> tuple[Diagnosis | None, Base | None]:
+    """Return the diagnosis of a map with several steps per sample, and the map; None where none is seen.
+
+    n steps of a map of order p leave 1 / n^p of the error that one step of the same length leaves.
+    """
+    own, fine = search.own, search.fine
+    if own is None or fine is None:
+        return None, None
+    errors = fine.gaps([fine.grid.model(fine.scene)], EXACT)[0, fine.rows].ravel()
+    tried: set[int] = set()
+    for base in COMMON.values():
+        of_one = errors - own.gaps([own.grid.model(own.scene)], base)[0, own.rows].ravel()
+        size, along = float(np.linalg.norm(of_one)), float(errors @ of_one)
+        if not _ALIKE * size * float(np.linalg.norm(errors)) <= along < size**2:
+            continue
+        steps = round((size**2 / along) ** (1.0 / base.order))
+        for count in {steps - 1, steps, steps + 1}.intersection(range(2, LIBRARY_STEPS + 1)) - tried:
+            tried.add(count)
+            found, made_by = _without_fault(search.with_steps(count), known, resolution)
+            if found is not None:
+                words = f"{found.base_words}, with {count} steps per sample"
+                return replace(found, base_words=words), made_by
+    return None, None
+
+
+def _with_fault(search: Search, *, stepped: bool) -> Diagnosis:
+    """Return the diagnosis of a motion that no map and not quite the exact flow makes."""
+    left = None if search.fine is None else solver_error(search.fine)
+    exact = None
+    if left is not None and left.is_small:
+        exact = Diagnosis("healthy", EXACT.name, "the exact flow", per_sample=left.size)
+        if not left.has_structure and not (left.is_rounding and stepped):
+            return exact
+    found = search.diagnosis(bases_for(None) if stepped else (EXACT,), (), None)
+    if search.own is not None and not stepped and len(found.faults) != 1:
+        # as without a fault, maps with one step per sample are tried
+        one = search.diagnosis(bases_for(None), (), None)
+        if one.verdict == "explained" and one.after <= search.own.limit:
+            return one
+    # the errors of a method of many steps are smooth, too, but then there is no step to name
+    is_like_solver = left is not None and not left.is_one_sided and not (stepped and left.is_smooth)
+    if found.verdict == "unexplained" and not found.nearly and exact is not None and is_like_solver:
+        return exact
+    return found
+
+
+def _later(scene: Scene, base: Base, dt_s: float, trajectory: Trajectory) -> dict[str, StartState]:
+    """Return what a log may begin with: the state after the first step, or after the first interval."""
+    initial, world = scene.initial, trajectory.omega_body_rad_s is None
+    one = EXACT_MAP if base.one is None else base.one
+    stride = max(round(scene.sample_interval_s / dt_s), 1)
+    loads = scene_loads(replace(scene, duration_s=scene.sample_interval_s, samples=2))
+    motion = Motion(
+        np.zeros(1),
+        initial.position[None],
+        initial.velocity[None],
+        normalised(initial.quaternion)[None],
+        initial.omega_body[None],
+        rotation=None if trajectory.quaternion is not None else initial.rotation[None],
+    )
+    found = {}
+    for step in range(1, stride + 1):
+        motion = one.step(Solid.of(scene.body), motion, np.full(1, dt_s), loads)
+        state = _start_of(motion, world=world)
+        if step == 1:
+            found["row k holds the state after step k + 1: the whole log is one step late"] = state
+        if step == stride > 1:
+            found["row k holds the state of row k + 1: the whole log is one row late"] = state
+    return found
+
+
+def _start_of(motion: Motion, *, world: bool) -> StartState:
+    omega: Array = times(motion.orthogonal, motion.omega) if world else motion.omega
+    return StartState(motion.position[0], motion.velocity[0], normalised(motion.quaternion)[0], omega[0])

@@ -1,0 +1,495 @@
+"""The transitions of a trajectory from sample to sample, and what candidates make of them.
+
+Each transition starts from the state that the trajectory has there: errors of earlier ones do not add up, and
+the difference at its end is nearly linear in a fault (multiple shooting: Bock 1981, Springer Series in
+Chemical Physics 18, 102).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+
+from bodycheck.examine.diagnosis.engine_model import (
+    Grid,
+    Indices,
+    Misreading,
+    Model,
+    ReportedStates,
+    conjugated,
+    cross,
+    matrix_of,
+    product,
+    rotation_vector,
+    times,
+    transposed_times,
+)
+from bodycheck.examine.diagnosis.flow import EXACT, Base, Flow, States
+from bodycheck.examine.diagnosis.quantity_resolution import NOT_RECORDED, Resolution
+from bodycheck.examine.diagnosis.whitening import Whitening
+from bodycheck.reference_impl.arrays import Array, largest_norm
+from bodycheck.reference_impl.pivot import about_pivot
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.measurement.scales import Scales
+
+QUANTITIES = {
+    "position": slice(0, 3),
+    "velocity": slice(3, 6),
+    "attitude": slice(6, 9),
+    "omega": slice(9, 12),
+}
+"""Where each quantity stands in a difference (12,)."""
+
+_EPS = float(np.finfo(np.float64).eps)
+_EPS_SINGLE = float(np.finfo(np.float32).eps)
+ROUND_OFF = 4.0  # multiples of eps: of the worst operation of a step, and of a reading
+_FEWEST_OF_LOG = 60  # transitions between which the differences of a whole log are interpolated
+_FAR_OFF = 1e3  # a difference that is not finite
+_SWEEPS = 20  # at most, of the fixed point that finds a state from quantities of two instants
+_SETTLED = 1e-15  # relative change of that fixed point that is round-off
+AT_ROUND_OFF = 30.0  # multiples of the round-off that count as it
+_LEAST = 0.15  # of the round-off, which is that of the worst operation
+WITHIN = 1.8  # root mean square of whitened differences: rounding leaves at most sqrt(3)
+SHIFT = 1e-5
+"""The shift of a state, over the scale of its quantity, for the derivatives of a map."""
+
+
+@dataclass(frozen=True, eq=False)
+class Transitions:
+    """Some transitions (s,) of a trajectory: from sample `indices` to the next one.
+
+    grid: of all transitions. known: the quantities that the trajectory has. is_single: whether all of its
+    numbers are float32. resolution: of a recording. from_rows: whether the first transition starts from the
+    first row instead of the start of the scene. whitening: of all transitions of the whole log, where the
+    resolution is coarser than round-off. whole: these transitions, of which `indices` are some.
+    """
+
+    scene: Scene
+    trajectory: Trajectory
+    grid: Grid
+    scales: Scales
+    indices: Indices
+    known: frozenset[str]
+    is_single: bool
+    resolution: Resolution = NOT_RECORDED
+    from_rows: bool = False
+    whitening: Whitening | None = None
+    whole: Transitions | None = None
+
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        trajectory: Trajectory,
+        grid: Grid,
+        scales: Scales,
+        known: frozenset[str],
+        resolution: Resolution = NOT_RECORDED,
+        *,
+        from_rows: bool = False,
+    ) -> Transitions:
+        """Return all transitions of a trajectory."""
+        arrays = (trajectory.position_m, trajectory.velocity_m_s, trajectory.omega_body_rad_s,
+                trajectory.omega_world_rad_s, trajectory.quaternion, trajectory.rotation)  # fmt: skip
+        with np.errstate(over="ignore"):
+            single = all(
+                np.array_equal(v, v.astype(np.float32)) for v in (h[1:] for h in arrays if h is not None)
+            )
+        exact = all(np.array_equal(h, np.round(h, 3)) for h in (h[1:] for h in arrays if h is not None))
+        indices = np.arange(len(trajectory.t_s) - 1)
+        single = single and not exact
+        return cls(scene, trajectory, grid, scales, indices, known, single, resolution, from_rows)
+
+    @property
+    def is_coarse(self) -> bool:
+        """Whether the resolution of a known quantity is coarser than round-off."""
+        return bool(np.any(self.spread[self.rows] > self.rounding[self.rows]))
+
+    def whitened_by(self, base: Base, model: Model | None = None) -> Transitions:
+        """Return the transitions with their differences whitened over the whole log.
+
+        base, model: the map whose derivatives are used, by default without faults.
+        """
+        whole = self if self.whole is None else self.whole
+        derivatives = whole._derivatives(base, whole.grid.model(whole.scene) if model is None else model)
+        return self.whitened_with(derivatives)
+
+    def whitened_with(self, derivatives: Array) -> Transitions:
+        """Return the transitions with their differences whitened; derivatives (s, n, n) of the whole log."""
+        whole = self if self.whole is None else self.whole
+        rows = whole.rows
+        least = whole.rounding[rows] / ROUND_OFF
+        spread = np.maximum(whole.spread[rows], least)
+        # a program whose numbers are float32 may also compute in float32
+        noise = spread if whole.is_single else least
+        follows = np.r_[False, np.diff(whole.indices) == 1]
+        whitening = Whitening.of(derivatives, spread, noise, follows)
+        return replace(self, whitening=whitening, whole=None if self.whole is None else whole)
+
+    def _derivatives(self, base: Base, model: Model) -> Array:
+        """(s, n, n): of the known quantities after each transition with respect to those before it."""
+        models = [model.copied() for _ in range(1 + len(self.rows))]
+        for row, shifted in zip(self.rows.tolist(), models[1:], strict=True):
+            undo = partial(_shifted, row=row, size=SHIFT * self.sizes[row])
+            shifted.misreadings = (*shifted.misreadings, Misreading(_as_read, undo))
+        found = replace(self, from_rows=True).gaps(models, base)[:, self.rows]
+        return derivatives_of(found)
+
+    def subset(self, max_count: int) -> Transitions:
+        """Return at most so many of the transitions, evenly spread, the first and the load switches kept.
+
+        Of a whole log, its differences are interpolated between them.
+        """
+        if self.whitening is not None:
+            max_count = max(max_count, _FEWEST_OF_LOG)
+        if len(self.indices) <= max_count:
+            return self
+        rows = self.grid.timeline[self.indices]
+        mixed = np.flatnonzero(
+            np.any(rows != rows[:, :1], axis=1) | np.r_[True, rows[1:, 0] != rows[:-1, -1]]
+        )
+        spread = np.linspace(0, len(self.indices) - 1, max_count).round().astype(np.intp)
+        chosen = np.unique(np.concatenate([spread, mixed[: max_count // 2]]))
+        whole = None if self.whitening is None else self
+        if whole is not None:
+            # what happens in one transition only must not be interpolated into others
+            alone = np.r_[0, mixed[: max_count // 4]]
+            beside = np.concatenate([alone - 1, alone, alone + 1, [2]])
+            chosen = np.union1d(chosen, np.clip(beside, 0, len(self.indices) - 1))
+        return replace(self, indices=self.indices[chosen], whole=whole)
+
+    def alone(self) -> Transitions:
+        """Return the transitions each by itself, without the whole log."""
+        return replace(self, whitening=None, whole=None)
+
+    def of_quantities(self, known: frozenset[str]) -> Transitions:
+        """Return the transitions of some quantities alone."""
+        found = replace(self, known=known, whitening=None, whole=None)
+        return found.whitened_by(EXACT) if found.is_coarse else found
+
+    def part(self, rows: slice) -> Transitions:
+        """Return consecutive transitions of a log."""
+        return replace(self, indices=self.indices[rows], whitening=None, whole=None)
+
+    @cached_property
+    def rows(self) -> Indices:
+        """Where the known quantities stand in a difference."""
+        spans = [QUANTITIES[name] for name in QUANTITIES if name in self.known]
+        return np.concatenate([np.arange(12)[span] for span in spans])
+
+    @cached_property
+    def world_omega(self) -> bool:
+        """Whether the trajectory holds omega in world axes."""
+        return self.trajectory.omega_body_rad_s is None
+
+    @cached_property
+    def _read(self) -> tuple[ReportedStates, ReportedStates]:
+        """The readings (3, s) at the start and at the end of each transition."""
+        path = self.trajectory
+        omega = path.omega_world_rad_s if self.world_omega else path.omega_body_rad_s
+        assert omega is not None
+        q = path.attitude / np.linalg.norm(path.attitude, axis=-1, keepdims=True)
+        start, end = (
+            ReportedStates(path.position_m[at].T, path.velocity_m_s[at].T, q[at].T, omega[at].T)
+            for at in (self.indices, self.indices + 1)
+        )
+        return start, end
+
+    @cached_property
+    def sizes(self) -> Array:
+        """(12,) scales of the quantities; 1 where nothing moves."""
+        scales = self.scales
+        of = {"position": scales.length_scale_m, "velocity": scales.speed_scale_m_s, "attitude": 1.0}
+        of["omega"] = scales.omega_scale_rad_s
+        return np.repeat([of[name] or 1.0 for name in QUANTITIES], 3)
+
+    @cached_property
+    def spread(self) -> Array:
+        """(12,) standard deviations of recorded states that the resolution leaves, over the scales."""
+        path, stated = self.trajectory, self.resolution
+        rates = {"position": path.velocity_m_s, "attitude": path.omega_body}
+        found = []
+        for name in QUANTITIES:
+            moved = largest_norm(rates[name]) * stated.stamp if name in rates else 0.0
+            found.append(math.hypot(getattr(stated, name), moved) / math.sqrt(12.0))
+        return np.repeat(found, 3) / self.sizes
+
+    @cached_property
+    def noise(self) -> Array:
+        """(12,) round-off of a difference, and what the resolution leaves of it, over the scale."""
+        return np.maximum(self.rounding, 2.0 * self.spread)
+
+    @cached_property
+    def rounding(self) -> Array:
+        """(12,) round-off of a difference, over the scale of its quantity; infinite for a missing one."""
+        path, scales = self.trajectory, self.scales
+        eps = _EPS_SINGLE if self.is_single and not self.resolution.is_stated else _EPS
+        moved = max(float(np.max(np.abs(path.velocity_m_s))), 1e-300) * float(np.max(np.diff(path.t_s)))
+        sizes = {
+            "position": (np.max(np.abs(path.position_m)) + moved) / (scales.length_scale_m or 1.0),
+            "velocity": np.max(np.abs(path.velocity_m_s)) / (scales.speed_scale_m_s or 1.0),
+            "attitude": 1.0 + scales.omega_scale_rad_s * float(np.max(np.diff(path.t_s))),
+            "omega": np.max(np.abs(path.omega_body)) / (scales.omega_scale_rad_s or 1.0),
+        }
+        noise = np.full(12, np.inf)
+        for name, span in QUANTITIES.items():
+            if name in self.known:
+                noise[span] = ROUND_OFF * eps * max(sizes[name], 1.0) * np.sqrt(self.grid.stride)
+        return noise
+
+    @cached_property
+    def weights(self) -> Array:
+        """(12,) what differences are multiplied by: less where round-off is larger."""
+        return np.min(self.noise) / self.noise
+
+    @property
+    def round_off(self) -> float:
+        """The root mean square of differences that are round-off, or as large as the resolution leaves."""
+        return float(np.min(self.noise)) if self.whitening is None else 1.0
+
+    @property
+    def least(self) -> float:
+        """The smallest standard deviation that weighted differences can have."""
+        return 1.0 if self.whitening is not None else _LEAST * self.round_off
+
+    @property
+    def limit(self) -> float:
+        """The largest root mean square of differences of a candidate that could have made the trajectory."""
+        return AT_ROUND_OFF * self.round_off if self.whitening is None else WITHIN
+
+    def flow(self, models: Sequence[Model], base: Base) -> Flow:
+        """Return candidates about to advance these transitions."""
+        scene = about_pivot(self.scene) if self.scene.pivot is not None else self.scene
+        pivoted = replace(scene, pivot=self.scene.pivot)
+        first_step = self.indices * self.grid.stride
+        return Flow(
+            models, base, pivoted, self.grid.dt_s[self.indices], first_step, self.trajectory.t_s[self.indices]
+        )
+
+    def predicted(self, models: Sequence[Model], base: Base) -> ReportedStates:
+        """Return the readings (.., c, s) at the end of each transition."""
+        flow = self.flow(models, base)
+        stride = self.grid.stride
+        y = flow.advance(self._starts(models, base), stride - 1)
+        now = self._reading_of(flow.advance(y, 1, stride - 1))
+        stale = _rows(models, lambda model: bool(model.stale))
+        if len(stale):
+            subset = [models[row] for row in stale]
+            part = 1.0 - np.array([model.lateness for model in subset])[:, None]
+            dt = part * self.grid.dt_s[self.indices]
+            before = self._reading_of(self.flow(subset, base).step(y.of(stale), stride - 1, dt))
+            for name in "xvqw":
+                rows = np.array([name in model.stale for model in subset])
+                getattr(now, name)[:, stale[rows]] = getattr(before, name)[:, rows]
+        for row in _rows(models, lambda model: bool(model.misreadings)):
+            one = ReportedStates(*(value[:, row] for value in (now.x, now.v, now.q, now.w)))
+            for misreading in models[row].misreadings:
+                one = misreading.apply(one)
+            for name in "xvqw":
+                getattr(now, name)[:, row] = getattr(one, name)
+        return now
+
+    def differences(self, models: Sequence[Model], base: Base) -> Array:
+        """(c, 12, s) weighted differences of the trajectory from the predictions, over their scales."""
+        gaps = self.gaps(models, base)
+        if self.whitening is not None and self.whole is not None:
+            healthy = self.whole.healthy_gaps(base)
+            gaps = healthy + (gaps - healthy[:, :, self._places]) @ self._interpolation
+        return self.weighted(gaps)
+
+    def weighted(self, gaps: Array) -> Array:
+        """Return differences (c, 12, s) over their scales, weighted, or whitened over the whole log."""
+        if self.whitening is None:
+            return gaps * self.weights[:, None]
+        found = np.zeros_like(gaps)
+        found[:, self.rows] = self.whitening.whitened(gaps[:, self.rows])
+        return found
+
+    def after(self, maps: Sequence[Base]) -> list[States]:
+        """Return the states (.., 1, s) at the end of each transition that maps of the library make."""
+        healthy = [self.grid.model(self.scene)]
+        start, flow = self._starts(healthy, maps[0]), self.flow(healthy, maps[0])
+        with np.errstate(all="ignore"):
+            return [flow.of_map(base).advance(start, self.grid.stride) for base in maps]
+
+    def gaps_after(self, states: Sequence[States]) -> Array:
+        """(c, 12, s) differences of the trajectory from states (.., 1, s), over their scales."""
+        parts = [self._reading_of(y) for y in states]
+        x, v, q, w = (np.concatenate([getattr(one, name) for one in parts], axis=1) for name in "xvqw")
+        return self.gaps_of(ReportedStates(x, v, q, w))
+
+    def gaps(self, models: Sequence[Model], base: Base) -> Array:
+        """(c, 12, s) differences of the trajectory from the predictions, over their scales."""
+        with np.errstate(all="ignore"):
+            return self.gaps_of(self.predicted(models, base))
+
+    def gaps_of(self, predicted: ReportedStates) -> Array:
+        """(c, 12, s) differences of the trajectory from readings (.., c, s), over their scales."""
+        with np.errstate(all="ignore"):
+            found = self._difference(predicted)
+        return np.clip(np.where(np.isfinite(found), found, _FAR_OFF), -_FAR_OFF, _FAR_OFF)
+
+    def cost_of(self, differences: Array) -> float:
+        """Return the root mean square of weighted differences (.., 12, n) of known quantities."""
+        known = np.count_nonzero(self.weights)
+        return math.sqrt(float(np.sum(differences**2)) / (known * differences.shape[-1]))
+
+    def healthy_gaps(self, base: Base) -> Array:
+        """(1, 12, s) differences from a map without faults."""
+        if base.name not in self._healthy_gaps:
+            self._healthy_gaps[base.name] = self.gaps([self.grid.model(self.scene)], base)
+        return self._healthy_gaps[base.name]
+
+    @cached_property
+    def _healthy_gaps(self) -> dict[str, Array]:
+        return {}
+
+    @cached_property
+    def _places(self) -> Indices:
+        """Where these transitions stand in the whole log."""
+        assert self.whole is not None
+        return np.searchsorted(self.whole.indices, self.indices)
+
+    @cached_property
+    def _interpolation(self) -> Array:
+        """(s, n): the linear interpolation from these transitions to those of the whole log."""
+        assert self.whole is not None
+        places, unit = self._places, np.eye(len(self.indices))
+        every = np.arange(len(self.whole.indices))
+        return np.stack([np.interp(every, places, row) for row in unit])
+
+    def _difference(self, reading: ReportedStates) -> Array:
+        end, sizes = self._read[1], self.sizes[::3]
+        turned = product(conjugated(reading.q / np.sqrt((reading.q**2).sum(axis=0))), end.q[:, None])
+        parts = [
+            (end.x[:, None] - reading.x) / sizes[0],
+            (end.v[:, None] - reading.v) / sizes[1],
+            rotation_vector(turned),
+            (end.w[:, None] - reading.w) / sizes[3],
+        ]
+        return np.ascontiguousarray(np.moveaxis(np.concatenate(parts), 1, 0))
+
+    def _reading_of(self, y: States) -> ReportedStates:
+        """Return the right reading of states (3, s)."""
+        w = times(matrix_of(y.q), y.w) if self.world_omega else y.w
+        pivot = self.scene.pivot
+        if pivot is None:
+            return ReportedStates(y.x, y.v, y.q, w)
+        rotation = matrix_of(y.q)
+        arm = times(rotation, np.broadcast_to(-pivot[:, None, None], y.w.shape))
+        spin = times(rotation, y.w)
+        velocity = cross(spin, arm)
+        return ReportedStates(self._pivot_position[:, None, None] + arm, velocity, y.q, w)
+
+    @cached_property
+    def _pivot_position(self) -> Array:
+        """Where the pivot is (3,)."""
+        initial = self.scene.initial
+        assert self.scene.pivot is not None
+        return np.asarray(initial.position + initial.rotation @ self.scene.pivot)
+
+    def _starts(self, models: Sequence[Model], base: Base) -> States:
+        """Return the states (.., c, s) at the start of each transition, as each candidate reads them."""
+        plain = self._state_of(self._read[0], ())
+        parts = (plain.x, plain.v, plain.q, plain.w)
+        y = States(*(np.repeat(value[:, None], len(models), axis=1) for value in parts))
+        for row in _rows(models, lambda model: bool(model.misreadings)):
+            state = self._state_of(self._read[0], models[row].misreadings)
+            y.x[:, row], y.v[:, row], y.q[:, row], y.w[:, row] = state.x, state.v, state.q, state.w
+        stale = _rows(models, lambda model: bool(model.stale))
+        if len(stale):
+            now = self._now([models[row] for row in stale], base, y.of(stale))
+            y.x[:, stale], y.v[:, stale], y.q[:, stale], y.w[:, stale] = now.x, now.v, now.q, now.w
+        if self.indices[0] == 0 and self.trajectory.t_s[0] == 0.0 and not self.from_rows:
+            self._start_values(models, y)
+        if self.trajectory.quaternion is None and base.one is not None:
+            # the matrix that was read, turned as far as a candidate reads another attitude
+            assert self.trajectory.rotation is not None
+            held = np.moveaxis(self.trajectory.rotation[self.indices], 0, -1)[:, :, None]
+            turned = np.einsum("ji...,jk...->ik...", matrix_of(self._read[0].q)[:, :, None], matrix_of(y.q))
+            y.held = np.einsum("ij...,jk...->ik...", held, turned)
+        return y
+
+    def _start_values(self, models: Sequence[Model], y: States) -> None:
+        """Start the first transition from the state of the scene, which no candidate has read."""
+        initial = self.scene.initial
+        for row, model in enumerate(models):
+            attitude = initial.quaternion / np.linalg.norm(initial.quaternion)
+            attitude = attitude if model.start is None else model.start(attitude)
+            y.q[:, row, 0], y.w[:, row, 0] = attitude, initial.omega_body
+            if self.scene.pivot is None:
+                y.x[:, row, 0], y.v[:, row, 0] = initial.position, initial.velocity
+
+    def _state_of(self, reading: ReportedStates, misreadings: Sequence[Misreading]) -> States:
+        for misreading in reversed(misreadings):
+            reading = misreading.undo(reading)
+        w = transposed_times(matrix_of(reading.q), reading.w) if self.world_omega else reading.w
+        if self.scene.pivot is not None:
+            place = np.broadcast_to(self._pivot_position[:, None], reading.x.shape)
+            return States(place, 0.0 * reading.v, reading.q, w)
+        return States(reading.x, reading.v, reading.q, w)
+
+    def _now(self, models: Sequence[Model], base: Base, read: States) -> States:
+        """Return the present states of candidates some of whose quantities are read late."""
+        flow = self.flow(models, base)
+        dt = np.array([model.lateness for model in models])[:, None] * self.grid.dt_s[self.indices]
+        before = States(read.x.copy(), read.v.copy(), read.q.copy(), read.w.copy())
+        present = {name: _rows(models, partial(_reads_now, name)) for name in "xvqw"}
+        now = read
+        for _ in range(_SWEEPS):
+            now = flow.step(before, -1, dt)
+            largest = 0.0
+            for name in "xvw":
+                rows, value = present[name], getattr(before, name)
+                change = (getattr(read, name) - getattr(now, name))[:, rows]
+                value[:, rows] += change
+                largest = max(largest, _relative(change, value[:, rows]))
+            rows = present["q"]
+            gap = product(conjugated(now.q[:, rows]), read.q[:, rows])
+            turned = product(before.q[:, rows], gap)
+            before.q[:, rows] = turned / np.sqrt((turned**2).sum(axis=0))
+            if max(largest, _relative(gap[1:], gap)) <= _SETTLED:
+                break
+        return now
+
+
+def derivatives_of(found: Array) -> Array:
+    """Return the derivatives (s, n, n) from differences (1 + n, n, s), the first from unshifted states."""
+    change = (found[:1] - found[1:]) / SHIFT
+    return np.ascontiguousarray(np.moveaxis(change, (2, 1, 0), (0, 1, 2)))
+
+
+def _as_read(reading: ReportedStates) -> ReportedStates:
+    return reading
+
+
+def _shifted(reading: ReportedStates, row: int, size: float) -> ReportedStates:
+    """Return the reading with one of its twelve components shifted."""
+    name, axis = "xvqw"[row // 3], row % 3
+    if name == "q":
+        turn = np.zeros((4, 1))
+        turn[0], turn[1 + axis] = math.cos(0.5 * size), math.sin(0.5 * size)
+        return replace(reading, q=product(reading.q, turn))
+    value = getattr(reading, name).copy()
+    value[axis] += size
+    return replace(reading, **{name: value})
+
+
+def _relative(change: Array, value: Array) -> float:
+    """Return the largest change over the largest value; 0 without a change, infinite if all values are 0."""
+    largest, size = (float(np.max(np.abs(part), initial=0.0)) for part in (change, value))
+    return 0.0 if largest == 0.0 else largest / size if size else math.inf
+
+
+def _reads_now(name: str, model: Model) -> bool:
+    return name not in model.stale
+
+
+def _rows(models: Sequence[Model], which: Callable[[Model], bool]) -> Indices:
+    """Return the places of the candidates that fulfil a condition."""
+    return np.array([row for row, model in enumerate(models) if which(model)], dtype=np.intp)

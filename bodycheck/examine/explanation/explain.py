@@ -1,0 +1,364 @@
+"""Which cases of a run are diagnosed, the wrong ones or those of a pattern; the rows of diagnoses.csv."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import setting, suggestion
+from bodycheck.examine.diagnosis.consistency import is_refuted
+from bodycheck.examine.diagnosis.diagnosis import Diagnosis, diagnosed
+from bodycheck.examine.diagnosis.fit import Fit
+from bodycheck.examine.diagnosis.flow import BASES, Base
+from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.measures import IDENTITY
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.measurement.verdicts import FAULTS, QuantityVerdict, most_severe
+from bodycheck.reports.run_files.run_tables import MethodKey, Run, cases_by_method, key_of
+from bodycheck.scenarios.model import Scenario
+
+_FINEST_STRIDE = 40
+"""Steps between two samples of the finest case that is diagnosed: few enough for a quick answer."""
+_MAX_STRIDE = 400  # of the case of a finding
+_SAME_STEP = 1e-9  # relative
+
+
+@dataclass(frozen=True, eq=False)
+class ExplainedCase:
+    """A case with the verdicts that count against its method, and its diagnosis.
+
+    reason: why there is no diagnosis of a recording.
+    """
+
+    problem: Problem
+    key: tuple[str, ...]
+    case: CaseResult
+    wrong: tuple[QuantityVerdict, ...]
+    diagnosis: Diagnosis | None
+    reason: str = ""
+
+    @property
+    def title(self) -> str:
+        """Scenario, method and step."""
+        at = setting(self.case.columns["control"], self.case.setting.fineness)
+        fineness = "" if self.case.setting.fineness is None else f", {at}"
+        return f"{self.problem.scenario.name}, {':'.join(self.key)}{fineness}"
+
+
+def wrong_verdicts(
+    rows: Iterable[Mapping[str, Any]],
+) -> dict[tuple[str, MethodKey], tuple[QuantityVerdict, ...]]:
+    """Return the verdicts that count against each method, by scenario and method; rows: of methods.csv."""
+    by_pair: dict[tuple[str, MethodKey], list[QuantityVerdict]] = {}
+    for row in rows:
+        by_pair.setdefault((row["scenario"], key_of(row)), []).append(QuantityVerdict.of(row))
+    found = {pair: tuple(most_severe(verdicts)) for pair, verdicts in by_pair.items()}
+    return {pair: verdicts for pair, verdicts in found.items() if verdicts}
+
+
+def diagnosed_cases(
+    cases: Iterable[CaseResult], interval_s: float, wrong: Sequence[QuantityVerdict] = ()
+) -> list[CaseResult]:
+    """Return the cases of a method to diagnose, in order; none if none ended well.
+
+    That of a finding at one step alone; otherwise the finest one with at most 40 steps between samples, and
+    then that of the finding, in which a fault may act that this one does not show. interval_s: between two
+    samples. wrong: the findings, the most severe first.
+    """
+    ended = [case for case in cases if case.ok and case.trajectory is not None]
+    by_step = sorted(ended, key=lambda case: case.setting.fineness or 0.0)
+
+    def within(stride: int) -> list[CaseResult]:
+        return [case for case in by_step if case.dt_s is None or interval_s / case.dt_s <= stride]
+
+    found = [c for one in wrong[:1] for c in within(_MAX_STRIDE) if c.setting.fineness == one.fineness]
+    if found and wrong[0].ratio is not None:
+        return found
+    first = (within(_FINEST_STRIDE) or by_step[-1:])[:1]
+    return [*first, *(case for case in found if case not in first)]
+
+
+def explained(
+    problem: Problem,
+    case: CaseResult,
+    *,
+    order: int | None,
+    wrong: Sequence[QuantityVerdict],
+    known_faults: Sequence[tuple[str, ...]] = (),
+    known_map: str = "",
+) -> ExplainedCase:
+    """Return a case with its diagnosis, as far as its truth reaches.
+
+    order: of the method. known_faults: names of faults that explained other motions of the method, tried
+    first. known_map: its fingerprint.
+    """
+    assert case.trajectory is not None
+    found = diagnosed(
+        problem.of_body.scene,
+        case.trajectory,
+        problem.scales,
+        case.dt_s,
+        order=order,
+        known_faults=known_faults,
+        known_map=known_map,
+    )
+    return ExplainedCase(problem, key_of(case.columns), case, tuple(wrong), found)
+
+
+def explained_cases(
+    problems: Sequence[Problem],
+    cases: Iterable[CaseResult],
+    method_rows: Iterable[Mapping[str, Any]],
+    orders: Mapping[MethodKey, int | None],
+) -> list[ExplainedCase]:
+    """Return one case of each method on each scenario where verdicts count against it, with its diagnosis.
+
+    orders: the theoretical orders of the methods. Motions of trees have no diagnosis.
+    """
+    rows = list(method_rows)
+    problems = [problem for problem in problems if isinstance(problem.scenario, Scenario)]
+    wrong, maps = wrong_verdicts(rows), _fingerprints(rows)
+    by_method = cases_by_method(cases)
+    known: dict[MethodKey, list[tuple[str, ...]]] = {}
+    found = []
+    for problem in problems:
+        scene = problem.scenario.scene
+        for (scenario, key), verdicts in wrong.items():
+            if scenario != problem.scenario.name:
+                continue
+            own = by_method.get(scenario, {}).get(key, ())
+            names = known.setdefault(key, [])
+            one = None
+            for case in diagnosed_cases(own, scene.sample_interval_s, verdicts):
+                again = explained(
+                    problem,
+                    case,
+                    order=orders.get(key),
+                    wrong=verdicts,
+                    known_faults=names,
+                    known_map=maps[key],
+                )
+                if one is None or _names_a_fault(again):
+                    one = again
+                if again.diagnosis is None or again.diagnosis.verdict != "healthy":
+                    break
+            if one is None:
+                continue
+            found.append(_with_cause_elsewhere(one))
+            if one.diagnosis is not None and one.diagnosis.verdict == "explained":
+                name = tuple(fault.name for fault in one.diagnosis.faults)
+                known[key] = [name, *(other for other in names if other != name)]
+    certain: dict[tuple[str, ...], list[frozenset[str]]] = {}
+    for one in found:
+        if one.diagnosis is not None and len(one.diagnosis.fits) == 1:
+            certain.setdefault(one.key, []).append(one.diagnosis.fault_names)
+    separated = [_separated(one, certain.get(one.key, ())) for one in found]
+    diagnoses = {(one.problem.scenario.name, one.key): one.diagnosis for one in separated}
+    return [_tested(one, problems, by_method, diagnoses) for one in separated]
+
+
+def _fingerprints(method_rows: Iterable[Mapping[str, Any]]) -> dict[MethodKey, str]:
+    """Return the known map of each method, "" where there is none."""
+    return {key_of(row): str(row.get("fingerprint") or "") for row in method_rows}
+
+
+def _names_a_fault(one: ExplainedCase) -> bool:
+    return one.diagnosis is not None and bool(one.diagnosis.faults or one.diagnosis.verdict == "lower-order")
+
+
+def _with_cause_elsewhere(one: ExplainedCase) -> ExplainedCase:
+    """Return a case with a finding without the statement that there is no fault."""
+    if one.diagnosis is None or one.diagnosis.verdict != "healthy" or one.wrong[0].state == "lower-order":
+        return one
+    return replace(one, diagnosis=replace(one.diagnosis, verdict="elsewhere"))
+
+
+def _tested(
+    one: ExplainedCase,
+    problems: Sequence[Problem],
+    by_method: Mapping[str, Mapping[MethodKey, Sequence[CaseResult]]],
+    diagnoses: Mapping[tuple[str, tuple[str, ...]], Diagnosis | None],
+) -> ExplainedCase:
+    """Return the case with those of its equally good fits that no other scene of the run refutes.
+
+    It is marked if all are refuted.
+    """
+    found = one.diagnosis
+    if found is None or found.verdict != "explained":
+        return one
+    refuted_by = [
+        next(_refuting(fit, BASES[found.base], one, problems, by_method, diagnoses), "") for fit in found.fits
+    ]
+    if left := [fit for fit, scene in zip(found.fits, refuted_by, strict=True) if not scene]:
+        return replace(one, diagnosis=found.with_fits(left))
+    return replace(one, diagnosis=replace(found, verdict="this-scene-only", refuted_by=refuted_by[0]))
+
+
+def _refuting(
+    fit: Fit,
+    base: Base,
+    one: ExplainedCase,
+    problems: Sequence[Problem],
+    by_method: Mapping[str, Mapping[MethodKey, Sequence[CaseResult]]],
+    diagnoses: Mapping[tuple[str, tuple[str, ...]], Diagnosis | None],
+) -> Iterator[str]:
+    """Yield the other scenes of the run that refute a fit to a case."""
+    for problem in problems:
+        scenario = problem.scenario.name
+        own = by_method.get(scenario, {}).get(key_of(one.case.columns), ())
+        case = None if scenario == one.problem.scenario.name else _comparable(own, one, problem)
+        if case is None or case.trajectory is None:
+            continue
+        there = diagnoses.get((scenario, one.key))
+        if is_refuted(fit, base, problem, case.trajectory, case.dt_s, there):
+            yield scenario
+
+
+def _comparable(cases: Sequence[CaseResult], one: ExplainedCase, problem: Problem) -> CaseResult | None:
+    """Return the case of another scene in which the same fault would act.
+
+    A fault at one step alone acts at that step; any other is looked for where it would be diagnosed.
+    """
+    if one.wrong and one.wrong[0].ratio is not None:
+        at_s = one.case.dt_s or 0.0
+        same = (c for c in cases if c.ok and abs((c.dt_s or 0.0) - at_s) <= _SAME_STEP * at_s)
+        return next(same, None)
+    return next(iter(diagnosed_cases(cases, problem.scenario.scene.sample_interval_s)), None)
+
+
+def _separated(one: ExplainedCase, certain: Collection[frozenset[str]]) -> ExplainedCase:
+    """Return the case with that of its equally good diagnoses which another scenario of its method has alone.
+
+    certain: the names of the faults that explain another scenario, without an equally good diagnosis.
+    """
+    found = one.diagnosis
+    if found is None or len(found.fits) < 2:
+        return one
+    confirmed = {fit.names: fit for fit in reversed(found.fits) if fit.names in certain}
+    if len(confirmed) != 1:  # none, or scenarios that contradict one another
+        return one
+    return replace(one, diagnosis=found.with_fits([*confirmed.values()]))
+
+
+def diagnosis_row(one: ExplainedCase) -> dict[str, Any]:
+    """Return the row of diagnoses.csv of a diagnosed case; the parameter is that of the first fault."""
+    columns, found = one.case.columns, one.diagnosis
+    row: dict[str, Any] = {name: columns[name] for name in IDENTITY}
+    row |= {name: columns[name] for name in ("dt_s", "tolerance") if columns.get(name) is not None}
+    row |= {"quantity": one.wrong[0].quantity if one.wrong else "", "reproduce": columns["reproduce"]}
+    if found is None:
+        return {**row, "verdict": "not examined", "diagnosis": "not examined"}
+    row |= {"verdict": found.verdict, "diagnosis": found.sentence, "map": found.base}
+    row |= {"before": found.before, "after": found.after, "round_off": found.round_off}
+    if found.faults:
+        row |= {
+            "faults": " + ".join(fault.name for fault in found.faults),
+            "share": found.share,
+            "alike": "; ".join(found.alike),
+        }
+        if parameters := found.faults[0].parameters:
+            first = parameters[0]
+            row |= {"parameter": first.name, "unit": first.unit, "value": first.value}
+            row |= {"value_low": first.low, "value_high": first.high}
+    return {name: value for name, value in row.items() if not _is_missing(value)}
+
+
+def _is_missing(value: Any) -> bool:
+    return isinstance(value, float) and not np.isfinite(value)
+
+
+@dataclass(frozen=True)
+class _CasePattern:
+    """SCENARIO[,ENGINE[:METHOD][,STEP]]."""
+
+    scenario: str
+    engine: str = "*"
+    method: str = "*"
+    step: float | None = None
+
+    @classmethod
+    def of(cls, text: str) -> _CasePattern:
+        """Parse the option; raises InputError where it has another form."""
+        scenario, *others = (part.strip() for part in text.split(","))
+        try:
+            step = float(others[1]) if len(others) > 1 else None
+        except ValueError:
+            raise InputError(f"--case {text}: {others[1]!r} is not a step in s") from None
+        if not scenario or len(others) > 2:
+            raise InputError(f"--case {text}: must be SCENARIO[,ENGINE[:METHOD][,STEP]]")
+        engine, _, method = (others[0] if others else "*").partition(":")
+        return cls(scenario, engine or "*", method or "*", step)
+
+    def fits(self, case: CaseResult) -> bool:
+        """Whether a case is one of those named."""
+        columns = case.columns
+        named = ((self.scenario, "scenario"), (self.engine, "engine"), (self.method, "method"))
+        same = all(fnmatchcase(columns[column], pattern) for pattern, column in named)
+        return same and self.step in (None, case.setting.fineness)
+
+
+def explain_run(folder: Path, case: str | None, *, allow_code: bool = False) -> list[ExplainedCase]:
+    """Return the diagnoses of a run: of every wrong method, or of the cases of a pattern.
+
+    Methods all of whose cases broke down are listed without a diagnosis; where no case of the run ended well,
+    so are those that do not support a scenario. case: SCENARIO[,ENGINE[:METHOD][,STEP]]. Raises InputError
+    where the run cannot be read, or has no such case.
+    """
+    from bodycheck.reports.run_files.run_reader import read_run  # imported here: runs diagnose without it
+
+    pattern = None if case is None else _CasePattern.of(case)
+    run = read_run(folder, allow_code=allow_code, cache=Cache.default())
+    if pattern is None:
+        rows = run.rows("methods")
+        return [*explained_cases(run.problems, run.cases, rows, _orders(run)), *_without_motion(run)]
+    found = list(_named(run, pattern))
+    if not found:
+        known = dict.fromkeys(
+            f"{one.columns['scenario']},{':'.join(key_of(one.columns))}" for one in run.cases if one.ok
+        )
+        raise InputError(f"--case {case}: no such case with outcome ok{suggestion(str(case), known)}")
+    return found
+
+
+def _without_motion(run: Run) -> Iterator[ExplainedCase]:
+    """Yield the last case of each method all of whose cases failed or were unstable, without a diagnosis.
+
+    Where no case of the run ended well, also yield that of each method that is unsupported.
+    """
+    listed = FAULTS if any(case.ok for case in run.cases) else (*FAULTS, "unsupported")
+    by_method = cases_by_method(run.cases)
+    for problem in run.problems:
+        for key, cases in by_method.get(problem.scenario.name, {}).items():
+            last = cases[-1]
+            if last.columns["outcome"] in listed and not any(case.ok for case in cases):
+                yield ExplainedCase(problem, key, last, (), None)
+
+
+def _orders(run: Run) -> dict[MethodKey, int | None]:
+    """Return the theoretical orders of the methods, as the manifest has them."""
+    return {
+        (engine, method): facts.get("order")
+        for engine, entry in run.manifest["engines"].items()
+        for method, facts in entry.get("methods", {}).items()
+    }
+
+
+def _named(run: Run, pattern: _CasePattern) -> Iterator[ExplainedCase]:
+    """Yield the diagnoses of the cases of a pattern: one of each method, unless the step is named."""
+    rows = run.rows("methods")
+    wrong, orders, maps = wrong_verdicts(rows), _orders(run), _fingerprints(rows)
+    by_method = cases_by_method(case for case in run.cases if pattern.fits(case))
+    for problem in run.problems:
+        name = problem.scenario.name
+        for key, cases in by_method.get(name, {}).items():
+            for chosen in diagnosed_cases(cases, problem.scenario.scene.sample_interval_s)[:1]:
+                verdicts = wrong.get((name, key), ())
+                known = maps.get(key, "")
+                yield explained(problem, chosen, order=orders.get(key), wrong=verdicts, known_map=known)

@@ -1,0 +1,253 @@
+"""The conclusion about recordings: what is conserved, the distance from the truth, and the likely cause."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+from bodycheck._util.formatting import count, names, number, scientific, step
+from bodycheck.examine.diagnosis.diagnosis import Diagnosis
+from bodycheck.examine.diagnosis.flow import EXACT
+from bodycheck.examine.explanation.explain import ExplainedCase
+from bodycheck.examine.explanation.explanation_document import explanation_document
+from bodycheck.recordings.judge import Ranking
+from bodycheck.recordings.judged_motion import FROM_START, JudgedMotion, MomentumChange, is_free
+from bodycheck.reports.document import Column, Document, Part, Sentence, Table
+from bodycheck.reports.measurement.convergence import Convergence
+from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS
+from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, SIGNED, gain_word
+
+_DIGITS = 3
+_CONSERVED = 1e-6  # relative: a smaller change of a conserved quantity is no sentence of its own
+_PER_CENT = 1e-4  # relative: from there on in per cent
+_FEWEST_STEPS = 4
+_ENERGIES = ("rotational_energy_drift", "energy_drift")
+
+
+def conclusion(motion: JudgedMotion, case: ExplainedCase | None) -> Sentence:
+    """Return what was found about one recording in a few sentences; case: None where it is not diagnosed."""
+    diagnosis, dt_s = (None, None) if case is None else (case.diagnosis, case.case.dt_s)
+    if not motion.case.ok:
+        return Sentence(f"{motion.path.name} is unstable: {motion.row['message']}.", "bad", strong=True)
+    parts = [*_derived(motion), *_conservation(motion), *_distance(motion), *_cause(motion, diagnosis, dt_s)]
+    if motion.has_unused_position:
+        parts.append("The position is not compared, as the file has no velocity with which it starts.")
+    is_wrong = diagnosis is not None and diagnosis.verdict == "explained"
+    tint = "bad" if is_wrong else "good" if is_true(motion) else "open"
+    return Sentence(" ".join(parts), tint, strong=True)
+
+
+def _derived(motion: JudgedMotion) -> Iterator[str]:
+    """Yield what is not in the file, but derived from it."""
+    if motion.has_derived_omega:
+        known_to = number(0.5 * motion.resolution.omega, 2)
+        yield f"The file has no omega: it is derived from the attitudes, to {known_to} rad/s."
+
+
+def is_true(motion: JudgedMotion) -> bool:
+    """Whether attitude and omega are the true ones, to what the file and the truth resolve."""
+    compared = [name for name in (ORIENTATION, "omega_error") if name in motion.row]
+    return bool(compared) and all(_is_at_floor(motion, name) for name in compared)
+
+
+def _is_at_floor(motion: JudgedMotion, measure: str) -> bool:
+    return bool(motion.row[measure] <= FLOOR_BOUNDS * motion.floors.get(measure, 0.0))
+
+
+def _share(value: float) -> str:
+    """Return a relative number, as a percentage where it is large."""
+    return f"{number(100.0 * value, _DIGITS)} %" if value >= _PER_CENT else number(value, _DIGITS)
+
+
+def _conservation(motion: JudgedMotion) -> Iterator[str]:
+    """Yield whether angular momentum and energy are conserved, or how far they are from the truth."""
+    row, free = motion.row, is_free(motion.problem.of_body.scene)
+    if motion.momentum is not None:
+        yield _momentum_sentence(motion.momentum, motion.floors.get("angular_momentum_drift", 0.0), free=free)
+    name = next((name for name in _ENERGIES if f"{name}{SIGNED}" in row), None)
+    if free and motion.energy is not None:
+        signed, floor = motion.energy, motion.floors.get("rotational_energy_drift", 0.0)
+        if abs(signed) > max(FLOOR_BOUNDS * floor, _CONSERVED):
+            yield f"The body {gain_word(signed)} {_share(abs(signed))} of its rotational energy."
+        elif motion.momentum is None:
+            yield f"Rotational energy is conserved to {number(max(abs(signed), floor), 2)}."
+    elif name is not None and not _is_at_floor(motion, name):
+        signed = row[f"{name}{SIGNED}"]
+        what = "its rotational energy" if name == _ENERGIES[0] else "its largest kinetic energy"
+        yield f"The body {gain_word(signed)} {_share(abs(signed))} of {what} relative to the truth."
+
+
+def _momentum_sentence(change: MomentumChange, floor: float, *, free: bool) -> str:
+    largest = max(change.size, change.direction_rad)
+    sizes = f"{_share(change.size)} of |L|, direction {number(change.direction_rad, _DIGITS)} rad"
+    if largest <= FLOOR_BOUNDS * floor:
+        resolved = f"to what the file resolves ({number(floor, 2)})"
+        return f"Angular momentum is {'conserved' if free else 'the true one'}, {resolved}."
+    if not free:
+        return f"Angular momentum is off the truth by {sizes}."
+    if largest < _CONSERVED:
+        return f"Angular momentum is conserved to {number(largest, 2)}."
+    return f"Angular momentum is not conserved: {sizes}."
+
+
+def _distance(motion: JudgedMotion) -> Iterator[str]:
+    """Yield how far the motion is from the truth, by its attitude, or else by omega or the position."""
+    row, until = motion.row, number(motion.row["compared_until_s"], 4)
+    if ORIENTATION in row:
+        largest, final = row[ORIENTATION], row["orientation_error_final_rad"]
+        if _is_at_floor(motion, ORIENTATION):
+            floor = number(motion.floors[ORIENTATION], 2)
+            yield f"The attitude is the true one for {until} s, to what the file resolves ({floor} rad)."
+            return
+        before = "" if final > 0.9 * largest else f", {_angle(largest)} at most before"
+        yield f"The attitude is {_angle(final)} from the truth after {until} s{before}."
+    elif "omega_error" in row:
+        if _is_at_floor(motion, "omega_error"):
+            floor = number(motion.floors["omega_error"], 2)
+            yield f"Omega is the true one for {until} s, to what the file resolves ({floor} of |omega|)."
+        else:
+            yield f"Omega is {_share(row['omega_error'])} of |omega| from the truth within {until} s."
+    elif "position_error_abs" in row:
+        yield f"The position is {number(row['position_error_abs'], _DIGITS)} m from the truth."
+    elif "velocity_error_abs" in row:
+        yield f"The velocity is {number(row['velocity_error_abs'], _DIGITS)} m/s from the truth."
+
+
+def _angle(rad: float) -> str:
+    return f"{number(rad, _DIGITS)} rad ({number(math.degrees(rad), _DIGITS)} degrees)"
+
+
+def _cause(motion: JudgedMotion, found: Diagnosis | None, dt_s: float | None) -> Iterator[str]:
+    if found is None:
+        return
+    is_right = ORIENTATION in motion.row and _is_at_floor(motion, ORIENTATION)
+    if found.start is not None:
+        yield f"The start differs: {found.start.sentence}."
+    if found.verdict == "explained":
+        yield f"Likely cause: {found.sentence}."
+    elif found.per_sample is not None:
+        off = number(found.per_sample, 2)
+        hint = "" if dt_s is not None else "; --dt, the step of the program, tells them apart"
+        if not is_right:
+            yield (
+                f"Each row is within {off} of the exact motion from the row before, as of a solver with that "
+                f"tolerance, or of a fault as small{hint}."
+            )
+    elif found.verdict in ("healthy", "strapdown", "lower-order"):
+        if not (is_right and found.start is None and found.base == EXACT.name):
+            yield f"{found.sentence[:1].upper()}{found.sentence[1:]}."
+    elif motion.row.get(ORIENTATION, 1.0) > _CONSERVED and not is_right:
+        hint = "" if dt_s is not None else "; with --dt, the step of the program, more causes are tried"
+        yield f"No known fault, and no pair of them, explains it{hint}."
+
+
+def judgement_document(
+    ranking: Ranking, cases: Sequence[ExplainedCase] = (), *, evidence: bool = False
+) -> Document:
+    """Return the conclusion and the measures of a single file, or the ranking of several.
+
+    cases: the diagnoses, in the order of the ranking. evidence: whether what they rest on is shown.
+    """
+    if len(ranking.rows) == 1:
+        parts: list[Part] = [conclusion(ranking.motions[0], next(iter(cases), None)), _measure_table(ranking)]
+    else:
+        parts = [*_ranking_parts(ranking)]
+        if cases:
+            parts += [
+                Sentence(f"{motion.path.name}: {conclusion(motion, case).text}")
+                for motion, case in zip(ranking.motions, cases, strict=True)
+            ]
+    if evidence:
+        parts += explanation_document(cases).parts
+    first, *others = (motion.path.name for motion in ranking.motions)
+    more = f" and {count(len(others), 'more file')}" if others else ""
+    return Document(f"Judgement of {first}{more}", tuple(parts))
+
+
+def _measure_table(ranking: Ranking) -> Table:
+    """Return the columns of a single file, numbers with three digits; a page also has the formulas."""
+    rows = tuple(
+        (name, number(value, _DIGITS) if isinstance(value, float) else str(value), _meaning(name))
+        for name, value in ranking.data.items()
+        if value not in ("", None)
+    )
+    columns = (Column("measure", "fixed"), Column("value"), Column("meaning", only=("page",)))
+    return Table(columns, rows, title="Measures")
+
+
+def _meaning(name: str) -> str:
+    pure = name.removesuffix("_abs").removesuffix(SIGNED).removesuffix(FROM_START)
+    if pure not in MEASURES:
+        return ""
+    of_it = {
+        "_abs": f", in {MEASURES[pure].unit}",
+        SIGNED: ", with its sign",
+        FROM_START: ", from the first row",
+    }
+    return MEASURES[pure].formula + next((text for end, text in of_it.items() if name.endswith(end)), "")
+
+
+def _ranking_parts(ranking: Ranking) -> Iterator[Part]:
+    energies = _ENERGIES[::-1]
+    energy = next((name for name in energies if any(name in row for row in ranking.rows)), energies[0])
+    measures = dict.fromkeys(filter(None, (ranking.quantity, energy, f"{energy}{FROM_START}")))
+    steps = ["dt_s"] if "dt_s" in ranking.rows[0] else []
+    columns = (
+        Column("#", "number"),
+        Column("file", "name"),
+        *(Column(name.replace("_", " "), "number") for name in (*steps, *measures)),
+        Column("outcome"),
+    )
+    rows = tuple(
+        (
+            "" if rank is None else str(rank),
+            row["file"],
+            *(step(row[name]) for name in steps),
+            *(scientific(row[name]) if name in row else "" for name in measures),
+            row["outcome"] + f": {row['message']}" * bool(row["message"]),
+        )
+        for rank, row in zip(ranking.ranks, ranking.rows, strict=True)
+    )
+    yield Sentence(_ranking_sentence(ranking), strong=True)
+    yield Sentence(_order_sentence(ranking))
+    yield Table(columns, rows, title="Files by their distance from the truth")
+    yield Table(
+        (Column("measure", "fixed"), Column("verdict"), Column("order", "number"), Column("95 %", "fixed")),
+        tuple(
+            (name, found.verdict, number(found.order, 3), _interval(found))
+            for name, found in ranking.orders.items()
+        ),
+        title="Order over the steps",
+    )
+
+
+def _ranking_sentence(ranking: Ranking) -> str:
+    if not ranking.quantity:
+        return f"{ranking.rows[0]['scenario']}: {len(ranking.rows)} files, not ranked: no measure in common."
+    ended = [row for row in ranking.rows if row["outcome"] == "ok"]
+    best = [row["file"] for row, rank in zip(ranking.rows, ranking.ranks, strict=True) if rank == 1]
+    measure = ranking.quantity.replace("_", " ").removesuffix(" rad")
+    unit = " rad" if ranking.quantity == ORIENTATION else ""
+    least, most = (f"{scientific(row[ranking.quantity])}{unit}" for row in (ended[0], ended[-1]))
+    first = f"{names(best)} {'is' if len(best) == 1 else 'are'} nearest to the truth: {measure} {least}"
+    return f"{first}; {ended[-1]['file']} is farthest: {most}."
+
+
+def _order_sentence(ranking: Ranking) -> str:
+    """Return the order of the first measure that has one, or why there is none."""
+    if "dt_s" not in ranking.rows[0]:
+        return "No order: --dt states the step of each file, and at least four steps are needed."
+    if len(ranking.rows) < _FEWEST_STEPS:
+        return f"No order: {len(ranking.rows)} steps are given, and at least {_FEWEST_STEPS} are needed."
+    found = next(((name, one) for name, one in ranking.orders.items() if one.order is not None), None)
+    if found is None:
+        verdicts = dict.fromkeys(one.verdict for one in ranking.orders.values())
+        return f"No order: the errors show none over these steps ({names([*verdicts])})."
+    name, one = found
+    return f"Order {number(one.order, 3)} of {name.replace('_', ' ')} ({_interval(one)}), {one.verdict}."
+
+
+def _interval(found: Convergence) -> str:
+    if found.order is None:
+        return ""
+    return f"{number(found.order_low, 3)} to {number(found.order_high, 3)}"

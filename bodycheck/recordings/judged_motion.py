@@ -1,0 +1,297 @@
+"""One recording, measured against the truth of its scenario."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+
+from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import number
+from bodycheck.examine.diagnosis.quantity_resolution import Resolution
+from bodycheck.recordings.conversion import RecordedMotion
+from bodycheck.recordings.first_sample import start_bound_rad, started_at_first_sample
+from bodycheck.reference_impl.arrays import Array, largest_norm
+from bodycheck.reference_impl.pivot import rotational_inertia
+from bodycheck.reference_impl.rotations import geodesic_angle, matrix_to_quaternion, project_to_so3, rotate
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.trees.tree_scene import TreeScene
+from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.cache.truths import known_truth
+from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion, stable_motion
+from bodycheck.reports.measurement.compared_motion import Compared, EnergyAndMomentum
+from bodycheck.reports.measurement.invariants import invariants_of, worst_drift
+from bodycheck.reports.measurement.measures import (
+    MEASURES,
+    ORIENTATION,
+    SCALES,
+    departures_of,
+    reduced,
+    series_of,
+)
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.measurement.scales import Scales
+from bodycheck.scenarios.model import Scenario
+
+Start: TypeAlias = Literal["scenario", "first-sample"]
+"""Where the truth of a recording starts: at the start of the scenario, or at the first row of the file."""
+
+FROM_START = "_from_start"
+"""Suffix of an energy drift relative to the first sample of the file, instead of relative to the truth."""
+
+_REDUNDANT = 1e-3  # difference in rad, or relative, of what a file states twice: more than rounding
+_HALF_SPACING = 0.5 * math.sqrt(3.0)  # the error of a rounded vector, per spacing of its components
+
+
+@dataclass(frozen=True)
+class MomentumChange:
+    """max ||L| - |L'|| over max |L'|, and the largest angle between L and L', in rad.
+
+    L' is L of the first row where no load acts, otherwise that of the truth.
+    """
+
+    size: float
+    direction_rad: float
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedMotion:
+    """A recording with the truth at its samples.
+
+    row: its columns, like those of results.csv, without the file. problem: the scenario as it started, and
+    the truth at the samples of the file. case: the columns and the motion, with the measures over time where
+    it is stable. known: which of position, velocity, attitude and omega the file has. resolution: of these.
+    momentum: its largest changes, None where the file has no attitude or omega. energy: the largest change of
+    the rotational energy since the first row, with its sign, over the largest, None without omega. floors:
+    measure -> what the truth and the digits of the file leave open, relative as the measure is.
+    has_derived_omega, has_unused_position: of the recording.
+    """
+
+    path: Path
+    row: dict[str, Any]
+    problem: Problem
+    case: CaseResult
+    known: frozenset[str]
+    resolution: Resolution
+    momentum: MomentumChange | None
+    energy: float | None
+    floors: Mapping[str, float]
+    has_derived_omega: bool = False
+    has_unused_position: bool = False
+
+
+def judged_motion(
+    path: Path, recorded: RecordedMotion, problem: Problem, cache: Cache | None, start: Start
+) -> JudgedMotion:
+    """Measure a recording.
+
+    problem: the scenario at its own samples. start: where the truth starts. Raises InputError where nothing
+    can be compared, times lie outside the scenario's duration, or the file contradicts itself.
+    """
+    arrays, known = recorded.arrays, frozenset(quantities_of(recorded.arrays))
+    resolution = Resolution.of(recorded.resolution)
+    t_s = arrays["t_s"]
+    _check(path, t_s, known, problem.of_body)
+    scenario, scales = problem.of_body, problem.scales
+    if start == "first-sample":
+        scenario = _started(scenario, arrays, known, cache)
+        scales = Problem.of(scenario, problem.scenario_spec, cache).scales
+    scene = scenario.scene
+    truth = known_truth(scene, t_s, cache)
+    trusted = t_s < truth.trusted_until_s
+    if not trusted[0]:
+        raise InputError(f"{path}: the truth ends before the first time in t_s: {truth.end_reason}")
+    bound_rad = truth.bound_rad
+    if start == "first-sample":
+        bound_rad = bound_rad + start_bound_rad(scene, t_s, resolution, cache)
+    columns: dict[str, Any] = {
+        "scenario": scenario.name,
+        "outcome": "ok",
+        "message": "",
+        "truth": truth.kind,
+        "truth_bound_rad": float(bound_rad[trusted].max()),
+    }
+    if resolution.stamp:
+        columns["stamp_spacing_s"] = resolution.stamp
+        columns["truth_bound_rad"] += resolution.stamp * largest_norm(truth.trajectory.omega_body[trusted])
+    trajectory = _completed(arrays, truth.trajectory)
+    true = EnergyAndMomentum.of(scene, truth.trajectory)
+    at_samples = Problem(scenario, truth, true, scales, problem.scenario_spec, int(np.count_nonzero(trusted)))
+    motion = stable_motion(scene, trajectory, true)
+    if isinstance(motion, str):
+        columns |= {"outcome": "unstable", "message": motion}
+        case = CaseResult({**columns, **_identity(path)}, MeasuredMotion(trajectory))
+        return JudgedMotion(path, columns, at_samples, case, known, resolution, None, None, {})
+    _check_redundant(path, trajectory)
+    if not trusted.all():
+        until = f"t = {truth.trusted_until_s:.6g} s"
+        columns["message"] = f"compared until {until}, where the truth ends: {truth.end_reason}"
+    columns["compared_until_s"] = float(t_s[trusted][-1])
+    invariants = [one for one in invariants_of(scene) if one.needs <= known]
+    compared = Compared(
+        scene, truth.trajectory, true, trajectory, motion, invariants, until=at_samples.compared
+    )
+    departures = departures_of(compared)
+    if "quaternion" in recorded.computed:
+        departures.pop("quaternion_norm_error", None)
+    series = {
+        name: values[: compared.until]
+        for name, values in series_of(compared, departures).items()
+        if MEASURES[name].needs(scene) <= known
+    }
+    worst = worst_drift(compared.invariant_drifts)
+    columns |= reduced(series, departures, scales)
+    columns |= _drifts_from_start(series, departures, compared.until, scales)
+    columns |= worst.columns if worst else {}
+    case = CaseResult({**columns, **_identity(path)}, MeasuredMotion(trajectory, series))
+    return JudgedMotion(
+        path,
+        columns,
+        at_samples,
+        case,
+        known,
+        resolution,
+        _momentum_change(compared) if {"attitude", "omega"} <= known else None,
+        _energy_change(compared) if "omega" in known else None,
+        _floors(columns, at_samples, resolution, start),
+        recorded.has_derived_omega,
+        recorded.has_unused_position,
+    )
+
+
+def _identity(path: Path) -> dict[str, Any]:
+    """Return the columns that identify a file where a case has its engine, method and step."""
+    return {"engine": path.name, "method": "", "control": "none", "dt_s": None, "tolerance": None}
+
+
+def _check(path: Path, t_s: Array, known: frozenset[str], scenario: Scenario) -> None:
+    if not known:
+        raise InputError(
+            f"{path}: omega in world axes needs an attitude to be compared: qw, qx, qy, qz, or r00 to r22"
+        )
+    if t_s[0] < 0.0 or t_s[-1] > scenario.duration_s * (1.0 + 1e-12):
+        hint = "; --map time_origin=first-sample subtracts the first time"
+        raise InputError(
+            f"{path}: t_s must lie between 0 and the duration, {scenario.duration_s!r} s, but goes from "
+            f"{float(t_s[0])!r} to {float(t_s[-1])!r}{hint * bool(t_s[-1] - t_s[0] <= scenario.duration_s)}"
+        )
+
+
+def is_free(scene: Scene | TreeScene) -> bool:
+    """Whether no torque acts, so that angular momentum and rotational energy are conserved."""
+    return isinstance(scene, Scene) and not scene.loads and scene.pivot is None
+
+
+def _momentum_change(compared: Compared) -> MomentumChange:
+    momentum = compared.motion.angular_momentum[: compared.until]
+    true = compared.true.angular_momentum[: compared.until]
+    if is_free(compared.scene):
+        true = np.broadcast_to(momentum[0], momentum.shape)
+    sizes, true_sizes = np.linalg.norm(momentum, axis=-1), np.linalg.norm(true, axis=-1)
+    largest = float(np.max(true_sizes))
+    if largest == 0.0:
+        return MomentumChange(0.0, 0.0)
+    across, along = np.linalg.norm(np.cross(momentum, true), axis=-1), np.sum(momentum * true, axis=-1)
+    return MomentumChange(
+        float(np.max(np.abs(sizes - true_sizes))) / largest, float(np.max(np.arctan2(across, along)))
+    )
+
+
+def _energy_change(compared: Compared) -> float:
+    energy = compared.motion.rotational[: compared.until]
+    change, largest = energy - energy[0], float(np.max(energy))
+    return float(change[np.argmax(np.abs(change))]) / largest if largest > 0.0 else 0.0
+
+
+def _floors(
+    columns: Mapping[str, Any], problem: Problem, resolution: Resolution, start: Start
+) -> dict[str, float]:
+    """Return what the bounds of the truth and the rounding of the samples, and of the start, leave open."""
+    truth, n = problem.truth, problem.compared
+    times = 2.0 if start == "first-sample" else 1.0  # the start is rounded as every sample is
+    angle, omega = times * _HALF_SPACING * resolution.attitude, times * _HALF_SPACING * resolution.omega
+    momentum = float(np.max(np.linalg.norm(problem.motion.angular_momentum[:n], axis=-1)))
+    energy = float(np.max(problem.motion.rotational[:n]))
+    speed = largest_norm(truth.trajectory.omega_body[:n])
+    largest_moment = float(np.linalg.norm(rotational_inertia(problem.of_body.scene), 2))
+    of_momentum = float(np.max(truth.bound_momentum[:n]))
+    of_energy = float(np.max(truth.bound_energy[:n]))
+    found = {ORIENTATION: columns["truth_bound_rad"] + _HALF_SPACING * resolution.attitude}
+    if momentum > 0.0:
+        found["angular_momentum_drift"] = of_momentum + largest_moment * omega / momentum + angle
+    if energy > 0.0:
+        found["rotational_energy_drift"] = found["energy_drift"] = of_energy + momentum * omega / energy
+    if speed > 0.0:
+        bound = float(np.max(truth.bound_omega_rad_s[:n])) / speed
+        turned = columns["truth_bound_rad"] - float(np.max(truth.bound_rad[:n]))
+        found["omega_error"] = bound + omega / speed + turned
+    return found
+
+
+def _started(
+    scenario: Scenario, arrays: dict[str, Array], known: frozenset[str], cache: Cache | None
+) -> Scenario:
+    """Return the scenario, started at the first sample."""
+    truth = known_truth(scenario.scene, arrays["t_s"], cache).trajectory
+    return started_at_first_sample(scenario, _completed(arrays, truth), known)
+
+
+def _check_redundant(path: Path, trajectory: Trajectory) -> None:
+    """Raise InputError where a file states a quantity twice, differently: only one of them is measured."""
+    differences = {}
+    if trajectory.quaternion is not None and trajectory.rotation is not None:
+        of_matrix = matrix_to_quaternion(project_to_so3(trajectory.rotation))
+        differences["quaternion and rotation"] = geodesic_angle(trajectory.quaternion, of_matrix)
+    if trajectory.omega_body_rad_s is not None and trajectory.omega_world_rad_s is not None:
+        rotated = rotate(trajectory.attitude, trajectory.omega_body_rad_s)
+        scale = max(largest_norm(rotated), largest_norm(trajectory.omega_world_rad_s)) or 1.0
+        off = np.linalg.norm(rotated - trajectory.omega_world_rad_s, axis=-1)
+        differences["omega in body and in world axes"] = off / scale
+    for what, difference in differences.items():
+        contradictory = trajectory.t_s[difference > _REDUNDANT]
+        if len(contradictory):
+            at = f"t = {number(float(contradictory[0]))} s"
+            raise InputError(f"{path}: {what} contradict each other at {at}; leave one of them out")
+
+
+def _drifts_from_start(
+    measurable: Iterable[str], departures: Mapping[str, Array], until: int, scales: Scales
+) -> dict[str, float]:
+    """Return max |(E - E*) - (E - E*)(0)| over the scale: max |E - E(0)| where the energy is conserved.
+
+    In other scenes, it is the energy gained since the first sample, compared with the gain of the truth.
+    """
+    found = {}
+    for name in ("energy_drift", "rotational_energy_drift"):
+        scale = getattr(scales, SCALES[name])
+        if name in measurable and scale > 0.0:
+            departure = departures[name][:until, 0]
+            found[f"{name}{FROM_START}"] = float(np.max(np.abs(departure - departure[0]))) / scale
+    return found
+
+
+def quantities_of(arrays: dict[str, Array]) -> set[str]:
+    """Return which of position, velocity, attitude and omega (in body axes) a trajectory has."""
+    available = {name for name in ("position", "velocity") if any(key.startswith(name) for key in arrays)}
+    if "quaternion" in arrays or "rotation" in arrays:
+        available.add("attitude")
+    if "omega_body_rad_s" in arrays or ("omega_world_rad_s" in arrays and "attitude" in available):
+        available.add("omega")
+    return available
+
+
+def _completed(arrays: dict[str, Array], truth: Trajectory) -> Trajectory:
+    """Fill missing quantities with the truth; the measures that depend on them are dropped later."""
+    filled = dict(arrays)
+    filled.setdefault("position_m", truth.position_m)
+    filled.setdefault("velocity_m_s", truth.velocity_m_s)
+    if "quaternion" not in filled and "rotation" not in filled:
+        filled["quaternion"] = truth.attitude
+    if "omega_body_rad_s" not in filled and "omega_world_rad_s" not in filled:
+        filled["omega_body_rad_s"] = truth.omega_body
+    return Trajectory(**filled)
