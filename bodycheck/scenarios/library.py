@@ -34,6 +34,9 @@ PROBES = ("probe", "probe-free")
 OF_NO_SUITE = ("nesc-tumbling-brick", "quick")
 """A published recording, for `judge --like`, and a scenario for engines of which smoke takes minutes."""
 
+STANDARD_TREES = ("free-chain", "double-pendulum")
+"""Trees of the suite standard."""
+
 
 def scenario_names() -> tuple[str, ...]:
     """Return the names of the built-in scenarios and families, in alphabetical order."""
@@ -57,7 +60,7 @@ def suites() -> dict[str, tuple[str, ...]]:
     forcings, hard = (tuple(name for name in full if tag in tags[name]) for tag in ("forcings", "hard"))
     return {
         "smoke": ("free-flight", "powered-flight", "fast-flight"),
-        "standard": tuple(name for name in full if name not in (*forcings, *hard)),
+        "standard": (*(name for name in full if name not in (*forcings, *hard)), *STANDARD_TREES),
         "forcings": forcings,
         "hard": hard,
         "trees": tree_names(),

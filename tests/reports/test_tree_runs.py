@@ -193,3 +193,21 @@ def test_the_map_that_engines_share_is_named(chain: Run) -> None:
     assert min(row["next_map_distance"] / row["tree_map_distance"] for row in rows.values()) > 1e3
     (sentence,) = [text for text in Summary.of(chain).sentences if "same map" in text]
     assert all(name in sentence for name in (*_SAME, "5 methods of 3 engines", "0.0497 rad"))
+
+
+def test_the_page_states_the_shared_map_before_any_fold(chain: Run) -> None:
+    """A reader who opens nothing sees it, as on the console."""
+    findings = report_page(chain).partition('aria-label="Findings"')[2].partition("<details>")[0]
+    assert "5 methods of 3 engines make the same map M1" in findings
+
+
+def test_a_false_momentum_is_stated_first() -> None:
+    """Of two trees, the free one comes first, although the errors of the other are larger."""
+    engines = ["mujoco:euler", "dart"]
+    run = bodycheck.run(
+        scenarios=["double-pendulum", "free-chain"], engines=engines, dt_s=[1e-2], speed=False, laws=False
+    )
+    first, second = Summary.of(run).alike
+    assert first.startswith("free-chain")
+    assert "false momentum" in first
+    assert "double-pendulum" in second

@@ -61,6 +61,7 @@ def _gate(result: GateResult) -> dict[str, Any]:
         "gate": result.gate.model_dump(exclude_none=True),
         "status": result.status,
         "why": result.why,
+        "left_out": result.left_out,
         "rows": [
             {**vars(check.row), "passed": check.passed, **_beyond(check, result)} for check in result.checks
         ],
@@ -94,7 +95,8 @@ def line_of(result: GateResult) -> str:
         return f"{result.gate.title}: {result.why}"
     if result.status == "failed":
         return f"{result.gate.title}: {len(result.failed)} of {cases} failed; {_worst(result)}"
-    return f"{result.gate.title}: {cases}; {_worst(result)}"
+    beside = "".join(f"; {reason}" for reason in result.left_out)
+    return f"{result.gate.title}: {cases}; {_worst(result)}{beside}"
 
 
 def _worst(result: GateResult) -> str:

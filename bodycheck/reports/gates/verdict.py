@@ -6,17 +6,17 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
+from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import names, number, setting, step
 from bodycheck._util.untrusted import shell_join, shell_split
-from bodycheck.adapters.engine_names import is_named
+from bodycheck.adapters.engine_names import is_named, with_method
 from bodycheck.reports.gates.gate import Gate
+from bodycheck.reports.measurement.measures import MEASURE_OF, MEASURES
 from bodycheck.reports.measurement.verdicts import QuantityVerdict, amount_of, method_verdict
 from bodycheck.reports.run_files.run_tables import StudyKey, Tables, key_of, study_key
-
-if TYPE_CHECKING:
-    pass
+from bodycheck.scenarios.serialization import deserialized
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,12 @@ class GateRow:
 
 
 def rows_of(gate: Gate, run: Tables) -> list[GateRow]:
-    """Return all rows that the gate's patterns match, in the order of the run."""
+    """Return all rows that the gate's patterns match and the measure applies to, in the order of the run."""
     measure = gate.target
+    applies = _Applicability(gate, run)
     if measure.source == "results":
-        return [_row_of_case(gate, case.columns) for case in run.cases if _matches(gate, case.columns)]
+        cases = [case.columns for case in run.cases if _matches(gate, case.columns)]
+        return [_row_of_case(gate, columns) for columns in cases if applies.include(columns)]
     if measure.source == "laws":
         return list(_rows_of_law(gate, run))
     if measure.source == "dynamics":
@@ -59,8 +61,47 @@ def rows_of(gate: Gate, run: Tables) -> list[GateRow]:
     return [
         _row_of_method(gate, columns, found.get(pair, {}), run)
         for pair, columns in pairs.items()
-        if _matches(gate, columns)
+        if _matches(gate, columns) and applies.include(columns)
     ]
+
+
+class _Applicability:
+    """Which cases of a run a gate can judge: a scene may lack the measure, and a method may move no trees."""
+
+    def __init__(self, gate: Gate, run: Tables) -> None:
+        measure = MEASURES.get(gate.target.quantity or "") or MEASURE_OF.get(gate.target.column)
+        self._of = None if measure is None else measure.of
+        self._manifest, self._lacking = run.manifest, dict[str, bool]()
+        scenarios = run.manifest.get("scenarios", {})
+        self._trees = {name for name, data in scenarios.items() if isinstance(data.get("body"), list)}
+        self._movers = {
+            key_of(case.columns)
+            for case in run.cases
+            if case.columns["scenario"] in self._trees and case.columns["outcome"] != "unsupported"
+        }
+        self._expects_refusal = gate.equals == "unsupported"
+
+    def refuses_trees(self, columns: Mapping[str, Any]) -> bool:
+        """Whether a case is one of a tree, and its method moves no tree of the run."""
+        is_refused = columns["scenario"] in self._trees and key_of(columns) not in self._movers
+        return is_refused and not self._expects_refusal
+
+    def lacks(self, scenario: str) -> bool:
+        """Whether a scene does not have the measure."""
+        if self._of is None:
+            return False
+        if scenario not in self._lacking:
+            try:
+                scene = deserialized(self._manifest["scenarios"][scenario], scenario).scene
+            except (KeyError, InputError):  # with a function, or of an earlier version: no reason to pass
+                self._lacking[scenario] = False
+            else:
+                self._lacking[scenario] = not self._of(scene)
+        return self._lacking[scenario]
+
+    def include(self, columns: Mapping[str, Any]) -> bool:
+        """Whether the gate judges a case, or a method on a scenario."""
+        return not self.refuses_trees(columns) and not self.lacks(columns["scenario"])
 
 
 def _rows_of_law(gate: Gate, run: Tables) -> Iterator[GateRow]:
@@ -185,8 +226,13 @@ def _full_command(columns: Mapping[str, Any], manifest: Mapping[str, Any]) -> st
 
 
 def why_none(gate: Gate, run: Tables) -> str:
-    """Return which key of a gate without rows is the first to match no case, and the available values."""
+    """Return why a gate has no rows: it does not apply to what it matches, or the first key without a match.
+
+    Of such a key, also the available values.
+    """
     cases: list[Mapping[str, Any]] = [case.columns for case in run.cases]
+    if reasons := left_out(gate, run):
+        return "; ".join(reasons)
     remaining = accumulate(
         _KEYS.values(),
         lambda left, meets: [one for one in left if meets(gate, one)],
@@ -201,6 +247,23 @@ def why_none(gate: Gate, run: Tables) -> str:
     missing = [entry["unavailable"] for entry in run.manifest["engines"].values() if "unavailable" in entry]
     return "; ".join(
         [f"no {key} of the run matches {_pattern(gate, key)} (available: {has or 'none'})", *missing]
+    )
+
+
+def left_out(gate: Gate, run: Tables) -> tuple[str, ...]:
+    """Return why the gate does not apply to cases that its patterns match."""
+    if gate.target.source not in ("results", "methods", "stability"):
+        return ()
+    applies = _Applicability(gate, run)
+    matched = [case.columns for case in run.cases if _matches(gate, case.columns)]
+    refusing = dict.fromkeys(with_method(*key_of(one)) for one in matched if applies.refuses_trees(one))
+    lacking = dict.fromkeys(one["scenario"] for one in matched if applies.lacks(one["scenario"]))
+    found = (
+        (refusing, "moves no tree of the run", "move no tree of the run"),
+        (lacking, f"has no {gate.measure}", f"have no {gate.measure}"),
+    )
+    return tuple(
+        f"{names(list(some))} {one if len(some) == 1 else many}" for some, one, many in found if some
     )
 
 
@@ -248,13 +311,15 @@ class GateResult:
     """A gate with all the rows that it matched.
 
     status: passed; failed; nothing, if no row matched or none was measured, which never passes; or skipped,
-    if the gate concerns none of the requested engines. why: the reason of the last two.
+    if the gate concerns none of the requested engines. why: the reason of the last two. left_out: why the
+    gate does not apply to some cases.
     """
 
     gate: Gate
     checks: tuple[GateCheck, ...]
     status: Literal["passed", "failed", "nothing", "skipped"]
     why: str = ""
+    left_out: tuple[str, ...] = ()
 
     @property
     def is_bad(self) -> bool:
@@ -307,7 +372,8 @@ def _check_gate(gate: Gate, run: Tables, engines: Sequence[str]) -> GateResult:
     if all(check.row.obtained is None for check in checks):
         reasons = dict.fromkeys(check.row.why for check in checks)
         return GateResult(gate, checks, "nothing", "; ".join(reasons))
-    return GateResult(gate, checks, "passed" if all(check.passed for check in checks) else "failed")
+    status: Literal["passed", "failed"] = "passed" if all(check.passed for check in checks) else "failed"
+    return GateResult(gate, checks, status, left_out=left_out(gate, run))
 
 
 def _check_row(gate: Gate, row: GateRow) -> GateCheck:

@@ -14,10 +14,13 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.imu import has_imu
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.trees.joint_kind import JointKind, Translation
+from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reports.measurement.compared_motion import Compared
-from bodycheck.reports.measurement.invariants import worst_drift
+from bodycheck.reports.measurement.invariants import invariants_of, worst_drift
 from bodycheck.reports.measurement.scales import Scales
 
 IDENTITY = ("scenario", "family", "engine", "engine_version", "method")
@@ -52,7 +55,8 @@ class Measure:
     error of the measure itself in one case, in the unit of the departure. needs: which of position,
     velocity, attitude and omega a trajectory must provide. judged: "limit": by its limit under step
     refinement; "property": as a property of the engine's state, not necessarily a fault; None: not
-    judged. last_of: the measure of which this one is the last value. signed: whether the column `_signed`
+    judged. last_of: the measure of which this one is the last value. of: whether a scene has it [default:
+    every scene]; a gate does not expect it of others. signed: whether the column `_signed`
     has the departure of the largest size with its sign, over the scale.
     """
 
@@ -67,6 +71,7 @@ class Measure:
     floor: Callable[[Compared], float] = lambda _: 0.0
     judged: Judgement | None = "limit"
     last_of: str | None = None
+    of: Callable[[Scene | TreeScene], bool] | None = None
     signed: bool = False
 
     def over_time(self, compared: Compared, departure: Array | None) -> Array | None:
@@ -84,6 +89,23 @@ class Measure:
 
 def _needing(*quantities: str) -> Callable[[Scene], frozenset[str]]:
     return lambda _: frozenset(quantities)
+
+
+def _is_body(scene: Scene | TreeScene) -> bool:
+    return not isinstance(scene, TreeScene)
+
+
+def _joints(scene: Scene | TreeScene) -> list[JointKind]:
+    """Return the kinds of the joints of a tree; none for one body."""
+    return [one.joint.of_kind for one in scene.bodies] if isinstance(scene, TreeScene) else []
+
+
+def _turns(scene: Scene | TreeScene) -> bool:
+    return any(kind.rotation and kind.translation is not Translation.SPACE for kind in _joints(scene))
+
+
+def _slides(scene: Scene | TreeScene) -> bool:
+    return any(kind.translation is Translation.AXIS for kind in _joints(scene))
 
 
 def _needed_by_energy(scene: Scene) -> frozenset[str]:
@@ -210,6 +232,7 @@ _ALL = (
         series=_worst_invariant,
         unit="SI unit of the invariant",
         bound="momentum",
+        of=lambda scene: bool(invariants_of(scene)),
     ),
     Measure(
         "orthogonality_error",
@@ -218,6 +241,7 @@ _ALL = (
         _needing("attitude"),
         floor=lambda _: _NORM_FLOOR,
         judged="property",
+        of=_is_body,
     ),
     Measure(
         "determinant_error",
@@ -226,6 +250,7 @@ _ALL = (
         _needing("attitude"),
         floor=lambda _: _NORM_FLOOR,
         judged=None,
+        of=_is_body,
     ),
     Measure(
         "quaternion_norm_error",
@@ -267,6 +292,7 @@ _ALL = (
         _needing("attitude", "omega"),
         bound="omega_rad_s",
         floor=lambda _: _NORM_FLOOR,
+        of=lambda scene: not isinstance(scene, TreeScene) and has_imu(scene),
     ),
     Measure(
         "position_error",
@@ -293,6 +319,7 @@ _ALL = (
         _needing("attitude"),
         series=lambda c: None if c.joints is None else c.joints.largest("rad"),
         bound="rad",
+        of=_turns,
     ),
     Measure(
         "joint_error_m",
@@ -301,6 +328,7 @@ _ALL = (
         _needing("position", "attitude"),
         series=lambda c: None if c.joints is None else c.joints.largest("m"),
         bound="m",
+        of=_slides,
     ),
     Measure(
         "constraint_drift_m",
@@ -308,6 +336,7 @@ _ALL = (
         needs=_needing("position", "attitude"),
         series=lambda c: None if c.joints is None else c.joints.gap_m,
         judged=None,
+        of=lambda scene: bool(_joints(scene)),
     ),
     Measure(
         "constraint_drift_rad",
@@ -315,6 +344,7 @@ _ALL = (
         needs=_needing("attitude"),
         series=lambda c: None if c.joints is None else c.joints.gap_rad,
         judged=None,
+        of=lambda scene: bool(_joints(scene)),
     ),
 )
 
@@ -326,6 +356,9 @@ ORIENTATION = "orientation_error_rad"
 
 QUANTITIES = (ORIENTATION, *(m.name for m in _ALL if m.judged is not None and m.name != ORIENTATION))
 """The judged measures. Each has one row of methods.csv per method and scenario."""
+
+MEASURE_OF = {column: measure for measure in _ALL for column in measure.columns}
+"""Column of results.csv -> the measure that it is of."""
 
 SCALES = {measure.name: measure.scale for measure in _ALL if measure.scale is not None}
 """Measure -> the scale that it is divided by. The column `_abs` has the undivided value in SI units."""

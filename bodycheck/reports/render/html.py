@@ -35,7 +35,7 @@ from bodycheck.reports.run_files.run_tables import MethodKey, Run, key_of
 from bodycheck.reports.run_files.tables import Row
 from bodycheck.reports.summary.cells import Cell, faults_of
 from bodycheck.reports.summary.method_identity import known_map_text, laws_text, rows_by_method
-from bodycheck.reports.summary.sentences import Summary
+from bodycheck.reports.summary.sentences import Summary, verdict_sentences
 from bodycheck.reports.summary.worst_results import faulty
 from bodycheck.reports.templating import asset, environment
 
@@ -239,7 +239,8 @@ class _Report:
             part=None,
             parts=parts,
             findings=faulty(self._summary.worst),
-            sentences=[*self._summary.sentences, *cost_sentences(front)],
+            alike=self._summary.alike,
+            sentences=[*verdict_sentences(self._summary.cells, self._summary.worst), *cost_sentences(front)],
             worst=self._summary.worst,
             fronts=front,
             has_speed=any("cpu_s" in case.columns for case in run.cases),

@@ -18,10 +18,10 @@ _FEWEST = 2  # methods, and engines, of which it says anything that they agree
 def shared_maps(run: Tables) -> list[str]:
     """Return what is said of maps that methods of several engines make of trees, the most telling first.
 
-    That is the scenario with the largest error in which the map still follows the truth, to a radian; the
-    others are counted.
+    That is the scenario with the largest error in which the map still follows the truth, to a radian, and
+    first one in which a momentum is false that nothing outside the tree can change; the others are counted.
     """
-    found = sorted(_shared(run), key=lambda one: (one.error > _LOST, -one.error))
+    found = sorted(_shared(run), key=lambda one: (one.error > _LOST, not one.is_free, -one.error))
     if not found:
         return []
     others = [name for name in dict.fromkeys(one.scenario for one in found) if name != found[0].scenario]
@@ -31,10 +31,11 @@ def shared_maps(run: Tables) -> list[str]:
 
 @dataclass(frozen=True)
 class _Shared:
-    """A sentence about one scenario, and the largest error in it, in rad or m."""
+    """A sentence about one scenario, the largest error in it, in rad or m, and whether its tree is free."""
 
     scenario: str
     error: float
+    is_free: bool
     sentence: str
 
 
@@ -69,4 +70,4 @@ def _stated(scenario: str, name: str, rows: Sequence[Mapping[str, Any]], facts: 
     false = max(row.get("linear_momentum_drift_abs", 0.0) for row in rows)
     momentum = f", with a false momentum of {number(false, 2)} N s" if is_free and false else ""
     sentence = f"{text}{momentum}: {names([':'.join(key_of(row)) for row in rows])}."
-    return _Shared(scenario, max(errors), sentence)
+    return _Shared(scenario, max(errors), bool(momentum), sentence)

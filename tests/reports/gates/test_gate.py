@@ -9,6 +9,9 @@ import pytest
 
 from bodycheck.reports.gates.gate import Gate, gate_of
 from bodycheck.reports.gates.verdict import GateResult, check_gates, distance
+from bodycheck.reports.run_files.run_tables import Tables
+from bodycheck.scenarios.library import load_any
+from bodycheck.scenarios.serialization import serialized
 from tests.helpers.gate_tables import CASE, METHOD, make_tables
 
 NEAR = {"near": 1e-3, "decades": 0.5}
@@ -127,6 +130,65 @@ def test_law_is_bounded_by_method_and_not_measured_without_a_row() -> None:
     ):
         (result,) = check_gates([gate(measure="law.replay", method=method, upper=0.0)], tables)
         assert (result.status, result.checks[0].row.why) == (status, why), method
+
+
+def _of_two_scenes(*cases: dict[str, Any], methods: list[dict[str, Any]] | None = None) -> Tables:
+    """Return a run of cases in the free chain, a tree, and in a free body."""
+    found = {name: serialized(load_any([name])[0][1]) for name in ("free-chain", "free-flight")}
+    return make_tables(list(cases), methods, scenarios=found)
+
+
+TREE, BODY = {"scenario": "free-chain"}, {"scenario": "free-flight"}
+
+
+@pytest.mark.parametrize(
+    ("measure", "lacking", "having"),
+    [
+        ("orthogonality_error", TREE, BODY),
+        ("determinant_error", TREE, BODY),
+        ("joint_error_rad", BODY, TREE),
+        ("constraint_drift_m", BODY, TREE),
+    ],
+)
+def test_measure_that_a_scene_lacks_is_not_missing(
+    measure: str, lacking: dict[str, Any], having: dict[str, Any]
+) -> None:
+    """A scene without the measure does not count, and alone is nothing; a scene that has it must give it."""
+    requested = gate(measure=measure, upper=1e-3)
+    (result,) = check_gates([requested], _of_two_scenes(lacking, {**having, measure: 1e-9}))
+    assert (result.status, len(result.checks)) == ("passed", 1)
+    assert lacking["scenario"] in result.left_out[0]
+    (result,) = check_gates([requested], _of_two_scenes(lacking, {**having, measure: 1e-2}))
+    assert result.status == "failed"
+    (result,) = check_gates([requested], _of_two_scenes({**having, measure: 1e-9}, having))
+    assert (result.status, len(result.failed)) == ("failed", 1)
+    (result,) = check_gates([requested], _of_two_scenes(lacking))
+    assert (result.status, lacking["scenario"] in result.why) == ("nothing", True)
+
+
+def test_order_of_a_measure_that_a_scene_lacks_is_not_missing() -> None:
+    """The order of an error of joints counts in trees only."""
+    rows = [{**TREE, "quantity": "joint_error_rad", "order": 4.0}]
+    requested = gate(measure="order.joint_error_rad", lower=3.9)
+    (result,) = check_gates([requested], _of_two_scenes(TREE, BODY, methods=rows))
+    assert (result.status, len(result.checks)) == ("passed", 1)
+    (result,) = check_gates([requested], _of_two_scenes(TREE, BODY))
+    assert result.status == "nothing"
+
+
+def test_method_that_moves_no_tree_fails_no_gate_over_all_scenarios() -> None:
+    """It does not count in trees; a gate on the tree alone is nothing, and one refusal among trees fails."""
+    refused = {**TREE, "outcome": "unsupported", "message": "no joints"}
+    requested = gate(upper=1e-3)
+    (result,) = check_gates([requested], _of_two_scenes(BODY, refused))
+    assert (result.status, len(result.checks)) == ("passed", 1)
+    assert "mujoco:rk4" in result.left_out[0]
+    (result,) = check_gates([gate(scenario="free-chain", upper=1e-3)], _of_two_scenes(BODY, refused))
+    assert result.status == "nothing"
+    (result,) = check_gates([requested], _of_two_scenes(BODY, refused, {**TREE, "dt_s": 0.1}))
+    assert result.status == "failed"
+    (result,) = check_gates([requested], _of_two_scenes(BODY, {**refused, **BODY, "dt_s": 0.1}))
+    assert result.status == "failed"
 
 
 PATTERNS = {
