@@ -50,6 +50,7 @@ PLACES = {
     ("adapters/workers/worker_bootstrap.py", "main", "importlib.util.spec_from_file_location"): OWN,
     ("adapters/workers/worker_bootstrap.py", "main", "runpy.run_module"): OWN,
     ("adapters/workers/worker_process.py", "WorkerProcess.__init__", "subprocess.Popen"): ASKED,
+    ("cli/rooms/__init__.py", "rooms", "importlib.import_module"): OWN,
     ("reference_impl/integrators/__init__.py", "", "importlib.import_module"): OWN,
     ("reference_impl/kernels/cache_files.py", "_content", "pickle.loads"): "the user's cache folder",
     ("reference_impl/loads/__init__.py", "load_kinds", "importlib.import_module"): OWN,

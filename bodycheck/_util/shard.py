@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
-from pathlib import Path
 
 from bodycheck._util.errors import InputError
 
@@ -46,25 +43,3 @@ class Shard:
 
     def __str__(self) -> str:
         return f"{self.index}/{self.count}"
-
-
-def division_faults(shards: Mapping[Path, Shard]) -> Iterator[str]:
-    """Yield why the folders are not all shards of one division.
-
-    The reasons: a shard is missing, given twice, or of another division.
-    """
-    folders: dict[Shard, list[Path]] = {}
-    for folder, shard in shards.items():
-        folders.setdefault(shard, []).append(folder)
-    counts = Counter(shard.count for shard in shards.values())
-    if len(counts) > 1:
-        listed = ", ".join(f"{folder} is {shard}" for folder, shard in shards.items())
-        yield f"shards of different divisions: {listed}"
-        return
-    (total,) = counts
-    for shard, same in folders.items():
-        if len(same) > 1:
-            yield f"{', '.join(map(str, same))}: all are shard {shard}"
-    absent = [str(Shard(k, total)) for k in range(1, total + 1) if Shard(k, total) not in folders]
-    if absent:
-        yield f"missing shard{'s' * (len(absent) > 1)}: {', '.join(absent)}"

@@ -12,21 +12,20 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.shard import Shard
-from bodycheck.audit.audit import AUDIT_FILE, Audit, Body, Difference, read_audit, write_audit
+from bodycheck.audit.audit import Audit, Body, Difference, read_audit, write_audit
 from bodycheck.audit.audit_page import audit_page
 from bodycheck.audit.audit_run import spins_in
-from bodycheck.reports.run_files.sentinels import differing_facts, machine_facts
+from bodycheck.reports.run_files.sentinels import machine_facts
 from bodycheck.reports.run_files.writer import atomic_folder
 from bodycheck.runs.manifest import machine, software
-from bodycheck.runs.merge import StoredShard, all_shards
+from bodycheck.runs.shards import StoredShard, all_shards, machine_findings
 
 
 @dataclass(frozen=True, eq=False)
 class _Part(StoredShard):
-    """A shard as stored, with what merging needs of it."""
+    """A shard with its audit."""
 
     audit: Audit
-    facts: dict[str, str]
 
 
 def write_shard(audit: Audit, shard: Shard, out: Path) -> None:
@@ -35,25 +34,20 @@ def write_shard(audit: Audit, shard: Shard, out: Path) -> None:
         write_audit(audit, folder, shard=str(shard), machine={**software(), **machine()})
 
 
-def is_audit(folder: Path) -> bool:
-    """Whether a folder was written by `bodycheck audit --shard`."""
-    return (folder / AUDIT_FILE).is_file()
-
-
 def merge_audits(folders: Sequence[Path], out: Path) -> tuple[Audit, list[str]]:
     """Write the audit that these shards are parts of, and its page, to `out`; return it and the findings.
 
     Raises InputError where a folder is not a shard, a shard is missing or given twice, or the shards are not
     of one request.
     """
-    parts = all_shards([_part(folder) for folder in folders], _request_faults)
+    parts = all_shards([_part(folder) for folder in folders])
     first = parts[0].audit
     links = [
         replace(link, spins=_owner(parts, link.name).audit.links[index].spins)
         for index, link in enumerate(first.links)
     ]
     audit = replace(first, links=tuple(links))
-    findings = [*differing_facts({str(part.shard): part.facts for part in parts}), *_disagreements(parts)]
+    findings = [*machine_findings(parts), *_disagreements(parts)]
     with atomic_folder(out) as folder:
         write_audit(audit, folder, bodycheck=version("bodycheck"), findings=findings)
         (folder / "audit.html").write_text(audit_page(audit), encoding="utf-8")
@@ -65,17 +59,13 @@ def _part(folder: Path) -> _Part:
     if not isinstance(facts.get("shard"), str) or not isinstance(facts.get("machine"), dict):
         raise InputError(f"{folder}: a whole audit (expected a folder written with --shard)")
     engines = {column.engine: column.version for column in audit.columns}
-    return _Part(folder, Shard.parse(facts["shard"]), audit, machine_facts(facts["machine"]) | engines)
-
-
-def _request_faults(one: _Part, other: _Part) -> Iterator[str]:
-    """Yield in what the requests of two shards differ."""
-    if one.audit.sha256 != other.audit.sha256:
-        yield f"{one.folder}: another content of {one.audit.file} than in {other.folder}"
-    elif [link.name for link in one.audit.links] != [link.name for link in other.audit.links]:
-        yield f"{one.folder}: other links than in {other.folder}"
-    if [column.name for column in one.audit.columns] != [column.name for column in other.audit.columns]:
-        yield f"{one.folder}: other importers than in {other.folder}"
+    same = {
+        f"the SHA-256 of {audit.file}": audit.sha256,
+        "links": [link.name for link in audit.links],
+        "importers": [column.name for column in audit.columns],
+    }
+    machine = machine_facts(facts["machine"]) | engines
+    return _Part(folder, Shard.parse(facts["shard"]), same, machine, audit)
 
 
 def _owner(parts: Sequence[_Part], link: str) -> _Part:

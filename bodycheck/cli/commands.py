@@ -11,10 +11,8 @@ import typer
 
 from bodycheck._util.errors import InputError
 from bodycheck.cli._app import run_app
-from bodycheck.cli.audit_command import auditing
 from bodycheck.cli.dynamics_command import dynamics_commands
 from bodycheck.cli.engine_commands import adapter_commands, identity_commands
-from bodycheck.cli.ensemble_commands import ensemble_commands
 from bodycheck.cli.gate_command import gating
 from bodycheck.cli.merge_command import merging
 from bodycheck.cli.nightly import nightly
@@ -39,6 +37,7 @@ from bodycheck.cli.options import (
     takes_request,
 )
 from bodycheck.cli.project_commands import project_commands
+from bodycheck.cli.rooms import rooms
 from bodycheck.cli.stored_runs import questions
 from bodycheck.cli.versions_command import environment_commands, versioning
 from bodycheck.runs.request import Request
@@ -459,7 +458,6 @@ def list_(
     answer(catalogue_document(what, entries), entries, as_json=json)
 
 
-app.add_typer(auditing)
 app.add_typer(dynamics_commands)
 app.add_typer(questions)
 
@@ -484,6 +482,7 @@ app.add_typer(merging)
 app.add_typer(versioning)
 app.add_typer(identity_commands)
 app.add_typer(adapter_commands)
-app.add_typer(ensemble_commands)
+for room in rooms():
+    app.add_typer(room.commands)
 app.add_typer(project_commands)
 app.add_typer(environment_commands, name="environments", rich_help_panel=WATCH)

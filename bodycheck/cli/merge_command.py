@@ -21,6 +21,7 @@ from bodycheck.cli.options import (
     refuse_others,
     thresholds_of,
 )
+from bodycheck.cli.rooms import rooms
 from bodycheck.reports.gates.thresholds import THRESHOLD
 
 merging = typer.Typer()
@@ -60,10 +61,6 @@ def merge(
     Except for speeds, the tables are those of an undivided run. Differences between the machines are
     reported: versions, and different results of the sentinel cases, which every shard runs.
     """
-    from bodycheck.audit.audit_document import audit_data, audit_document
-    from bodycheck.audit.audit_merge import is_audit, merge_audits
-    from bodycheck.ensembles.ensemble_answer import ensemble_data, ensemble_document, write_ensemble_page
-    from bodycheck.ensembles.ensemble_merge import is_ensemble, merge_ensembles
     from bodycheck.reports.document import answer
     from bodycheck.reports.history.archive import History
     from bodycheck.reports.run_files.writer import check_output
@@ -80,18 +77,14 @@ def merge(
             context, f"--out {out}: compares the whole with no other run", (*_OF_A_WHOLE, "allow_code")
         )
         check_output(out)
-    if out is None and (any(map(is_ensemble, parts)) or any(map(is_audit, parts))):
-        raise InputError("--history: stores runs, not ensembles or audits; give --out")
-    if out is not None and any(map(is_ensemble, parts)):
-        result = merge_ensembles(parts, out, allow_code=allow_code)
-        write_ensemble_page(result, out)
-        answer(ensemble_document(result, out), ensemble_data(result, out), as_json=json)
-        return
-    if out is not None and any(map(is_audit, parts)):
-        refuse_others(context, "an audit runs no scenario", _OF_A_WHOLE)
-        audit, findings = merge_audits(parts, out)
-        answer(audit_document(audit, findings), {**audit_data(audit), "machines": findings}, as_json=json)
-        return
+    for room in rooms():
+        if any(map(room.has_stored, parts)):
+            if out is None:
+                raise InputError(f"--history: stores runs, not {room.stores}; give --out")
+            if not room.takes_code:
+                refuse_others(context, f"{room.stores} run no scenario", _OF_A_WHOLE)
+            answer(*room.merge(parts, out, allow_code), as_json=json)
+            return
     run = merged(parts, allow_code=allow_code)
     if history is not None:
         judged, run_folder = store_nightly(run, History.at(history), levels)

@@ -28,6 +28,7 @@ from bodycheck.cli.options import (
     steps_option,
     thresholds_of,
 )
+from bodycheck.cli.rooms import rooms
 from bodycheck.reports.gates.thresholds import THRESHOLD
 from bodycheck.runs.request import TIMEOUT_S
 
@@ -93,11 +94,12 @@ def versions(
 
     announce = partial(_announce, quiet=quiet)
     if audit is not None:
-        from bodycheck.audit.audit_versions import audit_versions
-
         refuse_others(context, "--audit: runs no scenario", _OF_AN_AUDIT)
-        found = audit_versions(
-            engine, since, until, audit, every=every, timeout_s=timeout_s, announce=announce
+        search_releases = next((room.releases for room in rooms() if room.releases is not None), None)
+        if search_releases is None:
+            raise InputError("--audit: this installation has no audits")
+        found = search_releases(
+            *(engine, since, until, audit), every=every, timeout_s=timeout_s, announce=announce
         )
         answer(found_document(found), found_data(found), as_json=json)
         return

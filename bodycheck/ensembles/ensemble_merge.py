@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -18,15 +18,9 @@ from bodycheck.adapters.contract import Engine, Method, Setting
 from bodycheck.ensembles.ensemble_files import PART, add_stored_rows, write_summaries
 from bodycheck.ensembles.ensemble_result import EnsembleRequest, EnsembleResult, Key
 from bodycheck.reports.run_files.method_words import OTHER_BITS, SAME_BITS
-from bodycheck.reports.run_files.sentinels import (
-    Sentinel,
-    differing_facts,
-    disagreements,
-    machine_facts,
-    read_sentinels,
-)
+from bodycheck.reports.run_files.sentinels import machine_facts
 from bodycheck.reports.run_files.writer import atomic_folder
-from bodycheck.runs.merge import StoredShard, all_shards
+from bodycheck.runs.shards import StoredShard, all_shards, machine_findings
 
 _OF_THE_MACHINE = ("shard", "jobs", "timeout_s", "allow_code")
 
@@ -78,15 +72,9 @@ class _Manifest(BaseModel):
 
 @dataclass(frozen=True, eq=False)
 class _Part(StoredShard):
-    """A shard as stored, with what merging needs of it."""
+    """A shard with its manifest."""
 
     manifest: _Manifest
-    sentinels: tuple[Sentinel, ...]
-
-
-def is_ensemble(folder: Path) -> bool:
-    """Whether a folder was written by `bodycheck ensemble`."""
-    return (folder / "quantiles.csv").is_file()
 
 
 def merge_ensembles(folders: Sequence[Path], out: Path, *, allow_code: bool = False) -> EnsembleResult:
@@ -95,7 +83,7 @@ def merge_ensembles(folders: Sequence[Path], out: Path, *, allow_code: bool = Fa
     allow_code: the scenario may name functions. Raises InputError where a folder is not a shard, a shard is
     missing or given twice, or the shards are not of one request.
     """
-    parts = all_shards([_part(folder) for folder in folders], _request_faults)
+    parts = all_shards([_part(folder) for folder in folders])
     result = _merged(parts, allow_code=allow_code)
     with atomic_folder(out) as folder:
         for table in ("bodies", "cases"):
@@ -110,7 +98,12 @@ def _part(folder: Path) -> _Part:
         manifest = _Manifest.model_validate(read_json(path))
         if manifest.request.shard is None:
             raise InputError(f"{folder}: a whole ensemble (expected a folder written with --shard)")
-        return _Part(folder, Shard.parse(manifest.request.shard), manifest, read_sentinels(folder))
+        same = {
+            **{name: value for name, value in vars(manifest.request).items() if name not in _OF_THE_MACHINE},
+            "distribution": manifest.distribution,
+            "methods": [method.identity for method in manifest.methods],
+        }
+        return _Part(folder, Shard.parse(manifest.request.shard), same, manifest.facts, manifest)
     except FileNotFoundError:
         raise InputError(f"{path}: missing: not a folder of `bodycheck ensemble`") from None
     except ValidationError as error:
@@ -119,17 +112,6 @@ def _part(folder: Path) -> _Part:
         raise InputError(
             escaped(f"{path}: not of a shard of an ensemble: {location}: {fault['msg']}")
         ) from None
-
-
-def _request_faults(one: _Part, first: _Part) -> Iterator[str]:
-    """Yield in what the requests of two shards differ."""
-    mine, its = one.manifest, first.manifest
-    pairs = {name: (getattr(mine.request, name), getattr(its.request, name)) for name in vars(mine.request)}
-    pairs["distribution"] = mine.distribution, its.distribution
-    pairs["methods"] = [method.identity for method in mine.methods], [one.identity for one in its.methods]
-    for name, (own, expected) in pairs.items():
-        if name not in _OF_THE_MACHINE and own != expected:
-            yield f"{one.folder}: {name} is {own}, but {expected} in {first.folder}"
 
 
 def _merged(parts: Sequence[_Part], *, allow_code: bool) -> EnsembleResult:
@@ -142,11 +124,8 @@ def _merged(parts: Sequence[_Part], *, allow_code: bool) -> EnsembleResult:
     for (_, statistics), methods in zip(result.statistics, methods_of_shards, strict=True):
         replays = {one.replay for one in methods}  # an unknown one, "", makes that of the whole unknown
         statistics.replay = next(replay for replay in (OTHER_BITS, "", SAME_BITS) if replay in replays)
-    findings = [
-        *differing_facts({str(part.shard): part.manifest.facts for part in parts}),
-        *disagreements({str(part.shard): part.sentinels for part in parts}),
-    ]
-    return replace(result, shards=tuple(str(part.shard) for part in parts), findings=tuple(findings))
+    findings = tuple(machine_findings(parts))
+    return replace(result, shards=tuple(str(part.shard) for part in parts), findings=findings)
 
 
 def _key(methods: Sequence[_Method]) -> Key:

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import count
-from bodycheck._util.shard import Shard, division_faults
+from bodycheck._util.shard import Shard
 from bodycheck._util.untrusted import shell_quote
 from bodycheck.adapters.contract import Build, Engine, Method
 from bodycheck.adapters.execution import Answer
 from bodycheck.reports.cache.disk_cache import Cache
-from bodycheck.reports.comparison.environment_diff import redefined
+from bodycheck.reports.comparison.environment_diff import simulated
 from bodycheck.reports.history.baseline import machine_class
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem
@@ -26,18 +26,13 @@ from bodycheck.reports.measurement.study import Study, study
 from bodycheck.reports.run_files.method_words import identified
 from bodycheck.reports.run_files.run_reader import read_manifest, read_run
 from bodycheck.reports.run_files.run_tables import Run, key_of, study_key
-from bodycheck.reports.run_files.sentinels import (
-    Sentinel,
-    differing_facts,
-    disagreements,
-    machine_facts,
-    read_sentinels,
-)
+from bodycheck.reports.run_files.sentinels import machine_facts
 from bodycheck.reports.run_files.tables import TABLES, Row
 from bodycheck.runs.directory import partial_of
 from bodycheck.runs.manifest import Identity
-from bodycheck.runs.request import differing
+from bodycheck.runs.request import undivided
 from bodycheck.runs.selection import Selection
+from bodycheck.runs.shards import StoredShard, all_shards, machine_findings
 
 _REQUESTED = ("dt_s", "tolerances", "speed")
 _MACHINE = ("cpu", "cores", "system", "platform", "python", "bodycheck", "libraries", "jobs", "speed_core")
@@ -55,17 +50,6 @@ class _ShardFacts(BaseModel):
 
 
 @dataclass(frozen=True, eq=False)
-class StoredShard:
-    """A shard of a run, an ensemble or an audit: where it is stored, and which one it is."""
-
-    folder: Path
-    shard: Shard
-
-
-_Stored = TypeVar("_Stored", bound=StoredShard)
-
-
-@dataclass(frozen=True, eq=False)
 class _Part(StoredShard):
     """A shard of a run: its manifest, and what is read once all shards are known to belong together."""
 
@@ -75,10 +59,6 @@ class _Part(StoredShard):
     @cached_property
     def run(self) -> Run:
         return read_run(self.folder, allow_code=self.allow_code, cache=Cache.default())
-
-    @cached_property
-    def sentinels(self) -> tuple[Sentinel, ...]:
-        return read_sentinels(self.folder)
 
     @property
     def machine(self) -> str:
@@ -94,7 +74,7 @@ def merge(folders: Sequence[Path], *, allow_code: bool = False) -> Run:
     Raises InputError where a folder is not a complete shard, a shard is missing or given twice, or the
     shards are not of one request.
     """
-    parts = all_shards([_part(folder, allow_code) for folder in folders], _request_faults)
+    parts = all_shards([_part(folder, allow_code) for folder in folders])
     try:
         selection = _selection(parts)
     except (KeyError, TypeError) as error:
@@ -140,25 +120,6 @@ def merge(folders: Sequence[Path], *, allow_code: bool = False) -> Run:
     )
 
 
-def all_shards(
-    shards: Sequence[_Stored], request_faults: Callable[[_Stored, _Stored], Iterable[str]]
-) -> list[_Stored]:
-    """Return shards in order; raises InputError unless they are all shards of one request, each given once.
-
-    request_faults: in what the request of one shard differs from that of another.
-    """
-    times_given = Counter(shard.folder.resolve() for shard in shards)
-    if twice := [folder for folder, times in times_given.items() if times > 1]:
-        raise InputError(f"{twice[0]}: is given twice")
-    faults = list(division_faults({one.folder: one.shard for one in shards}))
-    first, *others = shards
-    for other in others:
-        faults += request_faults(other, first)
-    if faults:
-        raise InputError("\n".join(faults))
-    return sorted(shards, key=lambda one: one.shard.index)
-
-
 def _part(folder: Path, allow_code: bool) -> _Part:
     """Return the shard that a folder holds."""
     unfinished = partial_of(folder)
@@ -172,19 +133,14 @@ def _part(folder: Path, allow_code: bool) -> _Part:
         raise InputError(
             f"{folder}: not a shard (expected a folder written by `bodycheck run --shard`)"
         ) from None
-    return _Part(folder, Shard.parse(facts.shard), manifest, allow_code)
-
-
-def _request_faults(one: _Part, first: _Part) -> Iterator[str]:
-    """Yield how the requests of two shards differ: scenarios, steps, tolerances, speeds."""
-    manifest, expected = one.manifest, first.manifest
-    mine, its = (_requested(content) for content in (manifest, expected))
-    for name in differing(mine, its):
-        yield f"{one.folder}: {name} is {mine[name]}, but {its[name]} in {first.folder}"
-    if list(manifest["shard"]["scenarios"]) != list(expected["shard"]["scenarios"]):
-        yield f"{one.folder}: has other scenarios than {first.folder}"
-    for name in redefined(expected, manifest):
-        yield f"{one.folder}: the scenario {name} differs from that of {first.folder}"
+    versions = {name: entry.get("version", "unavailable") for name, entry in manifest["engines"].items()}
+    same = {
+        **undivided(_requested(manifest)),
+        "scenarios": list(facts.scenarios),
+        **{f"scenario {name}": simulated(content) for name, content in manifest["scenarios"].items()},
+    }
+    machine = machine_facts(manifest) | versions
+    return _Part(folder, Shard.parse(facts.shard), same, machine, manifest, allow_code)
 
 
 def _requested(manifest: Mapping[str, Any]) -> dict[str, Any]:
@@ -196,25 +152,15 @@ def _selection(parts: Sequence[_Part]) -> Selection:
     """Return what the shards have run together: scenarios and methods in their order."""
     known = {problem.scenario.name: problem for part in parts for problem in part.run.problems}
     names = list(parts[0].manifest["shard"]["scenarios"])
-    engines: dict[str, Engine] = {}
-    methods: dict[tuple[str, str], tuple[Engine, Method]] = {}
-    for part in parts:
-        entries = part.manifest["engines"]
-        for name, method in part.manifest["shard"]["methods"]:
-            engine = engines.setdefault(name, _engine(name, entries[name]))
-            methods.setdefault((name, method), (engine, Method.of(entries[name]["methods"][method])))
-    unavailable = {
-        name: entry["unavailable"]
-        for part in parts
-        for name, entry in part.manifest["engines"].items()
-        if "unavailable" in entry and name not in engines
-    }
+    entries = _engines(parts)
+    engines = {n: _engine(n, entry) for n, entry in entries.items() if "unavailable" not in entry}
+    pairs = dict.fromkeys(tuple(pair) for part in parts for pair in part.manifest["shard"]["methods"])
     first = parts[0].manifest
     only = {tuple(pair) for part in parts for pair in part.manifest["shard"]["off_centre_only"]}
     return Selection(
         scenarios=tuple((known[name].scenario_spec, known[name].scenario) for name in names if name in known),
-        methods=tuple(methods.values()),
-        unavailable=unavailable,
+        methods=tuple((engines[name], engines[name].methods[method]) for name, method in pairs),
+        unavailable={n: entry["unavailable"] for n, entry in entries.items() if "unavailable" in entry},
         dt_s=first["dt_s"],
         tolerances=first["tolerances"],
         off_centre_only=frozenset(only),
@@ -280,15 +226,14 @@ def _manifest(
     source = next(part for part in parts if part.machine == timed_on).manifest
     noises = [p.manifest["speed_noise"] for p in parts if p.machine == timed_on and p.manifest["speed_noise"]]
     findings = [
-        *differing_facts({str(part.shard): _facts(part.manifest) for part in parts}),
+        *machine_findings(parts),
         *_rebuilt(parts),
-        *disagreements({str(part.shard): part.sentinels for part in parts}),
+        *(
+            f"{name}: {count(amount, 'scenario')} not run, because the shard had no such method"
+            for name, amount in Counter(missing).items()
+        ),
+        *_speed_finding(parts, timed_on),
     ]
-    findings += [
-        f"{name}: {count(amount, 'scenario')} not run, because the shard had no such method"
-        for name, amount in Counter(missing).items()
-    ]
-    findings += _speed_finding(parts, timed_on)
     scenarios: dict[str, Any] = {}
     for part in parts:
         scenarios |= part.manifest["scenarios"]
@@ -342,12 +287,6 @@ def _speed_finding(parts: Sequence[_Part], timed_on: str) -> Iterator[str]:
     if others and parts[0].manifest["speed"]:
         left_out = ", ".join(str(part.shard) for part in others)
         yield f"speeds are those of {timed_on}; those of shards {left_out}, on other machines, are omitted"
-
-
-def _facts(manifest: Mapping[str, Any]) -> dict[str, str]:
-    """Return what may affect the results of a shard, by name."""
-    engines = {name: entry.get("version", "unavailable") for name, entry in manifest["engines"].items()}
-    return machine_facts(manifest) | engines
 
 
 def _rebuilt(parts: Sequence[_Part]) -> Iterator[str]:

@@ -240,14 +240,14 @@ def stored_fields() -> tuple[Field[Any], ...]:
     return tuple(one for one in fields(Request) if one.name not in unstored | {"timing", "reuse_by_default"})
 
 
-def differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
-    """Return the options in which two shards of one run differ, but must not; both as plain data.
+def undivided(request: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of a stored request that all shards of a run have in common.
 
     Scenarios and engines are compared by what they resolved to.
     """
     free = {each.name for each in fields(Execution)} | {"scenarios", "engines", "shard"}
     names = (each.name for each in stored_fields() if each.name not in free)
-    return [name for name in names if name in one and name in other and one[name] != other[name]]
+    return {name: request[name] for name in names if name in request}
 
 
 def _plain(value: Any) -> Any:

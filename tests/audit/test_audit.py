@@ -704,7 +704,7 @@ def _no_body(reported: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("change", "named"),
     [
-        (_another_file, "another content of "),
+        (_another_file, "the SHA-256 of "),
         (_same_shard, "all are shard 1/2"),
         (_no_shard, "a whole audit"),
         (_no_body, "not a shard of an audit"),

@@ -29,7 +29,7 @@ from bodycheck.adapters.optional.mujoco_ports import record_worlds
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.workers import protocol, received_messages
 from bodycheck.adapters.workers.case_messages import batch_message, batch_of
-from bodycheck.cli.ensemble_commands import _new_folder
+from bodycheck.cli.rooms.ensemble_commands import _new_folder
 from bodycheck.ensembles.ensemble_cases import measured, replay_of, truth_of
 from bodycheck.ensembles.ensemble_merge import merge_ensembles
 from bodycheck.ensembles.ensemble_result import EnsembleRequest

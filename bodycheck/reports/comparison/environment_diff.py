@@ -74,16 +74,17 @@ def redefined(before: _Manifest, after: _Manifest) -> tuple[str, ...]:
     return tuple(
         name
         for name in after["scenarios"]
-        if name in both and _simulated(before["scenarios"][name]) != _simulated(after["scenarios"][name])
+        if name in both and simulated(before["scenarios"][name]) != simulated(after["scenarios"][name])
     )
 
 
-def _simulated(scenario: Mapping[str, Any]) -> dict[str, Any]:
-    simulated = {key: value for key, value in scenario.items() if key not in _NOT_SIMULATED}
-    match simulated.get("body"):
+def simulated(scenario: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what affects results of a scenario in a manifest."""
+    found = {key: value for key, value in scenario.items() if key not in _NOT_SIMULATED}
+    match found.get("body"):
         case {"mesh": {"surface": _, **facts}, **others}:  # drawn only; absent from runs of earlier versions
-            simulated["body"] = {**others, "mesh": facts}
-    return simulated
+            found["body"] = {**others, "mesh": facts}
+    return found
 
 
 _SAME = 1e-9  # relative tolerance at which two steps count as equal

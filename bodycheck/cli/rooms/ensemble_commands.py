@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -31,10 +32,12 @@ from bodycheck.cli.options import (
     refuse_others,
     steps_option,
 )
+from bodycheck.cli.rooms import Room
 from bodycheck.runs.request import TIMEOUT_S
 
 if TYPE_CHECKING:
     from bodycheck.ensembles.ensemble_result import EnsembleRequest
+    from bodycheck.reports.document import Document
 
 ensemble_commands = typer.Typer()
 
@@ -318,3 +321,15 @@ def hunt(
     result = search(request, progress_of(quiet=quiet))
     write_hunt(result, folder)
     answer(hunt_document(result, folder), hunt_data(result, folder), as_json=json)
+
+
+def _merge(folders: Sequence[Path], out: Path, allow_code: bool) -> tuple[Document, dict[str, Any]]:
+    from bodycheck.ensembles.ensemble_answer import ensemble_data, ensemble_document, write_ensemble_page
+    from bodycheck.ensembles.ensemble_merge import merge_ensembles
+
+    result = merge_ensembles(folders, out, allow_code=allow_code)
+    write_ensemble_page(result, out)
+    return ensemble_document(result, out), ensemble_data(result, out)
+
+
+ROOM = Room(ensemble_commands, "ensembles", "quantiles.csv", _merge, takes_code=True)

@@ -1,9 +1,10 @@
-"""The command `audit`."""
+"""The command `audit`, and how shards of audits are merged and releases compared."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -22,6 +23,11 @@ from bodycheck.cli.options import (
     refuse_others,
     write_files,
 )
+from bodycheck.cli.rooms import Room
+
+if TYPE_CHECKING:
+    from bodycheck.reports.comparison.release_results import Found
+    from bodycheck.reports.document import Document
 
 auditing = typer.Typer()
 
@@ -182,3 +188,20 @@ def _spellings(engine: str | None, timeout_s: float, *, as_json: bool, quiet: bo
     answer(spelling_document(results), results, as_json=as_json)
     if any(one.broken for one in results):
         raise typer.Exit(1)
+
+
+def _merge(folders: Sequence[Path], out: Path, allow_code: bool) -> tuple[Document, dict[str, Any]]:  # noqa: ARG001 - as Room has it
+    from bodycheck.audit.audit_document import audit_data, audit_document
+    from bodycheck.audit.audit_merge import merge_audits
+
+    audit, findings = merge_audits(folders, out)
+    return audit_document(audit, findings), {**audit_data(audit), "machines": findings}
+
+
+def _releases(*words: Any, **options: Any) -> Found:
+    from bodycheck.audit.audit_versions import audit_versions
+
+    return audit_versions(*words, **options)
+
+
+ROOM = Room(auditing, "audits", "audit.json", _merge, releases=_releases)
