@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.solid import MassProperties, Triangles
+from bodycheck.scenarios.mass_properties.solid import MassProperties, Triangles
 
 _Integers = NDArray[Any]
 """An object array of Python integers, which do not overflow."""

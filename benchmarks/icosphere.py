@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.solid import Triangles
+from bodycheck.scenarios.mass_properties.solid import Triangles
 
 _GOLDEN = 0.5 * (1.0 + 5.0**0.5)
 _SEMI_AXES = np.array([1.0, 0.7, 0.4])

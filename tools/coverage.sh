@@ -25,7 +25,7 @@ python -m coverage run -m pytest -p tests.helpers.counted_workers --deselect "$l
 python -m coverage run -m pytest -m nightly tests/reference_impl/test_taylor.py || failed=1 # starts plain Python itself
 NUMBA_DISABLE_JIT=1 python -m coverage run -m pytest -m "not slow" \
     -W "ignore:invalid value:RuntimeWarning" -W "ignore:overflow encountered:RuntimeWarning" --deselect "$compiled" \
-    $(printf 'tests/reference_impl/test_%s.py ' "${plain[@]}") tests/reference_impl/mass_properties || failed=1
+    $(printf 'tests/reference_impl/test_%s.py ' "${plain[@]}") tests/scenarios/mass_properties || failed=1
 python -m coverage combine --quiet
 python -m coverage report --show-missing --skip-covered --precision=1 --fail-under=95
 exit $failed

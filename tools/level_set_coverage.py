@@ -23,9 +23,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.implicit import LevelSet
-from bodycheck.reference_impl.mass_properties.solid import MassProperties, primitive
 from bodycheck.scenarios.level_sets import HALF_WIDTH, Estimate, estimate
+from bodycheck.scenarios.mass_properties.implicit import LevelSet
+from bodycheck.scenarios.mass_properties.solid import MassProperties, primitive
 
 _RANGE = 0.93, 0.97
 _TURN = np.linalg.qr(np.array([[0.9, 0.3, -0.2], [0.1, 0.8, 0.5], [0.4, -0.3, 0.7]]))[0]

@@ -37,8 +37,8 @@ import trimesh
 
 from benchmarks.exact_solid import exact_solid
 from bodycheck._util.errors import InputError
-from bodycheck.reference_impl.mass_properties.mesh_check import Mesh, checked_mesh
-from bodycheck.reference_impl.mass_properties.polyhedron import polyhedron
+from bodycheck.scenarios.mass_properties.mesh_check import Mesh, checked_mesh
+from bodycheck.scenarios.mass_properties.polyhedron import polyhedron
 from bodycheck.scenarios.mesh_files import MESH_SUFFIXES, open_mesh, parse_mesh
 
 _TOLERANCE = 1e-15

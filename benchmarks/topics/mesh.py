@@ -13,8 +13,8 @@ from benchmarks.icosphere import ellipsoid_mesh
 from benchmarks.task import Call
 from benchmarks.timing import Spread, interleaved, ratio
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.polyhedron import polyhedron
-from bodycheck.reference_impl.mass_properties.solid import Triangles
+from bodycheck.scenarios.mass_properties.polyhedron import polyhedron
+from bodycheck.scenarios.mass_properties.solid import Triangles
 
 _FAR_M = np.array([1000.0, 1000.0, 1000.0])
 

@@ -20,10 +20,10 @@ KERNELS_FOR_NOW = "BODYCHECK_KERNELS_FOR_NOW"
 
 @cache
 def cache_directory() -> Path:
-    """Return the folder of compiled kernels, named by a hash of reference_impl's sources and the compiler.
+    """Return the folder of compiled kernels, named by a hash of the sources with kernels and the compiler.
 
     numba's own cache keeps using an old callee when only the callee's file has changed, so a change in any
-    file of reference_impl starts an empty folder. numba's cache distinguishes numba's version and the
+    file of a package with kernels starts an empty folder. numba's cache distinguishes numba's version and the
     processor, but not a patched numba, another llvmlite, or another NUMBA_OPT: these start an empty folder
     too. ``BODYCHECK_CACHE_DIR`` moves the folder. If it cannot be written, print a warning and return a
     temporary folder, which is removed when this process ends: numba by itself would write next to the
@@ -31,8 +31,9 @@ def cache_directory() -> Path:
     """
     if for_now := os.environ.get(KERNELS_FOR_NOW):
         return Path(for_now)
-    sources = digest_of(Path(__file__).parents[1] / "reference_impl")
-    identity = f"{sources} {compiler()}"
+    package = Path(__file__).parents[1]
+    sources = [digest_of(package / folder) for folder in ("reference_impl", "scenarios/mass_properties")]
+    identity = f"{' '.join(sources)} {compiler()}"
     folder = cache_dir() / "kernels" / hashlib.sha256(identity.encode()).hexdigest()[:16]
     try:
         folder.mkdir(parents=True, exist_ok=True)

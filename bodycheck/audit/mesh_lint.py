@@ -12,7 +12,7 @@ import numpy as np
 
 from bodycheck._util.formatting import number
 from bodycheck.audit.audit import Body, Difference, LintFinding
-from bodycheck.reference_impl.mass_properties.solid import MassProperties
+from bodycheck.scenarios.mass_properties.solid import MassProperties
 from bodycheck.scenarios.model_files.link_solids import closed_solid
 from bodycheck.scenarios.model_files.mjcf_shapes import mesh_inertia
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, WeighedMesh

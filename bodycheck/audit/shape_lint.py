@@ -25,7 +25,7 @@ from bodycheck.audit.shaped_link import (
 from bodycheck.audit.slips import NO_MASS, explained
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import parallel_axis_tensor
-from bodycheck.reference_impl.mass_properties.solid import MassProperties, primitive
+from bodycheck.scenarios.mass_properties.solid import MassProperties, primitive
 from bodycheck.scenarios.model_files.exact_arithmetic import doubles
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink
 from bodycheck.scenarios.shapes import DENSITIES

@@ -12,7 +12,7 @@ import numpy as np
 from bodycheck._util.formatting import vector
 from bodycheck.audit.audit import Body, Confidence, LintFinding, Severity
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.solid import MassProperties, primitive
+from bodycheck.scenarios.mass_properties.solid import MassProperties, primitive
 from bodycheck.scenarios.model_files.exact_arithmetic import doubles, mp
 from bodycheck.scenarios.model_files.link_solids import Part, masses_explain, parts_of, united
 from bodycheck.scenarios.model_files.mjcf_shapes import geom_inertia

@@ -17,7 +17,7 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import parallel_axis_tensor
-from bodycheck.reference_impl.mass_properties.solid import MassProperties, primitive
+from bodycheck.scenarios.mass_properties.solid import MassProperties, primitive
 from bodycheck.scenarios.model_files.link_solids import Part, united
 
 _Candidates: TypeAlias = tuple[Sequence[str], Array]

@@ -31,13 +31,6 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import suggestion
 from bodycheck._util.untrusted import read_bytes
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.solid import (
-    PRIMITIVES,
-    MassProperties,
-    Overlap,
-    known_shape,
-    primitive,
-)
 from bodycheck.reference_impl.scene import Link
 from bodycheck.scenarios.fields import (
     ALIGNED,
@@ -49,6 +42,13 @@ from bodycheck.scenarios.fields import (
     Vector,
     finite_numbers,
     rows,
+)
+from bodycheck.scenarios.mass_properties.solid import (
+    PRIMITIVES,
+    MassProperties,
+    Overlap,
+    known_shape,
+    primitive,
 )
 from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.shapes import MeshSolid, Unit, mesh_solid

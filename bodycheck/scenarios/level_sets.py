@@ -21,8 +21,8 @@ from scipy.stats import qmc, t
 
 from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.implicit import Chords, ImplicitSolid, LevelSet
-from bodycheck.reference_impl.mass_properties.solid import MassProperties
+from bodycheck.scenarios.mass_properties.implicit import Chords, ImplicitSolid, LevelSet
+from bodycheck.scenarios.mass_properties.solid import MassProperties
 from bodycheck.scenarios.user_functions import error_text
 
 _RANDOMISATIONS = 32

@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import ValidationError
 
 from bodycheck._util.errors import InputError
-from bodycheck.reference_impl.mass_properties.solid import MassProperties
 from bodycheck.scenarios.body import MODEL_FORMATS, FileBody, LinkOfFile, MeshBody, ShapeBody
+from bodycheck.scenarios.mass_properties.solid import MassProperties
 from bodycheck.scenarios.mesh_files.decimation import read_obj_text
 from bodycheck.scenarios.model import Scenario
 from bodycheck.scenarios.reader import AnyScenario, fault_lines

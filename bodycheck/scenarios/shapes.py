@@ -22,14 +22,14 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.file_digests import digest_of
 from bodycheck._util.files import opened, sealed
 from bodycheck._util.formatting import number, vector
-from bodycheck.reference_impl.mass_properties.solid import TO_COUNT_TWICE, MassProperties, Overlap
-from bodycheck.reference_impl.mass_properties.solid import primitive as unit_density_primitive
+from bodycheck.scenarios.mass_properties.solid import TO_COUNT_TWICE, MassProperties, Overlap
+from bodycheck.scenarios.mass_properties.solid import primitive as unit_density_primitive
 from bodycheck.scenarios.mesh_files import open_mesh, read_polygons
 from bodycheck.scenarios.mesh_files.decimation import decimated, obj_text
 from bodycheck.scenarios.mesh_files.scenes import LIBRARIES
 
 if TYPE_CHECKING:
-    from bodycheck.reference_impl.mass_properties.mesh_check import Mesh
+    from bodycheck.scenarios.mass_properties.mesh_check import Mesh
 
 Unit: TypeAlias = Literal["mm", "cm", "m", "in"]
 
@@ -198,8 +198,8 @@ def _facts(path: Traversable, file: BufferedIOBase, digest: str, overlap: Overla
     """Return the facts about an open mesh file with this SHA-256; raises InputError if it is unusable."""
     # importing numba takes a second, and most meshes are cached
     from bodycheck.reference_impl.kernels.jit import interpreted
-    from bodycheck.reference_impl.mass_properties.mesh_check import checked_mesh
-    from bodycheck.reference_impl.mass_properties.polyhedron import polyhedron
+    from bodycheck.scenarios.mass_properties.mesh_check import checked_mesh
+    from bodycheck.scenarios.mass_properties.polyhedron import polyhedron
 
     file.seek(0)
     polygons = read_polygons(path, file)
@@ -229,8 +229,8 @@ def _facts(path: Traversable, file: BufferedIOBase, digest: str, overlap: Overla
 
 def _occupied(mesh: Mesh) -> tuple[float, float]:
     """Return an estimate of the volume that a crossing surface winds around, and the half width at 95 %."""
-    from bodycheck.reference_impl.mass_properties.crossings import WoundSolid
     from bodycheck.scenarios.level_sets import HALF_WIDTH, MIN_COLUMNS_LOG2, estimate  # imports scipy
+    from bodycheck.scenarios.mass_properties.crossings import WoundSolid
 
     found = estimate(WoundSolid(mesh.vertices, mesh.triangles), columns_log2=MIN_COLUMNS_LOG2)
     return found.properties.mass, HALF_WIDTH * found.mass_error

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bodycheck._util.errors import InputError
-from bodycheck.reference_impl.mass_properties.implicit import ImplicitEllipsoid, ImplicitSolid, ImplicitTorus
-from bodycheck.reference_impl.mass_properties.solid import PRIMITIVES, MassProperties, Overlap
 from bodycheck.scenarios.level_sets import HALF_WIDTH, Estimate, estimate, estimate_level_set
+from bodycheck.scenarios.mass_properties.implicit import ImplicitEllipsoid, ImplicitSolid, ImplicitTorus
+from bodycheck.scenarios.mass_properties.solid import PRIMITIVES, MassProperties, Overlap
 from bodycheck.scenarios.mesh_files import MESH_SUFFIXES
 from bodycheck.scenarios.shapes import Unit, load_mesh, primitive
 from bodycheck.scenarios.user_functions import user_function

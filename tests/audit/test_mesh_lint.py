@@ -11,7 +11,7 @@ import pytest
 from bodycheck.audit.audit import LintFinding
 from bodycheck.audit.lint import lint
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.solid import Triangles
+from bodycheck.scenarios.mass_properties.solid import Triangles
 from bodycheck.scenarios.model_files import read_model
 from tests.helpers.expected_messages import ExpectedMessage
 

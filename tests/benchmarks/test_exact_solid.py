@@ -9,8 +9,8 @@ import pytest
 
 from benchmarks.exact_solid import exact_solid
 from benchmarks.icosphere import ellipsoid_mesh
-from bodycheck.reference_impl.mass_properties.polyhedron import polyhedron
-from bodycheck.reference_impl.mass_properties.solid import MassProperties
+from bodycheck.scenarios.mass_properties.polyhedron import polyhedron
+from bodycheck.scenarios.mass_properties.solid import MassProperties
 
 _CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 _FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 import bodycheck.scenarios.shapes
 from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.solid import Triangles
 from bodycheck.scenarios import shapes
+from bodycheck.scenarios.mass_properties.solid import Triangles
 from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh, read_polygons
 from bodycheck.scenarios.shapes import load_mesh, primitive
 from tests.helpers.expected_messages import ExpectedMessage

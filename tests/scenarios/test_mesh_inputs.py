@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from bodycheck._util.errors import InputError
 from bodycheck.cli.commands import app
-from bodycheck.reference_impl.mass_properties.solid import MassProperties
+from bodycheck.scenarios.mass_properties.solid import MassProperties
 from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh
 from bodycheck.scenarios.shapes import load_mesh
 from tests.helpers.expected_messages import ExpectedMessage
@@ -426,7 +426,7 @@ def test_crossing_counts_twice_on_request(tmp_path: Path) -> None:
 
 def occupied_by_points(path: Path) -> float:
     """Return the volume around which a surface winds, from the winding numbers of random points."""
-    from bodycheck.reference_impl.mass_properties.containment import winding_number
+    from bodycheck.scenarios.mass_properties.containment import winding_number
 
     with open_mesh(path) as file:
         vertices, triangles = parse_mesh(path, file)

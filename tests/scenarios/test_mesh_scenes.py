@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from bodycheck._util.errors import InputError
-from bodycheck.reference_impl.mass_properties.solid import MassProperties
+from bodycheck.scenarios.mass_properties.solid import MassProperties
 from bodycheck.scenarios.mesh_files import scenes
 from bodycheck.scenarios.shapes import load_mesh
 from tests.helpers.expected_messages import ExpectedMessage

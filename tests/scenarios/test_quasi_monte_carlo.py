@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bodycheck.reference_impl.mass_properties.implicit import (
+from bodycheck.scenarios.level_sets import Estimate, estimate
+from bodycheck.scenarios.mass_properties.implicit import (
     ImplicitEllipsoid,
     ImplicitSolid,
     ImplicitTorus,
     LevelSet,
 )
-from bodycheck.reference_impl.mass_properties.solid import MassProperties, primitive
-from bodycheck.scenarios.level_sets import Estimate, estimate
+from bodycheck.scenarios.mass_properties.solid import MassProperties, primitive
 from tests.helpers.expected_messages import ExpectedMessage
 
 UPRIGHT = ImplicitTorus(1.0, 0.4)

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodycheck.reference_impl.mass_properties.solid import MassProperties
 from bodycheck.scenarios import shapes
+from bodycheck.scenarios.mass_properties.solid import MassProperties
 from bodycheck.scenarios.shapes import MeshFacts, known_mesh
 
 SOLID = MassProperties(

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from bodycheck._util.errors import InputError
-from bodycheck.reference_impl.mass_properties.solid import PRIMITIVES, MassProperties
 from bodycheck.scenarios.level_sets import Estimate
+from bodycheck.scenarios.mass_properties.solid import PRIMITIVES, MassProperties
 from bodycheck.scenarios.shapes import primitive
 from bodycheck.scenarios.solids import SolidRequest, as_toml, mass_properties
 from tests.helpers.expected_messages import ExpectedMessage

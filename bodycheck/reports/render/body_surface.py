@@ -12,9 +12,9 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
-from bodycheck.reference_impl.mass_properties.solid import Triangles
 from bodycheck.reference_impl.scene import RigidBody
 from bodycheck.scenarios.body import Body, MeshBody, ShapeBody
+from bodycheck.scenarios.mass_properties.solid import Triangles
 from bodycheck.scenarios.mesh_files.decimation import read_obj_text
 from bodycheck.scenarios.shapes import UNITS
 

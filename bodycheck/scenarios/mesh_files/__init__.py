@@ -16,7 +16,7 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import unread
 from bodycheck._util.untrusted import open_input
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.solid import Triangles
+from bodycheck.scenarios.mass_properties.solid import Triangles
 from bodycheck.scenarios.mesh_files.obj import parse_obj
 from bodycheck.scenarios.mesh_files.off import parse_off
 from bodycheck.scenarios.mesh_files.ply import parse_ply

@@ -10,7 +10,7 @@ from io import BytesIO
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.solid import Triangles
+from bodycheck.scenarios.mass_properties.solid import Triangles
 from bodycheck.scenarios.mesh_files.obj import parse_obj
 
 MAX_TRIANGLES = 600

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from bodycheck._util.formatting import count, number
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.solid import Triangles
+from bodycheck.scenarios.mass_properties.solid import Triangles
 
 _PLANE = 1e-9
 """The share of the volume up to which the choice of triangles does not matter."""

@@ -20,7 +20,7 @@ import numpy as np
 
 from bodycheck._util.untrusted import printable
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.solid import Triangles
+from bodycheck.scenarios.mass_properties.solid import Triangles
 from bodycheck.scenarios.mesh_files.polygons import Polygons
 
 LIBRARIES = {

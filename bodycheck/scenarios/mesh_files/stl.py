@@ -64,7 +64,7 @@ def parse_stl(file: BufferedIOBase) -> Polygons:
 def _numbered(corners: NDArray[np.floating[Any]], *notes: str) -> Polygons:
     """Return the triangles of the corners (3 m, 3) of consecutive facets."""
     # imports numba, which takes a second
-    from bodycheck.reference_impl.mass_properties.vertex_merge import merged
+    from bodycheck.scenarios.mass_properties.vertex_merge import merged
 
     vertices, number = merged(corners)
     return Polygons.of_triangles(vertices, number.astype(np.int64).reshape(-1, 3), *notes)

@@ -12,7 +12,7 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import parallel_axis_tensor
-from bodycheck.reference_impl.mass_properties.solid import MassProperties, Triangles, primitive
+from bodycheck.scenarios.mass_properties.solid import MassProperties, Triangles, primitive
 from bodycheck.scenarios.model_files.exact_arithmetic import doubles
 from bodycheck.scenarios.model_files.mjcf_shapes import mesh_inertia
 from bodycheck.scenarios.model_files.model_file import ModelFile, Shape

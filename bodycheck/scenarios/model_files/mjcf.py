@@ -17,7 +17,7 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.solid import Triangles
+from bodycheck.scenarios.mass_properties.solid import Triangles
 from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh
 from bodycheck.scenarios.model_files.exact_arithmetic import (
     Exact,

@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.solid import Triangles
+from bodycheck.scenarios.mass_properties.solid import Triangles
 from bodycheck.scenarios.model_files.exact_arithmetic import Exact, ExactInertia, exact, mp
 
 MeshInertia: TypeAlias = Literal["convex", "exact", "legacy", "shell"]

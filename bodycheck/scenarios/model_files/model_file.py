@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.solid import Triangles
+from bodycheck.scenarios.mass_properties.solid import Triangles
 from bodycheck.scenarios.model_files.exact_arithmetic import ExactInertia, Frame, composite
 from bodycheck.scenarios.model_files.joint import StatedJoint
 

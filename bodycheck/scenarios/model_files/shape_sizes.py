@@ -9,7 +9,7 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.solid import MassProperties, Triangles, primitive
+from bodycheck.scenarios.mass_properties.solid import MassProperties, Triangles, primitive
 from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh
 from bodycheck.scenarios.model_files.exact_arithmetic import doubles
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, Shape

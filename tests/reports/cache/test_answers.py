@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bodycheck import reports
+from bodycheck import examine, reports
 from bodycheck._util.file_digests import digest_of
 from bodycheck.adapters.contract import Build, BuildKind, Engine, Setting
 from bodycheck.adapters.execution import Case, record
@@ -240,9 +240,10 @@ def test_answer_by_another_protocol_is_requested_again(
     assert answers.known(ENGINE, "the outcome") is None
 
 
-def test_derived_rows_depend_on_the_sources_of_the_reports() -> None:
-    """The code of all reports counts, as it derives them."""
-    assert module._code_of_reports() == digest_of(Path(reports.__file__).parent)
+def test_derived_rows_depend_on_the_sources_that_derive_them() -> None:
+    """The code of all measures and examinations counts."""
+    folders = (Path(package.__path__[0]) for package in (reports, examine))
+    assert module._code_of_examinations() == [digest_of(folder) for folder in folders]
 
 
 def test_fresh_run_replaces_the_stored_answers(tmp_path: Path) -> None:

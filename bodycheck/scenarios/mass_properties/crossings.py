@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import Vec, cross
-from bodycheck.reference_impl.mass_properties.implicit import Chords
-from bodycheck.reference_impl.mass_properties.solid import Triangles
+from bodycheck.scenarios.mass_properties.implicit import Chords
+from bodycheck.scenarios.mass_properties.solid import Triangles
 
 _CLEAR = 1e-9
 """Roughly the least sine that counts as lying on one side: touching or coplanar surfaces do not cross."""

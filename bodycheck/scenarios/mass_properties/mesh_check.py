@@ -9,21 +9,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from bodycheck._util.formatting import first_few, vector
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.crossings import piercing_triangle
-from bodycheck.reference_impl.mass_properties.edges import (
+from bodycheck.scenarios.mass_properties.crossings import piercing_triangle
+from bodycheck.scenarios.mass_properties.edges import (
     OPEN,
     SplitMesh,
     partners,
     refuse_edges,
     split_shared_edges,
 )
-from bodycheck.reference_impl.mass_properties.outward_orientation import (
+from bodycheck.scenarios.mass_properties.outward_orientation import (
     consistent,
     outward_orientation,
     with_flipped,
 )
-from bodycheck.reference_impl.mass_properties.solid import LENGTHS, Overlap, Triangles
-from bodycheck.reference_impl.mass_properties.vertex_merge import merged, without_slits
+from bodycheck.scenarios.mass_properties.solid import LENGTHS, Overlap, Triangles
+from bodycheck.scenarios.mass_properties.vertex_merge import merged, without_slits
 
 _MAX_TRIANGLES = (1 << 31) // 3
 """Half-edges have 32-bit numbers."""

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from bodycheck.reference_impl.dynamics import inertia_of_points
-from bodycheck.reference_impl.mass_properties.solid import MassProperties
 from bodycheck.reference_impl.rotations import exp_matrix
+from bodycheck.scenarios.mass_properties.solid import MassProperties
 from tests.helpers.expected_messages import ExpectedMessage
 
 POINTS = np.random.default_rng(1).normal(size=(20, 3))

@@ -16,7 +16,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.kernels.double_double import two_sum
 from bodycheck.reference_impl.kernels.jit import exact_kernel
 from bodycheck.reference_impl.kernels.small_vectors import Vec, exact_cross, exact_dot
-from bodycheck.reference_impl.mass_properties.solid import MassProperties, Triangles
+from bodycheck.scenarios.mass_properties.solid import MassProperties, Triangles
 
 _LANES = 32
 """Triangles per block, with one row per quantity, so that one instruction processes several triangles."""

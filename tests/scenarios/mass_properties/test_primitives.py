@@ -9,7 +9,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from bodycheck.reference_impl.mass_properties.solid import PRIMITIVES, primitive
+from bodycheck.scenarios.mass_properties.solid import PRIMITIVES, primitive
 from tests.helpers.expected_messages import ExpectedMessage
 
 SIZES: dict[str, list[float]] = {

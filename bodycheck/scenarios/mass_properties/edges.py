@@ -15,7 +15,7 @@ from bodycheck._util.formatting import first_few, vector
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import Vec, cross, dot
-from bodycheck.reference_impl.mass_properties.solid import Triangles
+from bodycheck.scenarios.mass_properties.solid import Triangles
 
 OPEN, SHARED, SHARED_TOO = -1, -2, -3
 """In place of a partner. OPEN: the edge has only one triangle. SHARED, SHARED_TOO: the edge has more than

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from bodycheck._util.formatting import vector
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.kernels.jit import kernel
-from bodycheck.reference_impl.mass_properties.containment import Containment, containment
-from bodycheck.reference_impl.mass_properties.edges import described
-from bodycheck.reference_impl.mass_properties.polyhedron import volume_area_reach
-from bodycheck.reference_impl.mass_properties.solid import Overlap, Triangles
+from bodycheck.scenarios.mass_properties.containment import Containment, containment
+from bodycheck.scenarios.mass_properties.edges import described
+from bodycheck.scenarios.mass_properties.polyhedron import volume_area_reach
+from bodycheck.scenarios.mass_properties.solid import Overlap, Triangles
 
 _UNVISITED = -1
 _NONE = -1

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bodycheck.reference_impl.mass_properties.containment import winding_number
-from bodycheck.reference_impl.mass_properties.mesh_check import checked_mesh
-from bodycheck.reference_impl.mass_properties.polyhedron import polyhedron
-from bodycheck.reference_impl.mass_properties.vertex_merge import merged
+from bodycheck.scenarios.mass_properties.containment import winding_number
+from bodycheck.scenarios.mass_properties.mesh_check import checked_mesh
+from bodycheck.scenarios.mass_properties.polyhedron import polyhedron
+from bodycheck.scenarios.mass_properties.vertex_merge import merged
 from tests.helpers.expected_messages import ExpectedMessage
 
 

@@ -18,8 +18,8 @@ from bodycheck._util.formatting import vector
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import cross
-from bodycheck.reference_impl.mass_properties.crossings import box, piercing_triangle
-from bodycheck.reference_impl.mass_properties.solid import TO_COUNT_TWICE, Overlap, Triangles
+from bodycheck.scenarios.mass_properties.crossings import box, piercing_triangle
+from bodycheck.scenarios.mass_properties.solid import TO_COUNT_TWICE, Overlap, Triangles
 
 _PROBED = 64
 """The maximum number of triangles of a surface whose corners and centroids serve as probes."""

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bodycheck.reference_impl.kernels.jit import interpreted
-from bodycheck.reference_impl.mass_properties.mesh_check import Mesh, checked_mesh
-from bodycheck.reference_impl.mass_properties.polyhedron import polyhedron, volume_area_reach
-from bodycheck.reference_impl.mass_properties.solid import MassProperties, primitive
 from bodycheck.reference_impl.rotations import exp_matrix
+from bodycheck.scenarios.mass_properties.mesh_check import Mesh, checked_mesh
+from bodycheck.scenarios.mass_properties.polyhedron import polyhedron, volume_area_reach
+from bodycheck.scenarios.mass_properties.solid import MassProperties, primitive
 
 TILT = exp_matrix(np.array([0.3, 0.5, 0.7]))
 FAR = np.array([1000.0, -1000.0, 1000.0])

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.kernels.jit import kernel
-from bodycheck.reference_impl.mass_properties.edges import OPEN, partners
-from bodycheck.reference_impl.mass_properties.solid import Triangles
+from bodycheck.scenarios.mass_properties.edges import OPEN, partners
+from bodycheck.scenarios.mass_properties.solid import Triangles
 
 _EMPTY = -1
 _SLOTS = 1 << 10

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.solid import MassProperties
+from bodycheck.scenarios.mass_properties.solid import MassProperties
 
 Faces: TypeAlias = NDArray[np.int64]
 
