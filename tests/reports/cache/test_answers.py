@@ -420,7 +420,9 @@ def test_answer_with_a_user_function_is_not_derived_from() -> None:
     assert not client.is_repeatable
 
 
-@pytest.mark.parametrize("part", ["own_code", "_code_of_examinations", "numeric_parts", "an engine", "a question"])
+@pytest.mark.parametrize(
+    "part", ["own_code", "_code_of_examinations", "numeric_parts", "an engine", "a question"]
+)
 def test_derived_rows_depend_on_all_code_that_derives_them(
     part: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
