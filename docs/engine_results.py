@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from bodycheck._util.formatting import scientific, step
-from bodycheck.examine.probes.fingerprint import NO_KNOWN_MAP, NOT_MEASURED
 from bodycheck.reports.document import escaped_markdown, markdown_table
 from bodycheck.reports.measurement.measures import ORIENTATION
+from bodycheck.reports.run_files.method_words import NO_KNOWN_MAP, NOT_MEASURED
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import Tables
 from bodycheck.reports.summary.sentences import Summary

@@ -189,14 +189,6 @@ def repeated(audit: Audit) -> set[tuple[str, str]]:
     return {(link.name, name) for name in said_once(audit) for link in _discarding(audit, name)}
 
 
-def severities(audit: Audit) -> dict[str, Severity]:
-    """Return link -> the most severe of its findings."""
-    found: dict[str, Severity] = {}
-    for one in by_severity(audit.findings):
-        found.setdefault(one.link, one.severity)
-    return found
-
-
 def impossible(audit: Audit) -> list[LintFinding]:
     """Return the findings of numbers that no body has."""
     return [one for one in audit.findings if one.severity == "error" and one.rule in IMPOSSIBLE]

@@ -13,8 +13,8 @@ from bodycheck._util.errors import InputError
 from bodycheck.cli._app import run_app
 from bodycheck.cli.dynamics_command import dynamics_commands
 from bodycheck.cli.engine_commands import adapter_commands, identity_commands
-from bodycheck.cli.gate_command import gating
-from bodycheck.cli.merge_command import merging
+from bodycheck.cli.gate_command import gate_commands
+from bodycheck.cli.merge_command import merge_commands
 from bodycheck.cli.nightly import nightly
 from bodycheck.cli.options import (
     HOW,
@@ -38,8 +38,8 @@ from bodycheck.cli.options import (
 )
 from bodycheck.cli.project_commands import project_commands
 from bodycheck.cli.rooms import rooms
-from bodycheck.cli.stored_runs import questions
-from bodycheck.cli.versions_command import environment_commands, versioning
+from bodycheck.cli.stored_runs import stored_run_commands
+from bodycheck.cli.versions_command import environment_commands, version_commands
 from bodycheck.runs.request import Request
 
 if TYPE_CHECKING:
@@ -459,7 +459,7 @@ def list_(
 
 
 app.add_typer(dynamics_commands)
-app.add_typer(questions)
+app.add_typer(stored_run_commands)
 
 
 @app.command(
@@ -476,10 +476,10 @@ def doctor(json: Json = False) -> None:
     answer(diagnosis_document(found), found, as_json=json)
 
 
-app.add_typer(gating)
+app.add_typer(gate_commands)
 app.add_typer(nightly)
-app.add_typer(merging)
-app.add_typer(versioning)
+app.add_typer(merge_commands)
+app.add_typer(version_commands)
 app.add_typer(identity_commands)
 app.add_typer(adapter_commands)
 for room in rooms():

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from bodycheck.runs.request import Request
     from bodycheck.runs.run_progress import ProgressFactory
 
-gating = typer.Typer()
+gate_commands = typer.Typer()
 
 _FAILED = 1
 _OF_A_STORED_RUN = (
@@ -57,7 +57,7 @@ _OF_A_STORED_RUN = (
 _MAX_MARGIN = 300.0  # decades; a larger margin would overflow the bound
 
 
-@gating.command(
+@gate_commands.command(
     short_help="Check engines against the bounds of a file.",
     **described(
         WATCH,

@@ -24,12 +24,12 @@ from bodycheck.cli.options import (
 from bodycheck.cli.rooms import rooms
 from bodycheck.reports.gates.thresholds import THRESHOLD
 
-merging = typer.Typer()
+merge_commands = typer.Typer()
 
 _OF_A_WHOLE = ("parts", "out", "json")
 
 
-@merging.command(
+@merge_commands.command(
     short_help="Combine the shards of a run, an ensemble or an audit.",
     **described(
         MEASURE,

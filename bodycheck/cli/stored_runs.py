@@ -62,7 +62,7 @@ FAIL_ON: dict[str, tuple[Status, ...]] = {
 _FAILED = 1
 _PLOTTED = (".svg", ".pdf", ".png")
 
-questions = typer.Typer()
+stored_run_commands = typer.Typer()
 
 _Run = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")]
 _OneScenario = Annotated[
@@ -77,7 +77,7 @@ _AllowCode = Annotated[
 ]
 
 
-@questions.command(
+@stored_run_commands.command(
     short_help="Print what changed between two runs.",
     **described(
         ASK,
@@ -135,7 +135,7 @@ def compare(
         raise typer.Exit(_FAILED)
 
 
-@questions.command(
+@stored_run_commands.command(
     short_help="Print the cheapest setting that meets an error tolerance, or the error at a step.",
     **described(
         ASK,
@@ -310,7 +310,7 @@ def _free_body(
     return FreeBody(mass_kg, inertia_kg_m2, spin_rad_s, torque_body_n_m or ())
 
 
-@questions.command(
+@stored_run_commands.command(
     short_help="Print the cause of wrong motions, with evidence.",
     **described(
         ASK,
@@ -373,7 +373,7 @@ def explain(
     answer(document, explanations.explanation_data(cases), as_json=json)
 
 
-@questions.command(
+@stored_run_commands.command(
     short_help="Render the report of a run again.",
     **described(ASK, "bodycheck report first", "bodycheck report first --markdown summary.md"),
 )
@@ -422,7 +422,7 @@ def report(
     print(page)
 
 
-@questions.command(
+@stored_run_commands.command(
     short_help="Print a table of a run in another format.",
     **described(ASK, "bodycheck table first results --columns engine,method,dt_s --format md"),
 )
@@ -472,7 +472,7 @@ def table(
         print(FORMATS[as_](found).decode(), end="")
 
 
-@questions.command(
+@stored_run_commands.command(
     short_help="Draw a figure of a run for a paper.",
     **described(ASK, "bodycheck plot first --figure work-precision --svg figure.svg"),
 )
@@ -592,7 +592,7 @@ def _engines_of(tables: Tables, engine: str | None) -> tuple[str, ...]:
     return engines
 
 
-@questions.command(
+@stored_run_commands.command(
     short_help="Write an animation of the motions of a run.",
     **described(
         ASK,

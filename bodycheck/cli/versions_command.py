@@ -32,12 +32,12 @@ from bodycheck.cli.rooms import rooms
 from bodycheck.reports.gates.thresholds import THRESHOLD
 from bodycheck.runs.request import TIMEOUT_S
 
-versioning = typer.Typer()
+version_commands = typer.Typer()
 
 _OF_AN_AUDIT = ("engine", "since", "until", "audit", "every", "timeout_s", "json", "quiet")
 
 
-@versioning.command(
+@version_commands.command(
     short_help="Find the release in which a measure changed.",
     **described(
         WATCH,

@@ -12,7 +12,7 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import names
-from bodycheck.examine.diagnosis.derived_rates import derived_rates
+from bodycheck.examine.diagnosis.attitude_readings import derived_rates
 from bodycheck.examine.diagnosis.quantity_resolution import Resolution
 from bodycheck.recordings.column_map import (
     ATTITUDES,

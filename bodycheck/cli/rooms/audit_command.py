@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from bodycheck.reports.comparison.release_results import Found
     from bodycheck.reports.document import Document
 
-auditing = typer.Typer()
+audit_commands = typer.Typer()
 
 _TIMEOUT_S = 60.0
 _OF_SPELLINGS = ("spellings", "engine", "timeout_s", "json", "quiet")
@@ -38,7 +38,7 @@ _OF_AGAINST = ("model", "against", "fail_on", "html", "sarif", "json", "quiet")
 _FAIL_ON = ("impossible", "never", "note", "warning", "error", "difference")
 
 
-@auditing.command(
+@audit_commands.command(
     short_help="Compare a model file with what engines import from it.",
     **described(
         MEASURE,
@@ -204,4 +204,4 @@ def _releases(*words: Any, **options: Any) -> Found:
     return audit_versions(*words, **options)
 
 
-ROOM = Room(auditing, "audits", "audit.json", _merge, releases=_releases)
+ROOM = Room(audit_commands, "audits", "audit.json", _merge, releases=_releases)

@@ -192,13 +192,6 @@ def _laws(before: Tables, after: Tables) -> Iterator[Change]:
         yield Change("law", None, engine, method, f"law {law}", was, now, "moved")
 
 
-def newly_ended_well(before: Tables, after: Tables) -> Tables:
-    """Return `after` with only the cases that ended well there, but did not end well or exist in `before`."""
-    well = {case_key(case.columns) for case in before.cases if case.ok}
-    newly = (case for case in after.cases if case.ok and case_key(case.columns) not in well)
-    return replace(after, cases=tuple(newly))
-
-
 def _cases(tables: Tables, redefined_names: tuple[str, ...]) -> dict[CaseKey, _Row]:
     rows = (case.columns for case in tables.cases if case.columns["scenario"] not in redefined_names)
     return {case_key(row): row for row in rows}

@@ -22,7 +22,7 @@ from bodycheck.reports.comparison.change import (
     speed_changes,
     stability_change,
 )
-from bodycheck.reports.comparison.compare import compare, newly_ended_well
+from bodycheck.reports.comparison.compare import compare
 from bodycheck.reports.comparison.comparison_document import (
     _KINDS,
     HEADINGS,
@@ -544,13 +544,6 @@ def test_largest_changes_come_first() -> None:
     before = run(*({"dt_s": dt_s} for dt_s in sizes))
     after = run(*({"dt_s": dt_s, ERROR: error} for dt_s, error in sizes.items()), {"dt_s": 0.04})
     assert [one.fineness for one in compare(before, after).changes] == [0.04, 0.02, 0.03, 0.01]
-
-
-def test_recovered_cases_failed_or_were_missing_before() -> None:
-    """A case that succeeded before, or fails now, is not one of them."""
-    before = run({}, {"dt_s": 0.02, "outcome": "failed"}, {"dt_s": 0.03, "outcome": "failed"})
-    after = run({}, {"dt_s": 0.02}, {"dt_s": 0.03, "outcome": "failed"}, {"dt_s": 0.04})
-    assert [case.dt_s for case in newly_ended_well(before, after).cases] == [0.02, 0.04]
 
 
 # ------------------------------------------------------------------------------------------ environment
