@@ -1,6 +1,7 @@
-"""A Sphinx extension: a page per command, a table of the measures, notebooks as pages, and the JSON Schemas.
+"""A Sphinx extension: pages of commands, measures, notebooks and findings, and the JSON Schemas.
 
-All of them are made of the program itself when the docs are built, in docs/commands/ and docs/notebooks/.
+All of them are made of the program itself, and of census/, when the docs are built, in docs/commands/,
+docs/notebooks/ and docs/findings/.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typer.main import get_command
 from bodycheck.cli.commands import app as bodycheck
 from bodycheck.reports.measurement.measures import MEASURES
 from bodycheck.runs.schemas import SCHEMAS
+from census.page import write_pages
 
 Command = Any
 
@@ -154,6 +156,7 @@ def generate(sphinx: Sphinx) -> None:
             path.unlink()
     for notebook in (Path(sphinx.srcdir) / "notebooks").glob("*.ipynb"):
         write(notebook.with_suffix(".md"), notebook_page(notebook))
+    write_pages(Path(sphinx.srcdir) / "findings")
 
 
 def write_schemas(sphinx: Sphinx, error: Exception | None) -> None:

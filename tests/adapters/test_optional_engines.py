@@ -270,6 +270,7 @@ def test_facts_of_an_optional_engine_are_complete(name: str) -> None:
         ("jolt-js", "1.1.0", ["jolt-physics@1.1.0"]),
         ("rapier-js", "0.21.0", ["@dimforge/rapier3d-compat@0.21.0"]),
         ("newton", None, ["newton[sim]>=1.8"]),
+        ("newton", "1.8.0", ["newton[sim]==1.8.0"]),
     ],
 )
 def test_pin_selects_the_release_of_the_engine(

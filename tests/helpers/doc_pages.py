@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-GENERATED = {"_build", "commands", "notebooks"}
+GENERATED = {"_build", "commands", "findings", "notebooks"}
 """Folders of docs/ whose pages are made by docs/generated_pages.py, or are no sources."""
 _FENCED = re.compile(r"^```([^\n]*)\n(.*?)^```$", flags=re.DOTALL | re.MULTILINE)
 

@@ -42,6 +42,7 @@ _PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 _NEVER = b"bodycheck ; python_version < '0'\n"
 """Overrides an adapter's requirement of bodycheck, because the worker uses the running bodycheck."""
 _PACKAGE = re.compile(r"@?[A-Za-z0-9._/-]+")
+_EXTRAS = re.compile(r"\[[^]]+\]")
 NODE_PACKAGES = "BODYCHECK_NODE_PACKAGES"
 """Variable of a JavaScript worker: the folder whose node_modules has its engine."""
 
@@ -111,7 +112,8 @@ def requirements_of(pin: Pin) -> list[str]:
     if pin.version is None:
         return list(requires)
     sign = "@" if _is_javascript(stated_by(pin.engine)) else "=="
-    pinned = f"{package}{sign}{pin.version}"
+    extras = next((_EXTRAS.search(one) for one in requires if _package_of(one) == package), None)
+    pinned = f"{package}{extras[0] if extras else ''}{sign}{pin.version}"
     return [pinned, *(other for other in requires if _package_of(other) != package)]
 
 

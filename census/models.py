@@ -1,0 +1,219 @@
+"""Certain errors in published models: the linter's, confirmed by exact arithmetic on the file's own text.
+
+The confirmation has a reader of its own: the numbers of the element in the line of the finding, as fractions.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import tempfile
+import tomllib
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, fields
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+from lxml import etree
+from numpy.typing import NDArray
+
+from bodycheck._util.errors import InputError
+from bodycheck.adapters.versions.uv import uv
+from bodycheck.reports.audit.audit import LintFinding
+from bodycheck.reports.audit.lint import lint
+from bodycheck.scenarios.model_files import read_model
+from census.finding import HERE
+
+PACKAGES, ERRORS = HERE / "packages.toml", HERE / "models.csv"
+_SUFFIXES = (".urdf", ".xml", ".sdf", ".world")
+_ROOTS = (b"<robot", b"<mujoco", b"<sdf")
+Numbers = tuple[Fraction, list[Fraction]]
+
+
+@dataclass(frozen=True)
+class ModelError:
+    """One error: the package, its version, the file, the line and the link, and how it was confirmed."""
+
+    package: str
+    version: str
+    file: str
+    line: int
+    link: str
+    rule: str
+    message: str
+    confirmed: str
+
+
+def read_errors(path: Path = ERRORS) -> list[ModelError]:
+    """Return the errors of models.csv."""
+    with path.open(newline="", encoding="utf-8") as file:
+        return [ModelError(**{**row, "line": int(row["line"])}) for row in csv.DictReader(file)]  # type: ignore[arg-type]
+
+
+def audit_packages(names: list[str]) -> None:
+    """Install, lint and confirm; replace the rows of these packages, of all without names."""
+    versions: dict[str, str] = tomllib.loads(PACKAGES.read_text(encoding="utf-8"))
+    if unknown := [name for name in names if name not in versions]:
+        raise InputError(f"{unknown[0]!r} is not in {PACKAGES}: {', '.join(versions)}")
+    chosen = names or list(versions)
+    rows = [one for one in read_errors() if one.package not in chosen] if ERRORS.exists() else []
+    for name in chosen:
+        with tempfile.TemporaryDirectory() as folder:
+            uv("pip", "install", "--no-deps", "--target", folder, f"{name}=={versions[name]}")
+            files, found = audit_folder(Path(folder), name, versions[name])
+        print(f"{name} {versions[name]}: {len(files)} files, {len(found)} confirmed errors", flush=True)
+        rows += found
+    rows.sort(key=lambda one: (one.package, one.file, one.line))
+    with ERRORS.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, [one.name for one in fields(ModelError)], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(asdict(one) for one in rows)
+
+
+def audit_folder(folder: Path, package: str, version: str) -> tuple[list[Path], list[ModelError]]:
+    """Return the model files below a folder, and their confirmed errors."""
+    files = sorted(path for path in folder.rglob("*") if path.suffix in _SUFFIXES and _is_model(path))
+    found = []
+    for path in files:
+        try:
+            with np.errstate(all="ignore"):
+                findings = [one for one in lint(read_model(path)) if _is_certain(one)]
+        except InputError:
+            continue  # an include without a root of its own, or not a model
+        for one in findings:
+            place = Path(one.file) if Path(one.file).is_absolute() else path.parent / one.file
+            if why := confirmation(place if place.is_file() else path, one):
+                name = path.relative_to(folder).as_posix()
+                found.append(
+                    ModelError(package, version, name, one.line, one.link, one.rule, one.message, why)
+                )
+    return files, found
+
+
+def _is_model(path: Path) -> bool:
+    return path.is_file() and any(root in path.read_bytes() for root in _ROOTS)
+
+
+def _is_certain(one: LintFinding) -> bool:
+    return one.severity == "error" and one.confidence == "certain"
+
+
+def confirmation(path: Path, finding: LintFinding) -> str:
+    """Return why the numbers in the file itself are impossible, in exact arithmetic; empty if they are not.
+
+    A tensor I is that of a body only if tr(I)/2 - I has no negative principal minor, and of a body within the
+    distance r of its centre of mass only if its trace is at most 2 m r^2.
+    """
+    for mass, tensor in _numbers(path, finding):
+        if mass < 0:
+            return f"mass {float(mass):g} kg"
+        if (least := min(_minors(tensor))) < 0:
+            return f"tr(I)/2 - I has the principal minor {float(least):.3g}"
+        if finding.rule == "beyond-shape" and (reach := _reach_squared(path, finding)) is not None:
+            trace = tensor[0] + tensor[3] + tensor[5]
+            if mass > 0 and trace > 2 * mass * reach:
+                return f"tr(I) = {float(trace):.4g} exceeds 2 m r^2 = {float(2 * mass * reach):.4g} kg m^2"
+    return ""
+
+
+def _minors(tensor: list[Fraction]) -> Iterator[Fraction]:
+    """Yield the principal minors of J = tr(I)/2 - I, of I as xx, xy, xz, yy, yz, zz."""
+    half = (tensor[0] + tensor[3] + tensor[5]) / 2
+    xx, xy, xz, yy, yz, zz = (
+        half - tensor[0], -tensor[1], -tensor[2], half - tensor[3], -tensor[4], half - tensor[5],
+    )  # fmt: skip
+    yield from (xx, yy, zz)
+    yield from (xx * yy - xy * xy, xx * zz - xz * xz, yy * zz - yz * yz)
+    yield xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
+
+
+def _link(path: Path, finding: LintFinding) -> etree._Element | None:
+    root = etree.fromstring(path.read_bytes(), etree.XMLParser(resolve_entities=False, recover=True))
+    name = finding.link.rpartition("::")[2].rpartition("/")[2]
+    named = [one for one in root.iter("link", "body") if one.get("name") == name]
+    return named[0] if len(named) == 1 else None
+
+
+def _numbers(path: Path, finding: LintFinding) -> Iterator[Numbers]:
+    """Yield mass and xx, xy, xz, yy, yz, zz of the link with this name, where the file states both."""
+    link = _link(path, finding)
+    inertial = None if link is None else link.find("inertial")
+    if inertial is None:
+        return
+    keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    inertia, mass = inertial.find("inertia"), inertial.find("mass")
+    try:
+        if inertia is not None and mass is not None:
+            texts = [inertia.get(key) or inertia.findtext(key) or "0" for key in keys]
+            yield (
+                Fraction((mass.get("value") or mass.text or "").strip()),
+                [Fraction(t.strip()) for t in texts],
+            )
+        elif (full := inertial.get("fullinertia")) is not None:
+            xx, yy, zz, xy, xz, yz = map(Fraction, full.split())
+            yield Fraction(inertial.get("mass")), [xx, xy, xz, yy, yz, zz]
+        elif (diagonal := inertial.get("diaginertia")) is not None:
+            x, y, z = map(Fraction, diagonal.split())
+            yield Fraction(inertial.get("mass")), [x, Fraction(0), Fraction(0), y, Fraction(0), z]
+    except (ValueError, TypeError):
+        return
+
+
+def _reach_squared(path: Path, finding: LintFinding) -> Fraction | None:
+    """Return an upper bound of r^2 of a URDF link, whatever turns its shapes; None if a shape cannot be read.
+
+    r is at most the distance of the centre of mass from a shape's origin plus the shape's own reach.
+    """
+    link = _link(path, finding)
+    if link is None or link.tag != "link":
+        return None
+    centre = _vector(link.find("inertial/origin"))
+    reaches = []
+    for shape in (*link.iter("collision"), *link.iter("visual")):
+        own = _own_reach(shape.find("geometry"), path.parent)
+        if own is None:
+            return None
+        offset = [float(a - b) for a, b in zip(_vector(shape.find("origin")), centre, strict=True)]
+        reaches.append((math.hypot(*offset) + own) * (1 + 1e-12))
+    return Fraction(max(reaches)) ** 2 if reaches else None
+
+
+def _vector(origin: etree._Element | None) -> list[Fraction]:
+    text = None if origin is None else origin.get("xyz")
+    return [Fraction(one) for one in text.split()] if text else [Fraction(0)] * 3
+
+
+def _own_reach(geometry: etree._Element | None, folder: Path) -> float | None:
+    """Return the distance of the farthest point of a box, cylinder, sphere or mesh from its origin."""
+    for shape in [] if geometry is None else geometry.iterchildren(tag=etree.Element):
+        if shape.tag == "box":
+            return math.hypot(*(float(one) / 2 for one in shape.get("size", "").split()))
+        if shape.tag == "cylinder":
+            return math.hypot(float(shape.get("radius")), float(shape.get("length")) / 2)
+        if shape.tag == "sphere":
+            return float(shape.get("radius"))
+        if shape.tag == "mesh":
+            scale = [float(one) for one in shape.get("scale", "1 1 1").split()]
+            points = _vertices(folder, shape.get("filename", ""))
+            return None if points is None else float(np.max(np.linalg.norm(points * scale, axis=1)))
+    return None
+
+
+def _vertices(folder: Path, name: str) -> NDArray[np.float64] | None:
+    """Return the vertices of an OBJ or binary STL file next to a model, or in the package that it names."""
+    parts = Path(name.removeprefix("package://")).parts
+    places = [folder / name] if "://" not in name else [up.joinpath(*parts) for up in folder.parents]
+    path = next((place for place in places if place.is_file()), None)
+    if path is None:
+        return None
+    if path.suffix.lower() == ".obj":
+        lines = path.read_text(errors="replace").splitlines()
+        return np.array([line.split()[1:4] for line in lines if line.startswith("v ")], dtype=float)
+    content = path.read_bytes()
+    if path.suffix.lower() != ".stl" or content[:5] == b"solid":
+        return None
+    triangles = np.frombuffer(
+        content[84:], dtype=[("normal", "<f4", 3), ("points", "<f4", (3, 3)), ("end", "<u2")]
+    )
+    return triangles["points"].reshape(-1, 3).astype(float)

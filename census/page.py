@@ -1,0 +1,211 @@
+"""The pages of the documentation and the reports, made of the data of this folder."""
+
+from __future__ import annotations
+
+import csv
+import tomllib
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from bodycheck._util.files import write_file
+from census.finding import HERE, INPUTS, KINDS, Finding, engines_of, read_findings
+from census.models import read_errors
+from census.releases import changes, read_releases
+
+_REPOSITORY = "https://github.com/bodycheck/bodycheck/blob/main/census"
+_WAYS = {
+    "command": "bodycheck's command",
+    "driver": "a driver without bodycheck, which compares with a closed form or with the file",
+    "source": "the engine's own source",
+}
+
+
+def write_pages(folder: Path) -> list[Path]:
+    """Write the index, one page per engine, and those of models, numbers and releases; remove others."""
+    findings = read_findings()
+    pages = {
+        "index": index_of(findings),
+        "models": models_page(),
+        "numbers": table_page("Published reference numbers", "numbers"),
+        "releases": table_page("Releases of engines", "releases"),
+    }
+    pages |= {name: engine_page(name, findings) for name in engines_of(findings)}
+    folder.mkdir(exist_ok=True)
+    for path in folder.glob("*.md"):
+        if path.stem not in pages:
+            path.unlink()
+    written = []
+    for name, text in pages.items():
+        path = folder / f"{name}.md"
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            write_file(path, text.encode())
+        written.append(path)
+    return written
+
+
+def index_of(findings: Mapping[str, Finding]) -> str:
+    """Return the page that opens with the counts, then lists all findings."""
+    errors, withdrawn = read_errors(), _texts("withdrawn")
+    kinds = Counter(one.kind for one in findings.values())
+    ways = Counter(way for one in findings.values() for way in one.ways)
+    private = sum(not one.is_public for one in findings.values())
+    lines = [
+        "# Findings",
+        "",
+        f"{len(findings)} findings in {len(engines_of(findings))} engines: "
+        + ", ".join(f"{kinds[kind]} {_plural(kind, kinds[kind])}" for kind in KINDS)
+        + f"; {private} of them in no public issue or page that was found. "
+        f"{len(errors)} certain errors in models of {len({one.package for one in errors})} packages.",
+        "",
+        *_changes(),
+        "`python -m census reproduce` runs the command and the driver of each finding in the release that is "
+        "named, each in an environment of its own, and compares the figures. "
+        "`python -m census report NAME` prints a text that can be reported upstream.",
+        "",
+        *_table(("kind", "what it means", "findings"), ((k, m, kinds[k]) for k, m in KINDS.items())),
+        "",
+        *_table(
+            ("finding", "kind", "how large", "releases"),
+            (
+                (
+                    f"[{one.title}]({one.engine}.md#{one.name}) ({one.engine})",
+                    one.kind,
+                    one.size,
+                    one.releases,
+                )
+                for one in sorted(
+                    findings.values(), key=lambda one: (list(KINDS).index(one.kind), one.engine)
+                )
+            ),
+        ),
+        "",
+        "## Chains",
+        "",
+        *_texts("chains")["text"],
+        "",
+        *_table_of("chains"),
+        "",
+        "## How we can be wrong",
+        "",
+        "Each finding was seen in at least two independent ways:",
+        "",
+        *(f"- {text}: {ways[way]} findings" for way, text in _WAYS.items()),
+        "",
+        *_texts("withdrawn")["text"],
+        "",
+        *(f"- {one['title']} ({one['engine']}): {one['reason']}" for one in withdrawn["finding"]),
+        "",
+        "```{toctree}",
+        ":hidden:",
+        "",
+        *engines_of(findings),
+        "models",
+        "numbers",
+        "releases",
+        "```",
+    ]
+    return "\n".join([*lines, ""])
+
+
+def engine_page(engine: str, findings: Mapping[str, Finding]) -> str:
+    """Return the page of one engine: each of its findings with all that is needed to see it."""
+    lines = [f"# Findings in {engine}", ""]
+    for one in findings.values():
+        if one.engine == engine:
+            lines += [f"({one.name})=", f"## {one.title}", "", *_body(one, links=True)]
+    return "\n".join(lines)
+
+
+def report_of(finding: Finding) -> str:
+    """Return the text of one finding as an issue upstream could have it."""
+    return "\n".join([f"# {finding.title}", "", *_body(finding, links=False)]).rstrip()
+
+
+def _body(one: Finding, *, links: bool) -> list[str]:
+    lines = [f"{one.engine}, {one.releases}. How large: {one.size}.", ""]
+    lines += [f"Expected: {one.expected}", "", f"Found: {one.found}", ""]
+    if one.command:
+        lines += ["What was run:", "", "```text", one.command, "```", ""]
+        for name in one.inputs:
+            language = "toml" if name.endswith(".toml") else "xml"
+            text = (INPUTS / name).read_text(encoding="utf-8").rstrip()
+            lines += [f"`{name}`:", "", f"```{language}", text, "```", ""]
+    if one.driver:
+        name, experiment = one.driver.split()
+        file = name if name.endswith(".mjs") else f"{name}.py"
+        figures = ", ".join(f"{figure:.5g}" for figure in one.driver_figures)
+        place = (
+            f"[`drivers/{file}`]({_REPOSITORY}/drivers/{file})" if links else f"{_REPOSITORY}/drivers/{file}"
+        )
+        lines += [f"Without bodycheck: `{experiment}` in {place} prints {figures}.", ""]
+    if one.source:
+        lines += [f"In the source: {one.source}", ""]
+    if links:
+        known = f"<{one.upstream}>" if one.is_public else one.upstream
+        kind = f"{one.kind}: {KINDS[one.kind]}"
+        lines += [f"Public issue or page: {known}. Kind: {kind}. Name: `{one.name}`.", ""]
+    return lines
+
+
+def models_page() -> str:
+    """Return the page of the errors in published models."""
+    errors = read_errors()
+    rows = Counter((one.package, one.version, one.rule) for one in errors)
+    return "\n".join(
+        [
+            "# Errors in published models",
+            "",
+            f"{len(errors)} errors are certain and confirmed: numbers that no body has. "
+            "`bodycheck audit FILE --lint` reports each; `python -m census models` installs them, and "
+            "keeps what exact arithmetic on the fractions in the file confirms by another reader.",
+            "",
+            *_table(("package", "version", "rule", "errors"), ((*key, n) for key, n in sorted(rows.items()))),
+            "",
+            *_table(
+                ("package", "file and line", "link", "error", "confirmed by"),
+                (
+                    (one.package, f"{one.file}:{one.line}", one.link, one.message, one.confirmed)
+                    for one in errors
+                ),
+            ),
+            "",
+        ]
+    )
+
+
+def table_page(title: str, name: str) -> str:
+    """Return the page of a table of this folder, with the text of the same name."""
+    return "\n".join([f"# {title}", "", *_texts(name)["text"], "", *_table_of(name), ""])
+
+
+def _table_of(name: str) -> list[str]:
+    with (HERE / f"{name}.csv").open(newline="", encoding="utf-8") as file:
+        header, *rows = csv.reader(file)
+    return _table(header, rows)
+
+
+def _changes() -> list[str]:
+    """Return what differs in the newest measured release of each engine, which stands on top."""
+    rows = read_releases()
+    newest = {row["engine"]: row["release"] for row in rows}
+    found = [text for engine, release, text in changes(rows) if newest[engine] == release]
+    return ["Changed in the newest releases:", "", *(f"- {one}" for one in found), ""] if found else []
+
+
+def _texts(name: str) -> dict[str, list]:  # type: ignore[type-arg]
+    texts: dict[str, dict[str, list]] = tomllib.loads((HERE / "texts.toml").read_text(encoding="utf-8"))  # type: ignore[type-arg]
+    return texts[name]
+
+
+def _plural(kind: str, count: int) -> str:
+    return kind if count == 1 else {"property": "properties"}.get(kind, f"{kind}s")
+
+
+def _table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]:
+    cells = [[str(one).replace("|", "\\|").replace("<", "&lt;") for one in row] for row in rows]
+    return [
+        f"| {' | '.join(header)} |",
+        "|---" * len(header) + "|",
+        *(f"| {' | '.join(row)} |" for row in cells),
+    ]

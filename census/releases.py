@@ -1,0 +1,92 @@
+"""The releases of engines: one-step map, order and error of each method. Each is measured once."""
+
+from __future__ import annotations
+
+import csv
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import scientific
+from bodycheck.adapters.versions.uv import releases
+from census.finding import HERE, INPUTS
+
+MEASURED = HERE / "releases.csv"
+HEADER = ("engine", "release", "method", "map", "order", "error at 1e-3 s, rad", "verdict")
+_STEPS = "2e-2,1e-2,5e-3,2e-3,1e-3"
+_CHANGING = ("map", "order", "verdict")
+"""Columns whose change is a change; the error follows from map and order."""
+
+Row = dict[str, str]
+
+
+def read_releases(path: Path = MEASURED) -> list[Row]:
+    """Return the rows of releases.csv, oldest release of each engine first."""
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def add_new_releases(engines: list[str], since: str | None) -> list[str]:
+    """Measure what is newer than the last row of an engine, and add it; return the changes, as sentences."""
+    rows = read_releases() if MEASURED.exists() else []
+    known = {row["engine"]: row["release"] for row in rows}
+    added = []
+    for engine in engines or list(known):
+        if not (first := known.get(engine, since)):
+            raise InputError(f"{engine} has no rows in {MEASURED.name}: name its first release by --since")
+        for release in releases(engine, first, None):
+            if release == known.get(engine):
+                continue
+            found = list(measure(engine, release))
+            added.append((engine, release))
+            print(f"{engine} {release}: {len(found)} methods", flush=True)
+            rows += found
+            _write(rows)
+    return [one for engine, release, one in changes(rows) if (engine, release) in added]
+
+
+def measure(engine: str, release: str) -> Iterator[Row]:
+    """Yield a row per method of one release, of a free symmetric top; one without a method if none ran."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = ["run", str(INPUTS / "top.toml"), "--engine", f"{engine}=={release}", "--dt", _STEPS]
+        words = [sys.executable, "-m", "bodycheck", *command, "--no-speed", "--quiet", "--out", "run"]
+        done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+        path = Path(folder) / "run" / "methods.csv"
+        table = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines())) if path.exists() else []
+    table = [row for row in table if row["quantity"] == "orientation_error_rad"]
+    for row in table:
+        order = row["order"] and f"{float(row['order']):.1f}"
+        error = row["finest_error"] and scientific(float(row["finest_error"]))
+        values = (engine, release, row["method"], row["fingerprint"], order, error, row["verdict"])
+        yield dict(zip(HEADER, values, strict=True))
+    if not table:
+        why = (done.stdout + done.stderr).strip().splitlines() or ["nothing was printed"]
+        found = {"engine": engine, "release": release, "verdict": f"does not run: {why[0][:120]}"}
+        yield dict.fromkeys(HEADER, "") | found
+
+
+def changes(rows: list[Row]) -> Iterator[tuple[str, str, str]]:
+    """Yield engine, release and a sentence for each method that differs from the release before."""
+    last: dict[tuple[str, str], Row] = {}
+    for row in rows:
+        key = (row["engine"], row["method"])
+        before = last.get(key)
+        differs = [name for name in _CHANGING if before and before[name] != row[name]]
+        if before and differs and row["method"]:
+            what = ", ".join(f"{name} {before[name] or 'none'} -> {row[name] or 'none'}" for name in differs)
+            yield (
+                row["engine"],
+                row["release"],
+                f"{row['engine']} {row['release']}, `{row['method']}`: {what}",
+            )
+        last[key] = row
+
+
+def _write(rows: list[Row]) -> None:
+    with MEASURED.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, HEADER, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)

@@ -1,0 +1,193 @@
+"""The findings, what confirms them, and the pages that are made of them."""
+
+from __future__ import annotations
+
+import ast
+import random
+import re
+import shlex
+from collections.abc import Iterator
+from dataclasses import replace
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.main import get_command
+
+from bodycheck._util.errors import InputError
+from bodycheck.cli.commands import app
+from bodycheck.reports.audit.audit import LintFinding
+from census.finding import DRIVERS, FINDINGS, INPUTS, NOT_FOUND, Finding, chosen, read_findings
+from census.models import confirmation, read_errors
+from census.numbers import NUMBERS, digits
+from census.page import report_of, write_pages
+from census.releases import HEADER, changes, read_releases
+from census.reproduce import Compared, looked_up, reproduce
+
+ALL = read_findings()
+
+
+@pytest.mark.parametrize("finding", ALL.values(), ids=lambda one: one.name)
+def test_command_parses_and_names_a_release(finding: Finding) -> None:
+    """bodycheck's own parser accepts the command, whose engines are pinned where they can be."""
+    if not finding.command:
+        return
+    group = get_command(app)
+    _, name, *words = shlex.split(finding.command)
+    group.commands[name].make_context(name, list(words))  # type: ignore[attr-defined]
+    pins = re.findall(rf"{finding.engine}(==)?", finding.command)
+    assert pins
+    assert all(pins) or finding.environment == finding.engine
+    assert set(finding.inputs) == {word for word in words if (INPUTS / word).is_file()}
+
+
+def experiments() -> Iterator[str]:
+    """Yield MODULE EXPERIMENT of everything that the drivers can run."""
+    for path in DRIVERS.glob("with_*.py"):
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
+                yield f"{path.stem} {node.name}"
+    javascript = DRIVERS / "javascript.mjs"
+    for name in re.findall(r"^  async (\w+)\(", javascript.read_text(), flags=re.MULTILINE):
+        yield f"{javascript.name} {name}"
+
+
+def test_each_experiment_and_input_belongs_to_a_finding() -> None:
+    """Every driver that a finding names exists, and nothing here is used by no finding and no number."""
+    assert {one.driver for one in ALL.values() if one.driver} == set(experiments())
+    used = {name for one in ALL.values() for name in one.inputs}
+    cases = {f"{name}.toml" for name in re.findall(r"^\[(.+)\]$", NUMBERS.read_text(), flags=re.MULTILINE)}
+    assert used | cases == {path.name for path in INPUTS.iterdir()}
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("kind", "bug"), ("expected", ""), ("figures", {}), ("driver", ""), ("inputs", ("absent.toml",))],
+)
+def test_incomplete_finding_is_refused(field: str, value: object) -> None:
+    """An unknown kind, an empty field, a command without figures, one way alone, an absent input."""
+    finding = ALL["pybullet-damping"]
+    with pytest.raises(InputError, match=r"census/findings/pybullet\.toml: pybullet-damping: "):
+        replace(finding, **{field: value})  # type: ignore[arg-type]
+
+
+def test_unknown_field_or_finding_is_refused(tmp_path: Path) -> None:
+    """A table with a field that does not exist is refused with its file, and so is an unknown name."""
+    text = (FINDINGS / "ode.toml").read_text()
+    (tmp_path / "ode.toml").write_text(text.replace("kind =", "sort ="))
+    with pytest.raises(InputError, match=r"ode\.toml: ode-gyroscopic-error: .*sort"):
+        read_findings(tmp_path)
+    with pytest.raises(InputError, match="neither a finding nor an engine"):
+        chosen(ALL, ["absent"])
+    assert {one.engine for one in chosen(ALL, ["ode", "dart-sdf-frame"])} == {"ode", "dart"}
+
+
+def test_figure_that_differs_is_not_reproduced() -> None:
+    """A number agrees up to 2 %, a text if it is contained, and nothing agrees with what is missing."""
+    assert Compared("", 0.37, 0.3684).agrees
+    assert not Compared("", 0.37, 0.3601).agrees
+    assert Compared("", "mimic dropped", "mimic dropped: 1 drive in the file").agrees
+    assert not any(Compared("", stated, None).agrees for stated in (0.0, 1.0, "text"))
+    assert not Compared("", "1", True).agrees
+    assert not Compared("", 1.0, True).agrees
+    answer = {"a": [{"name": "x", "b": 1.5}, {"name": "y", "causes": ["one", "two"]}]}
+    assert looked_up(answer, "a/name=y/causes") == "one; two"
+    assert looked_up(answer, "a/0/b") == 1.5
+    assert looked_up(answer, "a/name=z/b") is None
+    assert looked_up(answer, "a/7/b") is None
+    assert looked_up(answer, "a/0/b/c") is None
+
+
+@pytest.mark.slow
+def test_command_and_driver_of_a_finding_are_run() -> None:
+    """MuJoCo as installed merges the root link; a finding with other figures than those printed differs."""
+    finding = ALL["mujoco-root-link"]
+    here = replace(
+        finding,
+        command=finding.command.replace("mujoco==4.0.0", "mujoco"),
+        figures={name.replace("mujoco==4.0.0", "mujoco"): value for name, value in finding.figures.items()},
+        environment="mujoco",
+    )
+    assert [one.agrees for one in reproduce(here)] == [True] * 4
+    wrong = replace(here, figures=dict.fromkeys(here.figures, "nothing"), driver_figures=(2.0, 1.0))
+    assert [one.agrees for one in reproduce(wrong)] == [False] * 4
+
+
+@pytest.mark.nightly
+def test_sample_of_ten_is_reproduced_in_an_empty_environment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ten findings are seen in environments that are made for them."""
+    monkeypatch.setenv("BODYCHECK_CACHE_DIR", str(tmp_path))
+    here = [one for one in ALL.values() if "==" in one.environment]
+    for finding in random.Random(1).sample(here, 10):
+        assert [one for one in reproduce(finding) if not one.agrees] == [], finding.name
+
+
+def test_impossible_tensor_is_confirmed_exactly(tmp_path: Path) -> None:
+    """tr(I)/2 - I has a negative minor exactly where the moments break the triangle inequality."""
+    rng = np.random.default_rng(1)
+    for k in range(40):
+        axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        third = 3.0 + (0.01 if k % 2 else -0.01)
+        tensor = axes @ np.diag([1.0, 2.0, third]) @ axes.T
+        entries = {f"i{'xyz'[i]}{'xyz'[j]}": repr(float(tensor[i, j])) for i in range(3) for j in range(i, 3)}
+        words = " ".join(f'{key}="{value}"' for key, value in entries.items())
+        path = tmp_path / "model.urdf"
+        inertial = f'<inertial><mass value="1"/><inertia {words}/></inertial>'
+        path.write_text(f'<robot name="r"><link name="a">{inertial}</link></robot>')
+        triangle = LintFinding("triangle-inequality", "error", "certain", "model.urdf", 1, "a", "")
+        assert bool(confirmation(path, triangle)) == bool(k % 2)
+
+
+def test_errors_in_models_are_of_known_packages() -> None:
+    """Each row names package, version, file, line, link and rule, and why the numbers are impossible."""
+    errors = read_errors()
+    assert len(errors) >= 25
+    assert all(one.confirmed and one.file and one.line and one.link and one.version for one in errors)
+
+
+@pytest.mark.parametrize(
+    ("published", "difference", "expected"),
+    [
+        ("0.373034285", "0", "9 of 9"),
+        ("0.373034285", "4e-10", "9 of 9"),
+        ("0.373034285", "6e-10", "8 of 9"),
+        ("-929.47789677244", "2e-6", "8 of 14"),
+        ("1.00", "3", "0 of 3"),
+    ],
+)
+def test_digits_that_agree(published: str, difference: str, expected: str) -> None:
+    """A digit agrees if the difference is at most half a unit of it."""
+    assert digits(published, Decimal(difference)) == expected
+
+
+def test_changed_release_is_named() -> None:
+    """A method whose map or order differs from the release before is a change; a new method is none."""
+    rows = [
+        dict(zip(HEADER, ("e", release, method, found, order, "1e-3", "converges"), strict=True))
+        for release, method, found, order in (
+            ("1", "a", "M1", "1.0"),
+            ("2", "a", "M1", "1.0"),
+            ("2", "b", "M2", "1.0"),
+            ("3", "a", "M1", "2.0"),
+        )
+    ]
+    assert list(changes(rows)) == [("e", "3", "e 3, `a`: order 1.0 -> 2.0")]
+    assert read_releases()
+
+
+def test_pages_have_every_finding(tmp_path: Path) -> None:
+    """The index counts and links each finding, its engine's page has all of it, and old pages are removed."""
+    (tmp_path / "withdrawn-engine.md").write_text("old")
+    written = {path.stem: path.read_text() for path in write_pages(tmp_path)}
+    assert {path.stem for path in tmp_path.iterdir()} == set(written)
+    assert f"{len(ALL)} findings" in written["index"]
+    for one in ALL.values():
+        assert f"({one.engine}.md#{one.name})" in written["index"]
+        assert one.expected in written[one.engine]
+        report = report_of(one)
+        assert one.found in report
+        assert all((INPUTS / name).read_text().rstrip() in report for name in one.inputs)
+        assert one.upstream == NOT_FOUND or f"<{one.upstream}>" in written[one.engine]
