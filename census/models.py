@@ -29,6 +29,10 @@ PACKAGES, ERRORS = HERE / "packages.toml", HERE / "models.csv"
 _SUFFIXES = (".urdf", ".xml", ".sdf", ".world")
 _ROOTS = (b"<robot", b"<mujoco", b"<sdf")
 Numbers = tuple[Fraction, list[Fraction]]
+_ROUNDED = Fraction(1, 1000)
+"""Relative error of the moments that a file may have by rounding its numbers."""
+_LEAST = Fraction(1, 10**8)
+"""Trace in kg m^2 below which a tensor stands for none."""
 
 
 @dataclass(frozen=True)
@@ -103,23 +107,25 @@ def confirmation(path: Path, finding: LintFinding) -> str:
     """Return why the numbers in the file itself are impossible, in exact arithmetic; empty if they are not.
 
     A tensor I is that of a body only if tr(I)/2 - I has no negative principal minor, and of a body within the
-    distance r of its centre of mass only if its trace is at most 2 m r^2.
+    distance r of its centre of mass only if its trace is at most 2 m r^2; both are given a part in 1000.
     """
     for mass, tensor in _numbers(path, finding):
+        if abs(tensor[0] + tensor[3] + tensor[5]) < _LEAST:
+            continue
         if mass < 0:
             return f"mass {float(mass):g} kg"
         if (least := min(_minors(tensor))) < 0:
             return f"tr(I)/2 - I has the principal minor {float(least):.3g}"
         if finding.rule == "beyond-shape" and (reach := _reach_squared(path, finding)) is not None:
             trace = tensor[0] + tensor[3] + tensor[5]
-            if mass > 0 and trace > 2 * mass * reach:
+            if mass > 0 and trace > 2 * mass * reach * (1 + _ROUNDED):
                 return f"tr(I) = {float(trace):.4g} exceeds 2 m r^2 = {float(2 * mass * reach):.4g} kg m^2"
     return ""
 
 
 def _minors(tensor: list[Fraction]) -> Iterator[Fraction]:
     """Yield the principal minors of J = tr(I)/2 - I, of I as xx, xy, xz, yy, yz, zz."""
-    half = (tensor[0] + tensor[3] + tensor[5]) / 2
+    half = (tensor[0] + tensor[3] + tensor[5]) / 2 * (1 + _ROUNDED)
     xx, xy, xz, yy, yz, zz = (
         half - tensor[0], -tensor[1], -tensor[2], half - tensor[3], -tensor[4], half - tensor[5],
     )  # fmt: skip

@@ -63,8 +63,8 @@ def measure(engine: str, release: str) -> Iterator[Row]:
         values = (engine, release, row["method"], row["fingerprint"], order, error, row["verdict"])
         yield dict(zip(HEADER, values, strict=True))
     if not table:
-        why = (done.stdout + done.stderr).strip().splitlines() or ["nothing was printed"]
-        found = {"engine": engine, "release": release, "verdict": f"does not run: {why[0][:120]}"}
+        why = next((one for one in (done.stdout + done.stderr).splitlines() if "==" in one), "no message")
+        found = {"engine": engine, "release": release, "verdict": f"does not run: {why[:120]}"}
         yield dict.fromkeys(HEADER, "") | found
 
 
