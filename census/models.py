@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from bodycheck._util.errors import InputError
 from bodycheck.adapters.versions.uv import uv
-from bodycheck.reports.audit.audit import LintFinding
-from bodycheck.reports.audit.lint import lint
+from bodycheck.audit.audit import LintFinding
+from bodycheck.audit.lint import lint
 from bodycheck.scenarios.model_files import read_model
 from census.finding import HERE
 

@@ -16,8 +16,8 @@ import pytest
 from typer.main import get_command
 
 from bodycheck._util.errors import InputError
+from bodycheck.audit.audit import LintFinding
 from bodycheck.cli.commands import app
-from bodycheck.reports.audit.audit import LintFinding
 from census.finding import DRIVERS, FINDINGS, INPUTS, NOT_FOUND, Finding, chosen, read_findings
 from census.models import confirmation, read_errors
 from census.numbers import NUMBERS, digits
