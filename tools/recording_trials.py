@@ -35,12 +35,12 @@ from scipy.integrate import solve_ivp
 from bodycheck.adapters.contract import Setting
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
+from bodycheck.examine.diagnosis.candidate_maps import BASES, Base, Flow, States
 from bodycheck.examine.diagnosis.diagnosis import Diagnosis
 from bodycheck.examine.diagnosis.engine_model import Grid, ReportedStates, matrix_of
 from bodycheck.examine.diagnosis.faults import FAULTS
 from bodycheck.examine.diagnosis.faults.fault import Fault, FaultContext
 from bodycheck.examine.diagnosis.fit import planted
-from bodycheck.examine.diagnosis.flow import BASES, Base, Flow, States
 from bodycheck.examine.diagnosis.transitions import Transitions
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import normalised, quaternion_product, quaternion_to_matrix

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator, Sequence
 
 from bodycheck._util.formatting import count, names, number, scientific, step
+from bodycheck.examine.diagnosis.candidate_maps import EXACT
 from bodycheck.examine.diagnosis.diagnosis import Diagnosis
-from bodycheck.examine.diagnosis.flow import EXACT
 from bodycheck.examine.explanation.explain import ExplainedCase
 from bodycheck.examine.explanation.explanation_document import explanation_document
 from bodycheck.recordings.judge import Ranking

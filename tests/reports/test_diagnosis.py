@@ -18,12 +18,12 @@ from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.pybullet import PyBullet
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.registry import registered
+from bodycheck.examine.diagnosis.candidate_maps import BASES
 from bodycheck.examine.diagnosis.diagnosis import Diagnosis, bases_for, diagnosed
 from bodycheck.examine.diagnosis.engine_model import Grid
 from bodycheck.examine.diagnosis.faults import FAULTS
 from bodycheck.examine.diagnosis.faults.fault import FaultContext
 from bodycheck.examine.diagnosis.fit import planted
-from bodycheck.examine.diagnosis.flow import BASES
 from bodycheck.examine.diagnosis.transitions import Transitions
 from bodycheck.examine.explanation.explain import explain_run
 from bodycheck.examine.explanation.explanation_document import (

@@ -11,12 +11,12 @@ import numpy as np
 from bodycheck.adapters.contract import Setting
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
+from bodycheck.examine.diagnosis.candidate_maps import BASES
 from bodycheck.examine.diagnosis.diagnosis import ALL_QUANTITIES
 from bodycheck.examine.diagnosis.engine_model import Grid
 from bodycheck.examine.diagnosis.faults import FAULTS
 from bodycheck.examine.diagnosis.faults.fault import FACTOR, Fault, FaultContext, assigned, near
 from bodycheck.examine.diagnosis.fit import planted
-from bodycheck.examine.diagnosis.flow import BASES
 from bodycheck.examine.diagnosis.transitions import Transitions
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.scenarios.library import load_scenario

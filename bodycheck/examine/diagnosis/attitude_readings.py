@@ -7,11 +7,11 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from bodycheck.examine.diagnosis.candidate_maps import EXACT
 from bodycheck.examine.diagnosis.diagnosis import Diagnosis, FittedFault
 from bodycheck.examine.diagnosis.engine_model import ReportedStates
 from bodycheck.examine.diagnosis.faults import FAULTS
 from bodycheck.examine.diagnosis.faults.wrong_readings import WrongReading, wrong_readings
-from bodycheck.examine.diagnosis.flow import EXACT
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum
 from bodycheck.reference_impl.rotations import (

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from bodycheck.examine.diagnosis.candidate_maps import EXACT, Base
 from bodycheck.examine.diagnosis.diagnosis import ALL_QUANTITIES, Diagnosis, Search, obstacle
 from bodycheck.examine.diagnosis.faults.fault import FaultContext
 from bodycheck.examine.diagnosis.fit import Fit, planted
-from bodycheck.examine.diagnosis.flow import EXACT, Base
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.problem import Problem
 

@@ -11,11 +11,11 @@ from itertools import combinations, product
 import numpy as np
 
 from bodycheck._util.formatting import names, number
+from bodycheck.examine.diagnosis.candidate_maps import BASES, COMMON, EXACT, LIBRARY, Base
 from bodycheck.examine.diagnosis.engine_model import Grid
 from bodycheck.examine.diagnosis.faults import FAULTS
 from bodycheck.examine.diagnosis.faults.fault import Fault, FaultContext
 from bodycheck.examine.diagnosis.fit import Fit, Start, fitted, planted
-from bodycheck.examine.diagnosis.flow import BASES, COMMON, EXACT, LIBRARY, Base
 from bodycheck.examine.diagnosis.known_maps import maps_of
 from bodycheck.examine.diagnosis.quantity_resolution import NOT_RECORDED, Resolution
 from bodycheck.examine.diagnosis.start import StartDifference

@@ -13,9 +13,9 @@ from typing import TypeAlias
 
 import numpy as np
 
+from bodycheck.examine.diagnosis.candidate_maps import Base
 from bodycheck.examine.diagnosis.engine_model import Model
 from bodycheck.examine.diagnosis.faults.fault import Fault, FaultContext, Parameter
-from bodycheck.examine.diagnosis.flow import Base
 from bodycheck.examine.diagnosis.transitions import Transitions
 from bodycheck.reference_impl.arrays import Array
 

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bodycheck.examine.diagnosis.flow import LIBRARY, Base, States
+from bodycheck.examine.diagnosis.candidate_maps import LIBRARY, Base, States
 from bodycheck.examine.diagnosis.transitions import Transitions
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.one_step_maps import EXACT

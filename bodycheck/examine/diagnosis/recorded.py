@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from bodycheck.examine.diagnosis.attitude_readings import attitude_diagnosis
+from bodycheck.examine.diagnosis.candidate_maps import COMMON, EXACT, Base
 from bodycheck.examine.diagnosis.diagnosis import LIBRARY_STEPS, Diagnosis, Search, bases_for, obstacle
-from bodycheck.examine.diagnosis.flow import COMMON, EXACT, Base
 from bodycheck.examine.diagnosis.quantity_resolution import Resolution
 from bodycheck.examine.diagnosis.solver_error import solver_error
 from bodycheck.examine.diagnosis.start import StartState, start_difference

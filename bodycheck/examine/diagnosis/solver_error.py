@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bodycheck.examine.diagnosis.flow import EXACT
+from bodycheck.examine.diagnosis.candidate_maps import EXACT
 from bodycheck.examine.diagnosis.transitions import QUANTITIES, ROUND_OFF, Transitions
 from bodycheck.reference_impl.arrays import Array
 

@@ -14,6 +14,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from bodycheck.examine.diagnosis.candidate_maps import EXACT, Base, Flow, States
 from bodycheck.examine.diagnosis.engine_model import (
     Grid,
     Indices,
@@ -28,7 +29,6 @@ from bodycheck.examine.diagnosis.engine_model import (
     times,
     transposed_times,
 )
-from bodycheck.examine.diagnosis.flow import EXACT, Base, Flow, States
 from bodycheck.examine.diagnosis.quantity_resolution import NOT_RECORDED, Resolution
 from bodycheck.examine.diagnosis.whitening import Whitening
 from bodycheck.reference_impl.arrays import Array, largest_norm

@@ -12,10 +12,10 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import setting, suggestion
+from bodycheck.examine.diagnosis.candidate_maps import BASES, Base
 from bodycheck.examine.diagnosis.consistency import is_refuted
 from bodycheck.examine.diagnosis.diagnosis import Diagnosis, diagnosed
 from bodycheck.examine.diagnosis.fit import Fit
-from bodycheck.examine.diagnosis.flow import BASES, Base
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measures import IDENTITY

@@ -15,9 +15,9 @@ import numpy as np
 from markupsafe import Markup
 
 from bodycheck._util.formatting import number, vector
+from bodycheck.examine.diagnosis.candidate_maps import BASES
 from bodycheck.examine.diagnosis.diagnosis import Diagnosis, FittedParameter
 from bodycheck.examine.diagnosis.fit import planted
-from bodycheck.examine.diagnosis.flow import BASES
 from bodycheck.examine.diagnosis.transitions import QUANTITIES
 from bodycheck.examine.explanation.explain import ExplainedCase
 from bodycheck.reference_impl.arrays import Array
