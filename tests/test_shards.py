@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.sentinels import disagreements, read_sentinels
 from bodycheck.runs import directory
 from bodycheck.runs.directory import resume, run_to_folder, write_run
-from bodycheck.runs.merge import merge
+from bodycheck.runs.merge import _rebuilt, merge
 from bodycheck.runs.request import Request
 from bodycheck.runs.run_progress import no_progress
 from tests.helpers.expected_messages import ExpectedMessage
@@ -166,6 +167,16 @@ def test_other_python_is_named(parts: list[Path]) -> None:
     python = json.loads((parts[0] / "manifest.json").read_text())["python"]
     edit_manifest(parts[1], python="3.99.1")
     assert f"shards differ in python: {python} in shards 1/3, 3/3; 3.99.1 in shard 2/3" in findings(parts)
+
+
+def test_other_build_of_an_engine_is_named(expected_message: Message) -> None:
+    """The finding names the parts that differ or are missing; a shard without the engine does not count."""
+    builds = ({"lib": "1", "numpy": "2"}, {"lib": "1", "numpy": "3", "extra": "4"}, None)
+    entries = [{} if parts is None else {"engine": {"build": {"parts": parts}}} for parts in builds]
+    shards = [SimpleNamespace(manifest={"engines": entry}) for entry in entries]
+    (found,) = _rebuilt(shards)  # type: ignore[arg-type]
+    expected_message(found)
+    assert list(_rebuilt([shards[0], shards[0], shards[2]])) == []  # type: ignore[list-item]
 
 
 @pytest.mark.slow
