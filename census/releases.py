@@ -56,6 +56,7 @@ def measure(engine: str, release: str) -> Iterator[Row]:
         done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
         path = Path(folder) / "run" / "methods.csv"
         table = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines())) if path.exists() else []
+        why = "" if table else _why(path, done)
     table = [row for row in table if row["quantity"] == "orientation_error_rad"]
     for row in table:
         order = row["order"] and f"{float(row['order']):.1f}"
@@ -63,9 +64,16 @@ def measure(engine: str, release: str) -> Iterator[Row]:
         values = (engine, release, row["method"], row["fingerprint"], order, error, row["verdict"])
         yield dict(zip(HEADER, values, strict=True))
     if not table:
-        why = next((one for one in (done.stdout + done.stderr).splitlines() if "==" in one), "no message")
-        found = {"engine": engine, "release": release, "verdict": f"does not run: {why[:120]}"}
-        yield dict.fromkeys(HEADER, "") | found
+        yield dict.fromkeys(HEADER, "") | {"engine": engine, "release": release, "verdict": why}
+
+
+def _why(path: Path, done: subprocess.CompletedProcess[str]) -> str:
+    """Return why no method ran: the message of a case, or the line that names the engine."""
+    results = path.with_name("results.csv")
+    rows = csv.DictReader(results.read_text(encoding="utf-8").splitlines()) if results.exists() else ()
+    messages = [row["message"] for row in rows if row["message"]]
+    messages += [one for one in (done.stdout + done.stderr).splitlines() if "==" in one]
+    return f"does not run: {messages[0][:120]}" if messages else "does not run"
 
 
 def changes(rows: list[Row]) -> Iterator[tuple[str, str, str]]:
