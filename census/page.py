@@ -94,7 +94,7 @@ def index_of(findings: Mapping[str, Finding]) -> str:
         "",
         *_texts("withdrawn")["text"],
         "",
-        *(f"- {one['title']} ({one['engine']}): {one['reason']}" for one in withdrawn["finding"]),
+        *(_prose(f"- {one['title']} ({one['engine']}): {one['reason']}") for one in withdrawn["finding"]),
         "",
         "```{toctree}",
         ":hidden:",
@@ -113,18 +113,18 @@ def engine_page(engine: str, findings: Mapping[str, Finding]) -> str:
     lines = [f"# Findings in {engine}", ""]
     for one in findings.values():
         if one.engine == engine:
-            lines += [f"({one.name})=", f"## {one.title}", "", *_body(one, links=True)]
+            lines += [f"({one.name})=", f"## {_prose(one.title)}", "", *_body(one, links=True)]
     return "\n".join(lines)
 
 
 def report_of(finding: Finding) -> str:
     """Return the text of one finding as an issue upstream could have it."""
-    return "\n".join([f"# {finding.title}", "", *_body(finding, links=False)]).rstrip()
+    return "\n".join([f"# {_prose(finding.title)}", "", *_body(finding, links=False)]).rstrip()
 
 
 def _body(one: Finding, *, links: bool) -> list[str]:
     lines = [f"{one.engine}, {one.releases}. How large: {one.size}.", ""]
-    lines += [f"Expected: {one.expected}", "", f"Found: {one.found}", ""]
+    lines += [f"Expected: {_prose(one.expected)}", "", f"Found: {_prose(one.found)}", ""]
     if one.command:
         lines += ["What was run:", "", "```text", one.command, "```", ""]
         for name in one.inputs:
@@ -140,12 +140,17 @@ def _body(one: Finding, *, links: bool) -> list[str]:
         )
         lines += [f"Without bodycheck: `{experiment}` in {place} prints {figures}.", ""]
     if one.source:
-        lines += [f"In the source: {one.source}", ""]
+        lines += [f"In the source: {_prose(one.source)}", ""]
     if links:
         known = f"<{one.upstream}>" if one.is_public else one.upstream
         kind = f"{one.kind}: {KINDS[one.kind]}"
         lines += [f"Public issue or page: {known}. Kind: {kind}. Name: `{one.name}`.", ""]
     return lines
+
+
+def _prose(text: str) -> str:
+    """Return text in which the names of elements are not taken for HTML, nor products for emphasis."""
+    return text.replace("<", "&lt;").replace("*", "\\*")
 
 
 def models_page() -> str:

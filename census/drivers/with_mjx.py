@@ -8,7 +8,8 @@ from exact import SPIN, TOP, angle, of_quaternion, order, top
 from mujoco import mjx
 
 _BODY = """<mujoco><option timestep="{dt}" integrator="{integrator}" gravity="0 0 0"/><worldbody>
-<body name="b"><freejoint/><inertial pos="0 0 0" mass="1" diaginertia="{moments}"/></body></worldbody></mujoco>"""
+<body name="b"><freejoint/><inertial pos="0 0 0" mass="1" diaginertia="{moments}"/>
+</body></worldbody></mujoco>"""
 
 
 def _error(integrator: str, dt: float) -> float:
