@@ -26,6 +26,7 @@ from census.releases import HEADER, changes, read_releases
 from census.reproduce import Compared, looked_up, reproduce
 
 ALL = read_findings()
+COMMANDS = get_command(app).commands  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("finding", ALL.values(), ids=lambda one: one.name)
@@ -33,9 +34,8 @@ def test_command_parses_and_names_a_release(finding: Finding) -> None:
     """bodycheck's own parser accepts the command, whose engines are pinned where they can be."""
     if not finding.command:
         return
-    group = get_command(app)
     _, name, *words = shlex.split(finding.command)
-    group.commands[name].make_context(name, list(words))  # type: ignore[attr-defined]
+    COMMANDS[name].make_context(name, list(words))
     pins = re.findall(rf"{finding.engine}(==)?", finding.command)
     assert pins
     assert all(pins) or finding.environment == finding.engine
