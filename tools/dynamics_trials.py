@@ -1,27 +1,47 @@
-"""Print which planted faults of trees `bodycheck dynamics` names, and how healthy engines do.
+"""Print which planted faults of trees `bodycheck dynamics` and `explain` name, and how healthy engines do.
 
     python tools/dynamics_trials.py faults [--trees 8] [NAME ...]
     python tools/dynamics_trials.py healthy [--trees 100] [ENGINE ...]
+    python tools/dynamics_trials.py motions [NAME ...]
+    python tools/dynamics_trials.py healthy-motions [--trees 50] [ENGINE ...]
 
 faults: each fault of tests/helpers/faulty_tree_models.py on random trees; exit status 1 if one is not named
 first with its parameters within 5 %. healthy: mujoco, dart and pinocchio; exit status 1 if one is accused.
+motions: each fault of tests/helpers/faulty_tree_motions.py on three trees; exit status 1 if fewer than 90 %
+are named first with their parameters within 5 %. healthy-motions: mujoco, dart, pybullet and reference on
+the built-in and on random trees, and how much farther than its map the next one is; exit status 1 if one is
+accused.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections import Counter
 from pathlib import Path
+
+import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from bodycheck.adapters.registry import registered
+from bodycheck.adapters.contract import Setting
+from bodycheck.adapters.execution import Case, record, refusal
+from bodycheck.adapters.registry import get_adapter, registered
 from bodycheck.examine.dynamics.dynamics_document import dynamics_document
 from bodycheck.examine.dynamics.engine_dynamics import EngineDynamics
+from bodycheck.examine.dynamics.tree_motion_diagnosis import diagnosed_tree
+from bodycheck.reference_impl.trees.random_trees import random_tree
+from bodycheck.reference_impl.wrench import plan_steps
 from bodycheck.reports.document import print_document
+from bodycheck.reports.measurement.scales import scene_scales
+from bodycheck.reports.measurement.tree_map_made import DISTANCE, NEXT, made_map
 from bodycheck.runs.dynamics_run import DynamicsOptions, dynamics
+from bodycheck.scenarios.library import load_trees, tree_names
 from tests.helpers.faulty_tree_models import PLANTED, FaultyTrees, PlantedTreeFault
+from tests.helpers.faulty_tree_motions import FAULTS, TREES, diagnosed_fault, loaded_tree
+from tests.helpers.faulty_tree_motions import is_named as motion_is_named
 
+_MOVING = ("mujoco", "dart", "pybullet", "reference")
 _HEALTHY = ("mujoco", "dart", "pinocchio")
 _CLOSE = 0.05
 
@@ -65,15 +85,69 @@ def healthy(names: list[str], trees: int) -> int:
     return accused
 
 
+def motions(names: list[str]) -> int:
+    """Print a line per fault and tree, and return whether fewer than 90 % are named."""
+    named = trials = 0
+    for tree in TREES:
+        for fault in FAULTS:
+            kind = loaded_tree(tree).bodies[-1].joint.kind
+            if (names and fault.name not in names) or kind not in fault.kinds:
+                continue
+            found = diagnosed_fault(fault, tree)
+            right, trials = motion_is_named(fault, found), trials + 1
+            named += right
+            text = "not examined" if found is None else f"{found.base}: {found.sentence}"
+            print(f"{'named ' if right else 'MISSED'} {tree:12} {fault.name:20} {text}", flush=True)
+    print(f"{named} of {trials} named first, with parameters within 5 %")
+    return int(named < 0.9 * trials)
+
+
+def healthy_motions(names: list[str], trees: int) -> int:
+    """Print a line per method, and return the number of motions that are accused."""
+    scenes = [tree.scene for name in tree_names() for _, tree in load_trees(name)]
+    for number in range(trees):
+        rng = np.random.default_rng([number, 51])
+        scenes.append(random_tree(rng, int(rng.integers(2, 9)), loads=number % 2 == 0))
+    accused = 0
+    for engine in map(get_adapter, names or _MOVING):
+        for method in engine.methods.values():
+            verdicts: Counter[str] = Counter()
+            ratios = []
+            for scene in scenes:
+                dt_s = scene.sample_interval_s / 20
+                if method.control != "dt" or refusal(engine, scene, method.name) is not None:
+                    continue
+                answer = record(engine, Case(scene, method.name, Setting(dt_s=dt_s)))
+                motion = answer.trajectory
+                if motion is None:
+                    verdicts[answer.outcome] += 1
+                    continue
+                scales, order = scene_scales(scene, motion), method.order
+                found = diagnosed_tree(scene, motion, scales, dt_s, order=order, precision=method.precision)
+                verdicts["not examined" if found is None else f"{found.verdict} {found.base}"] += 1
+                accused += found is not None and found.verdict == "explained"
+                if made := made_map(scene, motion, plan_steps(scene, dt_s), method.precision, scales):
+                    ratios.append(made[NEXT] / max(made[DISTANCE], 1e-17))
+            if verdicts:
+                nearest = f"next map at least {min(ratios):.1e} times farther" if ratios else ""
+                print(f"{engine.name}:{method.name}", dict(verdicts), nearest, flush=True)
+    print(f"{accused} motions of healthy methods accused, in {len(scenes)} trees")
+    return accused
+
+
 def main() -> int:
     """Run a trial."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("trial", choices=("faults", "healthy"))
+    parser.add_argument("trial", choices=("faults", "healthy", "motions", "healthy-motions"))
     parser.add_argument("names", nargs="*")
     parser.add_argument("--trees", type=int)
     given = parser.parse_intermixed_args()
     if given.trial == "faults":
         return int(bool(faults(given.names, given.trees or 8)))
+    if given.trial == "motions":
+        return motions(given.names)
+    if given.trial == "healthy-motions":
+        return int(bool(healthy_motions(given.names, 50 if given.trees is None else given.trees)))
     return int(bool(healthy(given.names, given.trees or 100)))
 
 

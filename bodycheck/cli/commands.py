@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -308,6 +308,14 @@ def judge(
     body = _given_motion(inertia_kg_m2, mass_kg, torque_body_n_m, gravity)
     if body is not None and start is not None:
         raise InputError("--start: a body of --inertia-kg-m2 always starts at the first sample")
+    if scenario is not None and body is None and runner.is_tree(scenario):
+        unsupported = {"--map": map_, "--like": like, "--start": start, "--resolution": resolution}
+        if given := [option for option, value in unsupported.items() if value]:
+            raise InputError(f"{given[0]}: unsupported for {scenario}, a tree of bodies")
+        if len(trajectories) > 1:
+            raise InputError(f"{trajectories[1]}: files of a tree are judged one at a time")
+        _judge_tree(trajectories[0], scenario, steps_s, html, json=json)
+        return
     with status_line(f"solving the truth of {scenario or like or 'the body'}"):
         ranking = runner.rank(
             trajectories,
@@ -339,6 +347,25 @@ def judge(
         ]
         data = {"conclusions": sentences, **data, "explanations": explanation_data(cases)}
     answer(document, data, as_json=json)
+    if html is not None and not json:
+        print(html)
+
+
+def _judge_tree(
+    file: Path, scenario: str, steps_s: Sequence[float] | None, html: Path | None, *, json: bool
+) -> None:
+    from bodycheck._util.files import write_file
+    from bodycheck.recordings.judged_tree import tree_judgement, tree_judgement_data
+    from bodycheck.reports.document import answer, page
+    from bodycheck.reports.render.progress import status_line
+    from bodycheck.runs import runner
+
+    with status_line(f"solving the truth of {scenario}"):
+        found = runner.judge_tree(file, scenario, steps_s)
+    document = tree_judgement(found)
+    if html is not None:
+        write_file(html, page(document, "document.html").encode())
+    answer(document, tree_judgement_data(found), as_json=json)
     if html is not None and not json:
         print(html)
 

@@ -52,7 +52,7 @@ from bodycheck.runs.run_progress import ProgressFactory
 from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import select
 from bodycheck.scenarios.free_body import FreeBody, scenario_text
-from bodycheck.scenarios.library import load_scenarios
+from bodycheck.scenarios.library import load_any
 from bodycheck.scenarios.serialization import deserialized, serialized
 
 _SAME = 1e-9  # relative difference of two times that count as equal
@@ -115,7 +115,7 @@ def chosen_run(
     """
     if folder is not None:
         return _named(folder, requested, allow_code=allow_code)
-    loaded = load_scenarios(requested, allow_code=allow_code)
+    loaded = load_any(requested, allow_code=allow_code)
     scenarios_written = {scenario.name: serialized(scenario) for _, scenario in loaded}
     # a user's function may have changed under the same name, so no stored run is known to match
     own_code = any(scenario.scene.has_callback_load for _, scenario in loaded)
@@ -153,7 +153,7 @@ def _named(folder: Path, requested: Sequence[str], *, allow_code: bool) -> tuple
     known = list(tables.manifest["scenarios"])
     names: list[str] = []
     for name in requested:
-        loaded = [] if name in known else load_scenarios([name], allow_code=allow_code)
+        loaded = [] if name in known else load_any([name], allow_code=allow_code)
         names += [scenario.name for _, scenario in loaded] or [name]
     if missing := [name for name in names if name not in known]:
         raise InputError(f"{folder}: has no scenario {', '.join(missing)}{suggestion(missing[0], known)}")
@@ -241,7 +241,7 @@ def advise(request: AdviceRequest, make_progress: ProgressFactory) -> Advice:
             raise InputError("a body on the command line replaces scenarios and --run; give one of them")
         scenarios = [_written(request.body, request.horizon_s)]
     elif request.horizon_s is not None and request.run is None and scenarios:
-        for _, scenario in load_scenarios(scenarios, allow_code=request.allow_code):
+        for _, scenario in load_any(scenarios, allow_code=request.allow_code):
             check_horizon(request.horizon_s, scenario.name, scenario.scene.sample_interval_s)
     folder, run, names = chosen_run(
         *(request.run, scenarios, request.engines),

@@ -24,6 +24,8 @@ from bodycheck.examine.probes.fingerprint import (
     fingerprint_of,
     fingerprint_row,
 )
+from bodycheck.examine.probes.laws import law_rows
+from bodycheck.examine.probes.tree_laws import check_tree_laws
 from bodycheck.reports.cache.answers import Answers, EngineClient
 from bodycheck.reports.document import Column, Command, Document, Sentence, Span, Table
 from bodycheck.runs.dynamics_run import DynamicsOptions, dynamics
@@ -212,6 +214,8 @@ def laws(engines: str, *, timeout_s: float, allow_code: bool = False) -> list[di
             replays = replayed(engine, own, client)
             for method in own:
                 rows += [*map_and_laws(engine, method, client)["laws"], *replays[method.name]]
+                of_trees = check_tree_laws(engine, method, client.ask, client.replay)
+                rows += law_rows(engine, method, of_trees)
     return rows
 
 

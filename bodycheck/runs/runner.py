@@ -26,8 +26,10 @@ from bodycheck.examine.explanation.explain import (
 from bodycheck.recordings.column_map import ColumnMap, MapSpec, read_map, scenario_of
 from bodycheck.recordings.judge import Ranking, explained_motion, judge_files, of_given_body, read_files
 from bodycheck.recordings.judged_motion import Start
+from bodycheck.recordings.judged_tree import JudgedTree, judged_tree
 from bodycheck.reference_impl.precompile import compile_kernels, interprets_closed_forms
 from bodycheck.reference_impl.truth.truth import Truth
+from bodycheck.reference_impl.wrench import plan_steps
 from bodycheck.reports.cache.answers import Answers
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.journal import Journal
@@ -46,6 +48,7 @@ from bodycheck.scenarios.given_motion import GivenMotion
 from bodycheck.scenarios.library import PROBES, load_one, load_scenario
 from bodycheck.scenarios.model import Scenario
 from bodycheck.scenarios.reader import AnyScenario
+from bodycheck.scenarios.tree_model import TreeScenario
 
 
 @with_options_of(Request)
@@ -291,6 +294,34 @@ def judge(
         body = GivenMotion(np.ravel(inertia_kg_m2).tolist(), mass_kg, torque_body_n_m, gravity_m_s2)
     ranking = rank([trajectory], scenario, column_map=column_map, like=like, body=body, allow_code=allow_code)
     return {name: value for name, value in ranking.rows[0].items() if name != "file"}
+
+
+def is_tree(scenario: str | Path) -> bool:
+    """Return whether a scenario is a tree of bodies; False where it cannot be read."""
+    try:
+        return isinstance(load_one(scenario), TreeScenario)
+    except InputError:
+        return False
+
+
+def judge_tree(
+    trajectory: str | Path, scenario: str | Path, steps_s: Sequence[float] | None = None
+) -> JudgedTree:
+    """Return how far a recording of a tree is from the truth; steps_s: the step of the program, if known.
+
+    Raises InputError if the file is wrong.
+    """
+    tree = load_one(scenario)
+    assert isinstance(tree, TreeScenario)
+    if steps_s is not None and (len(steps_s) != 1 or not 0.0 < steps_s[0] < math.inf):
+        raise InputError("--dt: one positive number is needed for one file")
+    dt_s = None if steps_s is None else steps_s[0]
+    if dt_s is not None:
+        try:
+            plan_steps(tree.scene, dt_s)
+        except ValueError as error:
+            raise InputError(f"--dt {dt_s}: {error}") from None
+    return judged_tree(Path(trajectory), tree, str(scenario), dt_s, Cache.default())
 
 
 def rank(

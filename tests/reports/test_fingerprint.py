@@ -25,6 +25,7 @@ from bodycheck.examine.probes.fingerprint import (
     steps_along,
 )
 from bodycheck.examine.probes.laws import LAWS, REVERSE, STATES, Checked, check_laws, law_rows
+from bodycheck.examine.probes.tree_laws import TREE_LAWS
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.one_step_maps import EXACT, MAPS, formula_of
 from bodycheck.reference_impl.one_step_maps.one_step_map import (
@@ -538,8 +539,9 @@ def test_the_command_of_a_row_names_one_engine_and_permits_its_code(
 def test_laws_are_checked_without_probes(monkeypatch: pytest.MonkeyPatch) -> None:
     """`bodycheck laws` runs no probe, and checks every law."""
     monkeypatch.delattr(examination, "probe_rows")
-    assert {row["law"] for row in laws("reference:m1", timeout_s=60.0)} == {law.name for law in LAWS}
-    assert tuple(law.name for law in LAWS) == LAW_NAMES
+    every = (*LAWS, *(law for law, _ in TREE_LAWS))
+    assert {row["law"] for row in laws("reference:m1", timeout_s=60.0)} == {law.name for law in every}
+    assert tuple(law.name for law in every) == LAW_NAMES
 
 
 def test_each_row_has_the_map_and_the_replay_of_its_method() -> None:

@@ -16,13 +16,16 @@ from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.rotations import quaternion_product
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.trees.tree_bodies import tree_trajectory
-from bodycheck.reference_impl.trees.tree_scene import TreeScene
+from bodycheck.reference_impl.trees.tree_scene import Joint, TreeBody, TreeScene
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.case import measured_by
 from bodycheck.reports.measurement.compared_motion import Compared, EnergyAndMomentum
 from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.render.body_surface import tree_box
+from bodycheck.reports.render.movie import movie
+from bodycheck.reports.render.page.played_motions import motion_view
 from bodycheck.reports.run_files.run_reader import read_run
-from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run, key_of
 from bodycheck.reports.summary.sentences import Summary
 from bodycheck.runs.directory import write_run
 from bodycheck.scenarios.library import (
@@ -35,6 +38,7 @@ from bodycheck.scenarios.library import (
 )
 from bodycheck.scenarios.serialization import deserialized, serialized
 from tests.helpers.html_page import report_page
+from tests.helpers.in_process_cli import run_bodycheck
 
 _SAME = ("mujoco:euler", "mujoco:implicitfast", "mujoco:discrete", "dart:semi-implicit", "pybullet:multibody")
 
@@ -211,3 +215,58 @@ def test_a_false_momentum_is_stated_first() -> None:
     assert first.startswith("free-chain")
     assert "false momentum" in first
     assert "double-pendulum" in second
+
+
+def test_the_page_plays_a_tree(chain: Run) -> None:
+    """Each body moves with its place, with the truth and the coordinate of each joint beside it."""
+    (problem,) = chain.problems
+    numbers = {key_of(case.columns): k for k, case in enumerate(chain.cases)}
+    view = motion_view(problem, chain.cases, numbers)
+    assert view is not None
+    assert len(view["parts"]) == len(view["truth"]["bodies"]) == 3
+    assert view["joints"] == ["l1.rad", "l2.rad"]
+    truth = problem.truth.trajectory
+    assert truth.q is not None
+    shown = np.array(view["truth"]["joints"][1])
+    assert np.max(np.abs(shown - truth.q[:, -1])) < 1e-3
+    assert view["reach"] > np.max(np.abs(truth.position_m - np.array(view["middle"])))
+
+
+def test_a_box_has_the_inertia_of_its_body() -> None:
+    """The box of a uniform block is the block."""
+    a, b, c, mass = 0.3, 0.2, 0.1, 2.0
+    inertia = mass / 12.0 * np.diag([b * b + c * c, a * a + c * c, a * a + b * b])
+    corners = tree_box(TreeBody("block", mass, inertia, Joint("free")))
+    assert np.allclose(np.abs(corners), np.array([a, b, c]) / 2.0, rtol=1e-12)
+
+
+def test_a_film_shows_a_tree(chain: Run) -> None:
+    """Its frames are those of the free chain."""
+    assert b"free-chain" in movie(chain, "free-chain", ".svg")
+
+
+def test_methods_that_make_another_map_of_trees_are_named() -> None:
+    """MuJoCo's implicitfast makes M2 of one body, and M1 of a tree; its euler makes M1 of both."""
+    engines = ["mujoco:implicitfast", "mujoco:euler"]
+    run = bodycheck.run(scenarios=["free-chain"], engines=engines, dt_s=[1e-2], speed=False)
+    (sentence,) = [text for text in Summary.of(run).alike if "of one body" in text]
+    assert "mujoco:implicitfast (M2 of one body and M1 of trees)" in sentence
+    assert "mujoco:euler" not in sentence
+
+
+def test_advice_compare_and_gates_take_a_stored_run_of_a_tree(chain: Run, tmp_path: Path) -> None:
+    """Each answers about the tree without code of its own."""
+    write_run(chain, tmp_path / "run")
+    advice = run_bodycheck(tmp_path, "advise", "free-chain", "--error", "1e-3", "--run", "run")
+    assert advice.returncode == 0
+    assert "mujoco:rk4" in advice.stdout.partition("\n")[0]
+    assert run_bodycheck(tmp_path, "compare", "run", "run").returncode == 0
+    (tmp_path / "gates.toml").write_text(
+        '[[gate]]\nmethod = "rk4"\nmeasure = "joint_error_rad"\nupper = 1e-6\nreason = "order 4"\n'
+    )
+    gate = run_bodycheck(tmp_path, "gate", "--gates", "gates.toml", "--run", "run")
+    assert (gate.returncode, gate.stdout.startswith("passed")) == (0, True)
+    drawn = run_bodycheck(
+        tmp_path, "plot", "run", "--scenario", "free-chain", "--figure", "motion", "--svg", "m.svg"
+    )
+    assert drawn.returncode == 0, drawn.stderr

@@ -21,6 +21,7 @@ from bodycheck.examine.diagnosis.quantity_resolution import NOT_RECORDED, Resolu
 from bodycheck.examine.diagnosis.start import StartDifference
 from bodycheck.examine.diagnosis.transitions import Transitions
 from bodycheck.reference_impl.arrays import Array, largest_norm
+from bodycheck.reference_impl.one_step_maps.tree_maps import TREE_MAPS
 from bodycheck.reference_impl.scene import GravityGradient, Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import steps_per_sample
@@ -141,7 +142,8 @@ class Diagnosis:
             omega = "omega is that of the exact motion"
             return f"no fault in omega: {omega}; the attitude is integrated from it: {self.base_words}"
         if self.verdict == "lower-order":
-            orders = f"of order {BASES[self.base].order}, not {self.order}"
+            known = BASES[self.base] if self.base in BASES else TREE_MAPS[self.base]
+            orders = f"of order {known.order}, not {self.order}"
             return f"the method is {orders}: the motion is that of {self.base_words}"
         if self.verdict == "elsewhere":
             steps = f"the single steps of this case are right, those of {self.base_words}"

@@ -7,25 +7,30 @@ each unit vector of M. Source: Featherstone (2008), Rigid Body Dynamics Algorith
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.trees.tree_dynamics import TreeDynamics
-from bodycheck.reference_impl.trees.tree_scene import TreeScene
+from bodycheck.reference_impl.trees.tree_scene import BodyLoad, TreeScene
 
 _NEXT = [1, 2, 0]
 
 
 @dataclass(frozen=True, eq=False)
 class _Stacked:
-    """A number of one body in all states: q (k, nq), and its joint and mass properties (k, ...)."""
+    """A number of one body in all states: q (k, nq), and its joint and mass properties (k, ...).
+
+    places: of its coordinates. torque, force (k, 3): on it, in body and in world axes.
+    """
 
     kind: str
     parent: int
     rates: slice
+    places: slice
     q: Array
     at_parent: Array
     at_body: Array
@@ -34,6 +39,72 @@ class _Stacked:
     mass: Array
     inertia: Array
     torque: Array
+    force: Array
+
+
+class StackedTrees:
+    """k trees of the same structure, for their equations in k states at once.
+
+    passive (k, nu, 4): damping, armature, stiffness and rest of each rate.
+    """
+
+    def __init__(self, scenes: Sequence[TreeScene]) -> None:
+        first = scenes[0]
+        self.bodies = [_stacked(scenes, k) for k in range(len(first.bodies))]
+        self.gravity = np.array([scene.gravity for scene in scenes])
+        self.passive = np.array([_passive(scene) for scene in scenes])
+
+    def at(self, q: Array) -> list[_Stacked]:
+        """Return the bodies at the coordinates q (k, nq)."""
+        return [replace(body, q=q[:, body.places]) for body in self.bodies]
+
+    def equations(self, q: Array, u: Array, *, pushes: bool = True) -> tuple[Array, Array, Array, Array]:
+        """Return M (k, nu, nu), the bias, the bias at rest, and what dampers and pushes apply (k, nu).
+
+        M has the armatures. Springs are left out.
+        """
+        states, rates = u.shape
+        bodies, columns = self.at(q), rates + 2
+        speeds, pull = np.zeros((states, columns, rates)), np.zeros((states, columns, 3))
+        speeds[:, 0], pull[:, :2] = u, self.gravity[:, None]
+        wanted = np.zeros((states, columns, rates))
+        wanted[:, 2:] = np.eye(rates)
+        forces, *_ = _newton_euler(bodies, speeds, wanted, pull, pushed=False)
+        damping, armature = self.passive[..., 0], self.passive[..., 1]
+        applied = -damping * u
+        if pushes:
+            still = 0.0 * u[:, None]
+            pushed, *_ = _newton_euler(bodies, still, still, 0.0 * pull[:, :1], pushed=True)
+            applied = applied - pushed[:, 0]
+        mass = forces[:, 2:] + armature[:, :, None] * np.eye(rates)
+        return mass, forces[:, 0], forces[:, 1], applied
+
+    def change_with_rates(self, q: Array, u: Array) -> Array:
+        """dc/du (k, nu, nu) of the bias c, exactly, because c is quadratic in u."""
+        rates = u.shape[1]
+        speeds = u[:, None] + np.vstack([np.eye(rates), -np.eye(rates)])
+        pull = np.repeat(self.gravity[:, None], 2 * rates, axis=1)
+        forces, *_ = _newton_euler(self.at(q), speeds, 0.0 * speeds, pull, pushed=False)
+        return np.asarray(0.5 * (forces[:, :rates] - forces[:, rates:]).transpose(0, 2, 1))
+
+    def motion(self, q: Array, u: Array) -> tuple[Array, Array]:
+        """Return the rotations R (b, k, 3, 3) and omega in body axes (b, k, 3) of the bodies."""
+        speeds = u[:, None]
+        _, m, _ = _newton_euler(self.at(q), speeds, 0.0 * speeds, 0.0 * self.gravity[:, None], pushed=False)
+        rotations, omega = np.array(m.R), np.array(m.omega)[:, :, 0]
+        return rotations, np.einsum("bkji,bkj->bki", rotations, omega)
+
+    def with_pushes(self, force: Array, torque: Array) -> StackedTrees:
+        """Return the trees under forces and torques (b, k, 3) on their bodies, in world and in body axes."""
+        found = copy.copy(self)
+        parts = zip(self.bodies, force, torque, strict=True)
+        found.bodies = [replace(body, force=f, torque=t) for body, f, t in parts]
+        return found
+
+
+def _passive(scene: TreeScene) -> Array:
+    joints = [body.joint for body in scene.bodies for _ in range(body.joint.of_kind.rates)]
+    return np.array([(one.damping, one.armature, one.stiffness, one.rest) for one in joints])
 
 
 def batch_dynamics(scenes: Sequence[TreeScene], q: Array, u: Array) -> list[TreeDynamics]:
@@ -41,22 +112,9 @@ def batch_dynamics(scenes: Sequence[TreeScene], q: Array, u: Array) -> list[Tree
 
     Loads other than constant torques on bodies in their own axes, and springs, are left out.
     """
-    first, (states, rates) = scenes[0], u.shape
-    bodies = [_stacked(scenes, q, k) for k in range(len(first.bodies))]
-    gravity = np.array([scene.gravity for scene in scenes])
-    columns = rates + 2
-    speeds, pull = np.zeros((states, columns, rates)), np.zeros((states, columns, 3))
-    speeds[:, 0], pull[:, :2] = u, gravity[:, None]
-    wanted = np.zeros((states, columns, rates))
-    wanted[:, 2:] = np.eye(rates)
-    forces, *_ = _newton_euler(bodies, speeds, wanted, pull, pushed=False)
-    bias, at_rest, mass = forces[:, 0], forces[:, 1], forces[:, 2:]
-    damping, armature = np.zeros((2, rates))
-    for body, part in zip(first.bodies, first.rate_slices, strict=True):
-        damping[part], armature[part] = body.joint.damping, body.joint.armature
-    torques, *_ = _newton_euler(bodies, 0.0 * u[:, None], 0.0 * u[:, None], 0.0 * pull[:, :1], pushed=True)
-    applied = -damping * u - torques[:, 0]
-    mass = mass + np.diag(armature)
+    states, trees = len(u), StackedTrees(scenes)
+    mass, bias, at_rest, applied = trees.equations(q, u)
+    bodies, gravity = trees.at(q), trees.gravity
     accelerations = np.asarray(np.linalg.solve(mass, (applied - bias)[..., None])[..., 0], np.float64)
     moving = (u[:, None], accelerations[:, None], gravity[:, None])
     _, motion, wrenches = _newton_euler(bodies, *moving, pushed=True)
@@ -68,22 +126,23 @@ def batch_dynamics(scenes: Sequence[TreeScene], q: Array, u: Array) -> list[Tree
     ]
 
 
-def _stacked(scenes: Sequence[TreeScene], q: Array, k: int) -> _Stacked:
+def _stacked(scenes: Sequence[TreeScene], k: int) -> _Stacked:
     first = scenes[0]
     bodies = [scene.bodies[k] for scene in scenes]
     joints = [body.joint for body in bodies]
     torque = np.zeros((len(scenes), 3))
     for row, scene in zip(torque, scenes, strict=True):
         for load in scene.loads:
-            if load.body == k:
-                row += load.load.value  # type: ignore[union-attr]
+            if load.body == k and isinstance(load, BodyLoad) and load.load.axes == "body":
+                row += load.load.value
     zero = np.array([joint.zero for joint in joints])
     axis = np.array([joint.axis for joint in joints])
     return _Stacked(
         joints[0].kind,
         -1 if joints[0].kind == "free" else joints[0].parent,
         first.rate_slices[k],
-        q[:, first.coordinate_slices[k]],
+        first.coordinate_slices[k],
+        np.empty(0),
         np.array([joint.at_parent for joint in joints]),
         np.array([joint.at_body for joint in joints]),
         zero,
@@ -91,6 +150,7 @@ def _stacked(scenes: Sequence[TreeScene], q: Array, k: int) -> _Stacked:
         np.array([body.mass for body in bodies]),
         np.array([body.inertia for body in bodies]),
         torque,
+        np.zeros((len(scenes), 3)),
     )
 
 
@@ -194,6 +254,7 @@ def _newton_euler(
         total[k, ..., 3:] += _rotate(inertia, m.alpha[k]) + cross(m.omega[k], _rotate(inertia, m.omega[k]))
         if pushed:
             total[k, ..., 3:] -= _rotate(R, body.torque)[:, None]
+            total[k, ..., :3] -= body.force[:, None]
         force = total[k, ..., :3]
         if body.kind == "free":
             forces[..., body.rates] = np.concatenate(

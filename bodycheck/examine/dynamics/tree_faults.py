@@ -1,4 +1,4 @@
-"""Faults of the equations of trees: each makes, of exact dynamics, the readings of an engine that has it.
+"""Faults of trees: each makes, of exact dynamics, the readings of an engine that has it, and moves a tree so.
 
 To add a fault, add one `TreeFault`; specific ones come before general ones, to which a tie goes last.
 """
@@ -17,10 +17,17 @@ from bodycheck.adapters.reading_names import READINGS
 from bodycheck.adapters.tree_contract import depth_first, jointed_links
 from bodycheck.examine.diagnosis.faults.fault import FACTOR, Parameter
 from bodycheck.examine.dynamics.tree_case import EXACT, TreeCase, TreeState
+from bodycheck.examine.dynamics.tree_flow import TreeHypothesis
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import parallel_axis_tensor
 from bodycheck.reference_impl.loads.kinds.torque import Torque
-from bodycheck.reference_impl.rotations import conjugate, hat, quaternion_product, quaternion_to_matrix
+from bodycheck.reference_impl.rotations import (
+    conjugate,
+    exp_quaternion,
+    hat,
+    quaternion_product,
+    quaternion_to_matrix,
+)
 from bodycheck.reference_impl.trees.tree_scene import BodyLoad, Joint, TreeBody, TreeScene
 
 Faulty: TypeAlias = Callable[[str], Array]
@@ -28,21 +35,29 @@ Faulty: TypeAlias = Callable[[str], Array]
 Plant: TypeAlias = Callable[[TreeCase, Sequence[int], Array], Faulty]
 """(exact case, bodies that have the fault, parameters) -> readings of the faulty engine."""
 Bodies: TypeAlias = Callable[[TreeScene], Sequence[int]]
+Moves: TypeAlias = Callable[[TreeHypothesis, Sequence[int], Array], None]
+"""(model that moves, bodies that have the fault, parameters): changes the model."""
+
+
+def _reads_right(case: TreeCase, _bodies: Sequence[int], _values: Array) -> Faulty:
+    """Change no reading: a fault of motions alone."""
+    return case.exact
 
 
 @dataclass(frozen=True)
 class TreeFault:
-    """One way in which an engine's equations of a tree, or an adapter's readings of them, are wrong.
+    """One way in which an engine's equations of a tree, its motion, or the readings of either are wrong.
 
     sentence: with {at} for the bodies that have it, and the parameters as {0}, {1}. readings: those that it
     changes. bodies: those that can have it, each alone or all; None if it concerns the tree. start: the
     parameters where a fit starts. special: the names of particular values of the parameters. applies: whether
     it is possible in a case. is_partial: whether it can concern some of its readings and not the others.
+    motion: what it changes where a tree moves [default: the tree, of a fault that is another tree].
     """
 
     name: str
     sentence: str
-    plant: Plant
+    plant: Plant = _reads_right
     readings: tuple[str, ...] = READINGS
     bodies: Bodies | None = None
     parameters: tuple[Parameter, ...] = ()
@@ -50,6 +65,12 @@ class TreeFault:
     special: Callable[[TreeCase, int], Mapping[str, Sequence[float] | Array]] = lambda _case, _body: {}
     applies: Callable[[TreeCase], bool] = lambda _: True
     is_partial: bool = False
+    motion: Moves | None = None
+
+    @property
+    def moves(self) -> Moves | None:
+        """What it changes in a motion; None if it is one of readings."""
+        return self.plant.move if isinstance(self.plant, _AnotherTree) else self.motion
 
 
 _STATICS = ("bias", "accelerations", "wrenches")
@@ -76,16 +97,30 @@ def _state(change: Callable[[TreeState, Sequence[int], Array], TreeState]) -> Pl
     return lambda case, bodies, values: case.changed(lambda state: change(state, bodies, values)).exact
 
 
+@dataclass(frozen=True)
+class _AnotherTree:
+    """Evaluates the exact equations of another tree, or moves it."""
+
+    change: Callable[[TreeScene, Sequence[int], Array], TreeScene]
+
+    def __call__(self, case: TreeCase, bodies: Sequence[int], values: Array) -> Faulty:
+        """Return the readings of the other tree."""
+        changed = self.change(case.scene, bodies, values)
+        return case.changed(lambda state: TreeState(changed, state.q, state.u)).exact
+
+    def move(self, model: TreeHypothesis, bodies: Sequence[int], values: Array) -> None:
+        """Move the other tree."""
+        model.scene = self.change(model.scene, bodies, values)
+
+
 def _body(change: Callable[[TreeBody, TreeScene, Array], TreeBody]) -> Plant:
     """Return what changes bodies of the tree."""
 
-    def plant(case: TreeCase, bodies: Sequence[int], values: Array) -> Faulty:
-        scene = case.scene
+    def changed(scene: TreeScene, bodies: Sequence[int], values: Array) -> TreeScene:
         parts = [change(one, scene, values) if k in bodies else one for k, one in enumerate(scene.bodies)]
-        changed = replace(scene, bodies=tuple(parts))
-        return case.changed(lambda state: TreeState(changed, state.q, state.u)).exact
+        return replace(scene, bodies=tuple(parts))
 
-    return plant
+    return _AnotherTree(changed)
 
 
 def _joint(change: Callable[[Joint, TreeScene, Array], Mapping[str, Any]]) -> Plant:
@@ -118,6 +153,16 @@ def _with_torques(torques: Callable[[TreeState, int, Array], Array]) -> Plant:
         return replace(state, scene=replace(state.scene, loads=loads))
 
     return _state(changed)
+
+
+def _assigned(name: str) -> Moves:
+    """Return what assigns the first parameter to an attribute of a model."""
+    return lambda model, _, values: setattr(model, name, float(values[0]))
+
+
+def _of_bodies(name: str) -> Moves:
+    """Return what assigns the first parameter to each body, in an attribute of a model."""
+    return lambda model, bodies, values: getattr(model, name).update(dict.fromkeys(bodies, float(values[0])))
 
 
 def _gyroscopic(state: TreeState, body: int, values: Array) -> Array:
@@ -183,6 +228,7 @@ def _model_faults() -> Iterator[TreeFault]:
         "the velocity terms (Coriolis, centrifugal and gyroscopic) count {0} times",
         _velocity_terms,
         _STATICS,
+        motion=_assigned("velocity_terms"),
         parameters=(FACTOR,),
         start=(0.0,),
         special=lambda _case, _body: {
@@ -197,6 +243,7 @@ def _model_faults() -> Iterator[TreeFault]:
         _all,
         (FACTOR,),
         (2.0,),
+        motion=_of_bodies("gyroscopic"),
         special=lambda _case, _body: {
             "the gyroscopic term omega x I omega of {at} counts twice": (2.0,),
             "the gyroscopic term omega x I omega of {at} is missing": (0.0,),
@@ -205,11 +252,7 @@ def _model_faults() -> Iterator[TreeFault]:
     yield TreeFault(
         "gravity",
         "gravity counts {0} times",
-        _state(
-            lambda state, _, values: replace(
-                state, scene=replace(state.scene, gravity=values[0] * state.scene.gravity)
-            )
-        ),
+        _AnotherTree(lambda scene, _, values: replace(scene, gravity=values[0] * scene.gravity)),
         ("bias", "gravity_bias", "accelerations", "wrenches", "energy"),
         parameters=(FACTOR,),
         start=(0.0,),
@@ -344,7 +387,7 @@ def _model_faults() -> Iterator[TreeFault]:
     yield TreeFault(
         "coordinate-shift",
         "the coordinate of {at} is shifted by {0}",
-        _coordinates(lambda q, u, s: (q + s[0], u)),
+        _joint(lambda joint, _, s: _shifted(joint, s[0])),
         bodies=_of_kinds("hinge", "slide"),
         parameters=(Parameter("shift", "", 0.0),),
         start=(0.1,),
@@ -374,6 +417,85 @@ def _model_faults() -> Iterator[TreeFault]:
         bodies=_of_kinds("hinge", "slide"),
         parameters=tuple(Parameter(axis, "", 0.0) for axis in "xyz"),
         start=(0.0, 0.0, 0.0),
+    )
+
+
+def _shifted(joint: Joint, by: float) -> dict[str, Array]:
+    """Return the joint whose coordinate counts from elsewhere."""
+    axis = joint.axis / np.linalg.norm(joint.axis)
+    if joint.kind == "slide":
+        return {"at_parent": joint.at_parent + by * _zero(joint) @ axis}
+    return {"zero": quaternion_product(joint.zero, exp_quaternion(by * axis))}
+
+
+def _is_held(joint: Joint, stiffness: float) -> dict[str, float]:
+    """Return the joint with a spring that pulls it to its start besides its own."""
+    total = joint.stiffness + stiffness
+    pulled = joint.stiffness * joint.rest + stiffness * float(joint.coordinates[0])
+    return {"stiffness": total, "rest": pulled / total if total else 0.0}
+
+
+def _motion_faults() -> Iterator[TreeFault]:
+    yield TreeFault(
+        "motor-position",
+        "the joint of {at} has a motor that holds its start, with {0} N m per rad or N per m",
+        _joint(lambda joint, _, s: _is_held(joint, s[0])),
+        (),
+        _of_kinds("hinge", "slide"),
+        (Parameter("gain", "", 0.0, low=0.0),),
+        (0.1,),
+    )
+    yield TreeFault(
+        "motor-friction",
+        "the joint of {at} is braked, by a motor left on or by friction, with {0} N m or N",
+        readings=(),
+        bodies=_of_kinds("hinge", "slide"),
+        parameters=(Parameter("force", "", 0.0, low=0.0),),
+        start=(0.1,),
+        motion=_of_bodies("friction"),
+    )
+    yield TreeFault(
+        "load-late",
+        "the loads are {0} steps late",
+        readings=(),
+        parameters=(Parameter("steps", "", 0.0),),
+        start=(0.0,),
+        applies=lambda case: bool(case.scene.loads),
+        motion=_assigned("late_steps"),
+        special=lambda _case, _body: {
+            "the loads are one step late": (1.0,),
+            "the loads are one step early": (-1.0,),
+        },
+    )
+    yield TreeFault(
+        "load-factor",
+        "the loads count {0} times",
+        readings=(),
+        parameters=(FACTOR,),
+        start=(0.0,),
+        applies=lambda case: bool(case.scene.loads),
+        motion=_assigned("loads"),
+        special=lambda _case, _body: {
+            "the loads are missing": (0.0,),
+            "the loads have the opposite sign": (-1.0,),
+        },
+    )
+    yield TreeFault(
+        "step",
+        "a step is {0} times as long",
+        readings=(),
+        parameters=(Parameter("factor", low=1e-3),),
+        start=(1.0,),
+        motion=_assigned("step"),
+    )
+    yield TreeFault(
+        "base-point",
+        "the velocity of the free body is stepped at the point ({0}, {1}, {2}) m, not at its centre of mass",
+        readings=(),
+        parameters=_LENGTHS,
+        start=(0.01, 0.02, 0.03),
+        applies=lambda case: case.scene.bodies[0].joint.kind == "free",
+        motion=lambda model, _, values: setattr(model, "base_point", values),
     )
 
 
@@ -727,5 +849,10 @@ def _reading_faults() -> Iterator[TreeFault]:
         )
 
 
-TREE_FAULTS: tuple[TreeFault, ...] = (*_rate_faults(), *_model_faults(), *_reading_faults())
+TREE_FAULTS: tuple[TreeFault, ...] = (
+    *_rate_faults(),
+    *_motion_faults(),
+    *_model_faults(),
+    *_reading_faults(),
+)
 """All faults of trees, the specific ones first."""

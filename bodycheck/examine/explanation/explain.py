@@ -16,6 +16,7 @@ from bodycheck.examine.diagnosis.candidate_maps import BASES, Base
 from bodycheck.examine.diagnosis.consistency import is_refuted
 from bodycheck.examine.diagnosis.diagnosis import Diagnosis, diagnosed
 from bodycheck.examine.diagnosis.fit import Fit
+from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measures import IDENTITY
@@ -100,8 +101,16 @@ def explained(
     first. known_map: its fingerprint.
     """
     assert case.trajectory is not None
+    scene = problem.scenario.scene
+    if isinstance(scene, TreeScene):
+        from bodycheck.examine.dynamics.tree_motion_diagnosis import diagnosed_tree  # imports numba
+
+        precision = case.columns["precision"]
+        motion = case.trajectory
+        of_tree = diagnosed_tree(scene, motion, problem.scales, case.dt_s, order=order, precision=precision)
+        return ExplainedCase(problem, key_of(case.columns), case, tuple(wrong), of_tree)
     found = diagnosed(
-        problem.of_body.scene,
+        scene,
         case.trajectory,
         problem.scales,
         case.dt_s,
@@ -120,10 +129,10 @@ def explained_cases(
 ) -> list[ExplainedCase]:
     """Return one case of each method on each scenario where verdicts count against it, with its diagnosis.
 
-    orders: the theoretical orders of the methods. Motions of trees have no diagnosis.
+    orders: the theoretical orders of the methods.
     """
     rows = list(method_rows)
-    problems = [problem for problem in problems if isinstance(problem.scenario, Scenario)]
+    of_bodies = [problem for problem in problems if isinstance(problem.scenario, Scenario)]
     wrong, maps = wrong_verdicts(rows), _fingerprints(rows)
     by_method = cases_by_method(cases)
     known: dict[MethodKey, list[tuple[str, ...]]] = {}
@@ -161,7 +170,7 @@ def explained_cases(
             certain.setdefault(one.key, []).append(one.diagnosis.fault_names)
     separated = [_separated(one, certain.get(one.key, ())) for one in found]
     diagnoses = {(one.problem.scenario.name, one.key): one.diagnosis for one in separated}
-    return [_tested(one, problems, by_method, diagnoses) for one in separated]
+    return [_tested(one, of_bodies, by_method, diagnoses) for one in separated]
 
 
 def _fingerprints(method_rows: Iterable[Mapping[str, Any]]) -> dict[MethodKey, str]:
@@ -191,7 +200,7 @@ def _tested(
     It is marked if all are refuted.
     """
     found = one.diagnosis
-    if found is None or found.verdict != "explained":
+    if found is None or found.verdict != "explained" or not found.fits:
         return one
     refuted_by = [
         next(_refuting(fit, BASES[found.base], one, problems, by_method, diagnoses), "") for fit in found.fits

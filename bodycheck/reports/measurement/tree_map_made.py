@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _TRANSITIONS = 3
 _SAME = 1e-12  # relative: two maps this near are one
-_MADE: dict[Precision, float] = {"float64": 1e-9, "float32": 2e-6, "mixed": 2e-6}
+MADE: dict[Precision, float] = {"float64": 1e-9, "float32": 2e-6, "mixed": 2e-6}
 """The largest distance of a map that is made: attitudes of some engines go through rotation vectors."""
 _FARTHER: dict[Precision, float] = {"float64": 1e3, "float32": 1e2, "mixed": 1e2}
 """How many times farther the next map must be."""
@@ -65,7 +65,7 @@ def made_map(
     nearest, *others = sorted(distances, key=lambda name: distances[name])
     # how attitudes are turned is no other map of the joints
     others = [name for name in others if name.partition(",")[0] != nearest.partition(",")[0]]
-    is_near = distances[nearest] <= _MADE[precision]
+    is_near = distances[nearest] <= MADE[precision]
     if not (is_near and distances[nearest] * _FARTHER[precision] <= distances[others[0]]):
         return {}
     return {MAP: nearest, DISTANCE: distances[nearest], NEXT: distances[others[0]]}

@@ -15,7 +15,7 @@ from bodycheck.reference_impl.pivot import rotational_inertia
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.render.body_surface import BodySurface, surface_of
+from bodycheck.reports.render.body_surface import DrawnBodies
 from bodycheck.reports.render.page.played_motions import shown_cases
 from bodycheck.reports.render.styles import COLOURS, engine_colour
 from bodycheck.reports.run_files.run_tables import Run, coarsest_shared_step
@@ -81,7 +81,7 @@ def draw_frames(page: Figure, problem: Problem, cases_drawn: Sequence[CaseResult
     """Draw each case at FRAMES times, one row per case, the truth as an outline."""
     truth = problem.truth.trajectory
     frames = np.linspace(0, problem.compared - 1, FRAMES).round().astype(np.intp)
-    surface = surface_of(problem.of_body.body)
+    drawn = DrawnBodies.of(problem.scenario, truth)
     page.set_figheight(_ROW_IN * len(cases_drawn) + 0.4)
     for row, case in enumerate(cases_drawn):
         if case.trajectory is None:
@@ -89,27 +89,27 @@ def draw_frames(page: Figure, problem: Problem, cases_drawn: Sequence[CaseResult
         for column, k in enumerate(frames):
             axes: Any = page.add_subplot(len(cases_drawn), FRAMES, row * FRAMES + column + 1, projection="3d")
             colour = COLOURS[engine_colour(case.columns["engine"])]
-            draw_body(axes, surface, truth.rotation_matrices[k], GHOST, 0.0, 0.0)
-            draw_body(axes, surface, case.trajectory.rotation_matrices[k], colour, 0.3, 0.7)
+            draw_bodies(axes, drawn, truth, k, GHOST, 0.0, 0.0)
+            draw_bodies(axes, drawn, case.trajectory, k, colour, 0.3, 0.7)
             time = f"{number(float(truth.t_s[k]), 3)} s"
             bare_axes(axes, 0.75, time)
             if column == 0:
                 axes.set_title(method_name(case), fontsize=6, loc="left")
 
 
-def draw_body(
-    axes: Any, surface: BodySurface, rotation: Array, colour: str, opacity: float, marked: float
+def draw_bodies(
+    axes: Any, drawn: DrawnBodies, motion: Trajectory, k: int, colour: str, opacity: float, marked: float
 ) -> Any:
-    """Draw a body at a rotation (3, 3) and return it; its marked faces have the opacity `marked`."""
+    """Draw the bodies at sample k and return them; their marked faces have the opacity `marked`."""
     from matplotlib.colors import to_rgba
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
-    opacities = (marked if k in surface.marked else opacity for k in range(len(surface.faces)))
+    opacities = [marked if is_marked else opacity for is_marked in drawn.marked]
     body = Poly3DCollection(
-        surface.polygons(rotation),
+        drawn.polygons(motion, k),
         facecolors=[to_rgba(colour, own) for own in opacities],
         edgecolors=colour,
-        linewidths=0.6 if len(surface.faces) <= _FEW_FACES else 0.1,
+        linewidths=0.6 if len(opacities) <= _FEW_FACES * len(drawn.surfaces) else 0.1,
     )
     axes.add_collection3d(body)
     return body

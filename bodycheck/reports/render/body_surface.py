@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,9 +14,13 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.scene import RigidBody
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.trees.tree_scene import TreeBody, TreeScene
 from bodycheck.scenarios.body import Body, MeshBody, ShapeBody
 from bodycheck.scenarios.mass_properties.solid import Triangles
 from bodycheck.scenarios.mesh_files.decimation import read_obj_text
+from bodycheck.scenarios.model import Scenario
+from bodycheck.scenarios.reader import AnyScenario
 from bodycheck.scenarios.shapes import UNITS
 
 REACH = 0.9
@@ -27,7 +32,7 @@ AROUND = 24
 _THINNEST = 0.06  # of the longest edge: a plate without thickness would be invisible from its side
 _COPLANAR = 1e-6  # largest 1 - |n . n'| of two faces that are one polygon
 _FACING = 0.9  # least component of the normal of a marked face along the axis of the largest moment
-_BOX_FACES = ((0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5))
+BOX_FACES = ((0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5))
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,10 +71,10 @@ def surface_of(body: Body) -> BodySurface:
             return _scaled(vertices, faces, facing, f"the mesh {body.mesh.name}")
         case ShapeBody(shape="box"):
             vertices = 0.5 * _SIGNS * np.array(body.size_m)
-            return _scaled(vertices, _BOX_FACES, (1,), "a box")
+            return _scaled(vertices, BOX_FACES, (1,), "a box")
         case ShapeBody():
             return _of_revolution(body.shape, body.size_m)
-    return BodySurface(box_corners(rigid), _BOX_FACES, frozenset((1,)), "a box of the same inertia")
+    return BodySurface(box_corners(rigid), BOX_FACES, frozenset((1,)), "a box of the same inertia")
 
 
 def _scaled(
@@ -80,6 +85,57 @@ def _scaled(
 
 
 _SIGNS = np.array([[2.0 * (k >> i & 1) - 1.0 for i in range(3)] for k in range(8)])
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnBodies:
+    """What a motion is drawn with: the surface of each body, and where a picture that reaches 1 is centred.
+
+    scale: of places in m; 0 for one body, whose rotation alone is drawn.
+    """
+
+    surfaces: tuple[BodySurface, ...]
+    middle: Array
+    scale: float
+
+    @classmethod
+    def of(cls, scenario: AnyScenario, truth: Trajectory) -> DrawnBodies:
+        """Return the surface of a body, or the boxes of the bodies of a tree, to scale."""
+        scene = scenario.scene
+        if not isinstance(scene, TreeScene):
+            assert isinstance(scenario, Scenario)
+            return cls((surface_of(scenario.body),), np.zeros(3), 0.0)
+        places = truth.position_m
+        middle = 0.5 * (places.max(axis=(0, 1)) + places.min(axis=(0, 1)))
+        boxes = [tree_box(body) for body in scene.bodies]
+        sizes = [float(np.max(np.linalg.norm(box, axis=1))) for box in boxes]
+        reach = float(np.max(np.linalg.norm(places - middle, axis=-1).max(axis=0) + sizes))
+        surfaces = (BodySurface(box / reach, BOX_FACES, frozenset((1,)), "a box") for box in boxes)
+        return cls(tuple(surfaces), middle, 1.0 / reach)
+
+    @property
+    def marked(self) -> list[bool]:
+        """Whether each face of all bodies is marked."""
+        return [k in one.marked for one in self.surfaces for k in range(len(one.faces))]
+
+    def polygons(self, motion: Trajectory, k: int) -> list[Array]:
+        """Return the corners (m, 3) of all faces at sample k."""
+        if not self.scale:
+            return self.surfaces[0].polygons(motion.rotation_matrices[k])
+        places = self.scale * (motion.position_m[k] - self.middle)
+        parts = zip(self.surfaces, motion.rotation_matrices[k], places, strict=True)
+        return [corners + x for one, R, x in parts for corners in one.polygons(R)]
+
+
+def tree_box(body: TreeBody) -> Array:
+    """Return the corners (8, 3) of the box of uniform density with this inertia, in m, body axes.
+
+    Sum of the squares of its edges = 6 tr I / m. A body without mass has none: its corners are 0.
+    """
+    if not body.mass:
+        return np.zeros((8, 3))
+    corners = box_corners(RigidBody(body.mass, body.inertia))
+    return np.asarray(corners * math.sqrt(1.5 * float(np.trace(body.inertia)) / body.mass) / REACH)
 
 
 def box_corners(body: RigidBody) -> Array:

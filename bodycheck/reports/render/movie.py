@@ -12,6 +12,8 @@ import numpy as np
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.formatting import number, step
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS
 from bodycheck.reports.measurement.measures import ORIENTATION
@@ -19,11 +21,11 @@ from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.render.body_figures import (
     GHOST,
     bare_axes,
-    draw_body,
+    draw_bodies,
     draw_frames,
     method_name,
 )
-from bodycheck.reports.render.body_surface import surface_of
+from bodycheck.reports.render.body_surface import DrawnBodies
 from bodycheck.reports.render.figures import WIDTHS_IN, check_drawable, figure_bytes, rendering
 from bodycheck.reports.render.page.played_motions import shown_cases
 from bodycheck.reports.render.styles import COLOURS, engine_colour, merged
@@ -142,30 +144,32 @@ def _panels(page: Figure, problem: Problem, cases: Sequence[CaseResult]) -> Call
     rows, columns = -(-len(cases) // _MAX_IN_ROW), min(len(cases), _MAX_IN_ROW)
     page.set_size_inches(*_SIZE_IN)
     page.subplots_adjust(left=0.0, right=1.0, bottom=0.05, top=0.84, wspace=0.0)
-    surface, truth = surface_of(problem.of_body.body), problem.truth.trajectory
+    truth = problem.truth.trajectory
+    drawn = DrawnBodies.of(problem.scenario, truth)
     title = page.suptitle("", fontsize=9)
     momentum = _momentum(problem)
     arrow = "" if momentum is None else "; arrow: angular momentum"
-    bodies: list[tuple[Any, Any]] = []
+    bodies: list[tuple[Any, Trajectory]] = []
     labels: list[Any] = []
     for index, case in enumerate(cases):
         axes: Any = page.add_subplot(rows, columns, index + 1, projection="3d")
         axes.computed_zorder = False  # the order of distances, which changes while two bodies turn
-        ghost = draw_body(axes, surface, np.eye(3), GHOST, 0.05, 0.3)
-        body = draw_body(axes, surface, np.eye(3), COLOURS[engine_colour(case.columns["engine"])], 0.25, 0.85)
+        assert case.trajectory is not None
+        colour = COLOURS[engine_colour(case.columns["engine"])]
+        ghost = draw_bodies(axes, drawn, truth, 0, GHOST, 0.05, 0.3)
+        body = draw_bodies(axes, drawn, case.trajectory, 0, colour, 0.25, 0.85)
         if momentum is not None:
             axes.quiver(0.0, 0.0, 0.0, *momentum, color="black", linewidth=0.8, arrow_length_ratio=0.1)
         bare_axes(axes, 0.75, names[method_name(case)], fontsize=8)
-        assert case.trajectory is not None
-        bodies += [(ghost, truth.rotation_matrices), (body, case.trajectory.rotation_matrices)]
+        bodies += [(ghost, truth), (body, case.trajectory)]
         labels.append(axes.text2D(0.5, 0.0, "", fontsize=8, ha="center", transform=axes.transAxes))
 
     def show(k: int) -> None:
         title.set_text(
             f"{problem.scenario.name}, dt {step(cases[0].dt_s)} s: t = {truth.t_s[k]:.2f} s{arrow}"
         )
-        for body, rotations in bodies:
-            body.set_verts(surface.polygons(rotations[k]))
+        for body, motion in bodies:
+            body.set_verts(drawn.polygons(motion, k))
         for text, case in zip(labels, cases, strict=True):
             error = float(case.series[ORIENTATION][k])
             error_text = number(error, 2) if error > problem.truth.bound_rad[k] else "0"
@@ -189,8 +193,8 @@ def _names_of_equal(problem: Problem, cases: Sequence[CaseResult]) -> dict[str, 
 
 def _momentum(problem: Problem) -> Array | None:
     """Return an arrow along the angular momentum, (3,) in world axes; None where it is not constant."""
-    scene = problem.of_body.scene
-    if not scene.is_free_rotation:
+    scene = problem.scenario.scene
+    if isinstance(scene, TreeScene) or not scene.is_free_rotation:
         return None
     momentum = problem.motion.angular_momentum[0]
     size = float(np.linalg.norm(momentum))

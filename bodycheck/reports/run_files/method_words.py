@@ -24,9 +24,17 @@ LawName: TypeAlias = Literal[
     "split",
     "repeat",
     "replay",
+    "tree-rotate",
+    "tree-boost",
+    "tree-shift",
+    "tree-order",
+    "tree-flip",
+    "tree-zero",
+    "tree-root",
+    "tree-repeat",
 ]
 LAW_NAMES: tuple[LawName, ...] = get_args(LawName)
-"""In the order of `examine/probes/laws.py`, which has what each law requires."""
+"""In the order of `examine/probes/laws.py` and `tree_laws.py`, which have what each law requires."""
 REPLAY: LawName = "replay"
 
 SAME_BITS, OTHER_BITS = "same bits", "other bits"

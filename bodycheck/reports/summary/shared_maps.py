@@ -12,6 +12,7 @@ from bodycheck.reports.run_files.run_tables import Tables, cases_by_method, coar
 
 _ERRORS = ("joint_error_rad", "joint_error_m", "orientation_error_rad")
 _LOST = 1.0  # rad or m: an error beyond which nothing of the truth is left
+_OF_ONE_BODY = ("M1", "M2")  # maps of which trees have their own
 _FEWEST = 2  # methods, and engines, of which it says anything that they agree
 
 
@@ -23,10 +24,27 @@ def shared_maps(run: Tables) -> list[str]:
     """
     found = sorted(_shared(run), key=lambda one: (one.error > _LOST, not one.is_free, -one.error))
     if not found:
-        return []
+        return list(_of_trees_alone(run))
     others = [name for name in dict.fromkeys(one.scenario for one in found) if name != found[0].scenario]
     rest = [f"The same holds for the maps of engines in {names(others)}."] if others else []
-    return [found[0].sentence, *rest]
+    return [found[0].sentence, *rest, *_of_trees_alone(run)]
+
+
+def _of_trees_alone(run: Tables) -> Iterator[str]:
+    """Yield which methods make another map of trees than of one body, where both are known."""
+    from bodycheck.reference_impl.one_step_maps.tree_maps import TREE_MAPS
+
+    known = {key_of(row): row["fingerprint"] for row in run.rows("fingerprints")}
+    other: dict[str, list[str]] = {}
+    for case in run.cases:
+        made = str(case.columns.get(MAP, "")).partition(",")[0]
+        lone = known.get(key_of(case.columns))
+        if made and lone in _OF_ONE_BODY and lone != TREE_MAPS[made].one_body:
+            methods = other.setdefault(f"{lone} of one body and {made} of trees", [])
+            methods.extend(name for name in [":".join(key_of(case.columns))] if name not in methods)
+    if other:
+        texts = (f"{names(methods)} ({maps})" for maps, methods in other.items())
+        yield f"Another map of trees than of one body: {'; '.join(texts)}."
 
 
 @dataclass(frozen=True)

@@ -29,15 +29,32 @@ function unpacked(stored, truth, moments) {
   return track;
 }
 
+// A track of a tree: the states of each body, with its places.
+const treeTrack = stored => ({
+  ...stored,
+  bodies: stored.bodies.map(({ q, omega, x }) => ({ q: rows(q, 4, 1), omega: rows(omega, 3, stored.fastest), x: rows(x, 3, stored.far) })),
+});
+
+const named = (stored, t) => ({
+  name: methods[stored.m].name + (stored.dt === null ? "" : `, dt ${stored.dt} s`),
+  error: typeof stored.error === "number" ? t.map(() => stored.error) : lineValues(stored.error),
+});
+
+function preparedTree(data) {
+  const tracks = data.tracks.map(stored => ({ ...treeTrack(stored), ...named(stored, data.t) }));
+  const surfaces = data.parts.map(part => ({ ...surfaceOf(part), sticks: part.sticks }));
+  return { ...data, surfaces, truth: { ...treeTrack(data.truth), name: "truth" }, tracks, world: camera([0, 0, 1]), inside: camera([0, 0, 1]) };
+}
+
 function prepared(data) {
+  if (data.parts) return preparedTree(data);
   const { moments, t } = data;
   const truth = { ...unpacked(data.truth, null, moments), name: "truth" };
   const momenta = truth.q.map((q, k) => momentum({ q, omega: truth.omega[k] }, moments));
   const largest = momenta.reduce((most, L) => (Math.hypot(...L) > Math.hypot(...most) ? L : most));
   const tracks = data.tracks.map(stored => ({
     ...unpacked(stored, truth, moments),
-    name: methods[stored.m].name + (stored.dt === null ? "" : `, dt ${stored.dt} s`),
-    error: typeof stored.error === "number" ? t.map(() => stored.error) : lineValues(stored.error),
+    ...named(stored, t),
   }));
   const ahead = truth.polhode.find(w => Math.hypot(...w) > 0) ?? [1, 1, 1];
   const side = [ahead[0] < 0 ? -0.7 : 0.7, ahead[1] < 0 ? -1 : 1, 0]; // so that the polhode begins in front
@@ -56,6 +73,62 @@ function sectionsOf(semiaxes) {
   }));
 }
 
+// Each body of a tree at a time, farthest from the eye first: its surface and sticks, moved into place.
+function posedTree(motion, track, t) {
+  const { surfaces, middle, world: [, , eye] } = motion;
+  return surfaces.map((surface, k) => {
+    const part = track.bodies[k];
+    const { q } = stateAt(part, motion.t, t);
+    const n = Math.min(Math.max(motion.t.findLastIndex(sample => sample <= t), 0), motion.t.length - 2);
+    const share = Math.min(Math.max((t - motion.t[n]) / (motion.t[n + 1] - motion.t[n]), 0), 1);
+    const x = added(added(scaled(part.x[n], 1 - share), scaled(part.x[n + 1], share)), scaled(middle, -1));
+    const there = posed(surface, q);
+    const sticks = allTurned(q, surface.sticks).map(end => [x, added(x, end)]);
+    return { ...there, corners: there.corners.map(corner => added(corner, x)), sticks, depth: dot(x, eye) };
+  }).sort((a, b) => a.depth - b.depth);
+}
+
+// The coordinates of the joints over time, up to now, one strip each, the truth in grey.
+function drawJoints(context, motion, track, size, now) {
+  const all = motion.joints.length;
+  motion.joints.forEach((name, k) => {
+    const [top, high] = [size + (size * k) / all, size / all];
+    const values = [...motion.truth.joints[k], ...(track.joints[k] ?? [])];
+    const [low, most] = [Math.min(...values), Math.max(...values)];
+    const place = (value, n) => [(size * motion.t[n]) / motion.t.at(-1), top + high * (0.9 - (0.65 * (value - low)) / (most - low || 1))];
+    const curve = (line, ink, width) => {
+      context.beginPath();
+      line.forEach((value, n) => context[n ? "lineTo" : "moveTo"](...place(value, n)));
+      context.setLineDash([]);
+      context.strokeStyle = ink;
+      context.lineWidth = width;
+      context.stroke();
+    };
+    curve(motion.truth.joints[k], colour("--trace"), 3);
+    if (track.joints[k]) curve(track.joints[k].slice(0, now), track === motion.truth ? colour("--ink") : engineColour(track.m), 1.5);
+    context.fillStyle = colour("--ink");
+    context.font = "11px sans-serif";
+    context.fillText(`${name.replace(/\.(\w+)$/, ", $1")}: ${short(low, 3)} to ${short(most, 3)}`, 4, top + 12);
+  });
+}
+
+function drawTree(context, motion, track, size, t) {
+  const { truth } = motion;
+  const [ink, faint] = [track === truth ? colour("--ink") : engineColour(track.m), colour("--trace")];
+  const world = new View(context, motion.world, size, 0, motion.reach);
+  for (const part of posedTree(motion, track, t)) {
+    for (const stick of part.sticks) world.line(stick, ink, 3);
+    world.body(part, { paper: colour("--paper"), ink, edge: ink });
+  }
+  if (track !== truth) {
+    for (const part of posedTree(motion, truth, t)) {
+      world.ghost(part, faint);
+      for (const stick of part.sticks) world.line(stick, faint, 1.25, [4, 3]);
+    }
+  }
+  drawJoints(context, motion, track, size, motion.t.findLastIndex(sample => sample <= t) + 1);
+}
+
 function drawTrack(canvas, motion, track, t) {
   const context = canvas.getContext("2d");
   const size = canvas.clientWidth;
@@ -63,6 +136,10 @@ function drawTrack(canvas, motion, track, t) {
   canvas.width = size * ratio;
   canvas.height = 2 * size * ratio;
   context.scale(ratio, ratio);
+  if (motion.parts) {
+    drawTree(context, motion, track, size, t);
+    return;
+  }
   const { truth, moments, semiaxes } = motion;
   const ink = track === truth ? colour("--ink") : engineColour(track.m);
   const faint = colour("--trace");

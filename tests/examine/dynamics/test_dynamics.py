@@ -14,10 +14,12 @@ from bodycheck.adapters.workers.tree_readings import without_loads
 from bodycheck.examine.dynamics.batch_dynamics import batch_dynamics
 from bodycheck.examine.dynamics.tree_case import TreeCase, TreeState
 from bodycheck.examine.dynamics.tree_faults import TREE_FAULTS, TreeFault
+from bodycheck.examine.dynamics.tree_flow import TreeFlow, TreeHypothesis
+from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.loads.kinds.torque import Torque
 from bodycheck.reference_impl.trees.random_trees import random_state, random_tree
 from bodycheck.reference_impl.trees.tree_dynamics import TreeDynamics, tree_dynamics
-from bodycheck.reference_impl.trees.tree_scene import BodyLoad
+from bodycheck.reference_impl.trees.tree_scene import BodyLoad, TreeScene
 from bodycheck.runs.dynamics_run import DynamicsOptions, dynamics
 from tests.helpers.faulty_tree_models import PLANTED, FaultyTrees, PlantedTreeFault
 from tests.helpers.in_process_cli import run_bodycheck
@@ -103,7 +105,20 @@ def test_each_fault_changes_each_of_its_readings_somewhere(fault: TreeFault) -> 
         faulty = fault.plant(case, bodies, values)
         if any(case.deviation(reading, faulty(reading)) > 1e-6 for reading in fault.readings):
             return
+        if not fault.readings and _moves_otherwise(fault, random_tree(rng, 4, loads=True), values):
+            return
     pytest.fail("no tree shows it")
+
+
+def _moves_otherwise(fault: TreeFault, scene: TreeScene, values: Array) -> bool:
+    """Whether a fault that no reading shows changes the first steps."""
+    bodies = tuple(fault.bodies(scene)) if fault.bodies else ()
+    models = TreeHypothesis(scene), TreeHypothesis(scene)
+    assert fault.moves is not None
+    fault.moves(models[1], bodies, values)
+    states = np.tile(scene.q0, (2, 1)), np.tile(scene.u0, (2, 1))
+    q, u = TreeFlow(models, "M1", np.zeros(2), 1e-2).advance(*states, 3)
+    return float(np.max(np.abs(q[1] - q[0])) + np.max(np.abs(u[1] - u[0]))) > 1e-9
 
 
 def test_command_answers_first_and_as_json(tmp_path: Path) -> None:

@@ -13,10 +13,11 @@ from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.pivot import rotational_inertia
 from bodycheck.reference_impl.rotations import matrix_to_quaternion
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.render.body_surface import surface_of
+from bodycheck.reports.render.body_surface import BOX_FACES, surface_of, tree_box
 from bodycheck.reports.render.page.downsampling import packed_fractions, packed_line
 from bodycheck.reports.run_files.run_tables import MethodKey, coarsest_shared_step, common_step, key_of
 from bodycheck.scenarios.body import Body
@@ -57,6 +58,8 @@ def played_motions(
     of cases.
     """
     shown = played[:most]
+    if isinstance(problem.scenario.scene, TreeScene):
+        return _tree_view(problem, problem.scenario.scene, played, shown, numbers, at_s)
     inertia = rotational_inertia(problem.of_body.scene)
     moments, axes = diagonalised(inertia)
     frames = frame_numbers(problem.compared)
@@ -140,4 +143,93 @@ def _body(body: Body, axes: Array) -> dict[str, Any]:
         "vertices": [[round(x, 4) for x in vertex] for vertex in (surface.vertices @ axes).tolist()],
         "faces": surface.faces,
         "marked": sorted(surface.marked),
+    }
+
+
+def _tree_view(
+    problem: Problem,
+    scene: TreeScene,
+    played: Sequence[CaseResult],
+    shown: Sequence[CaseResult],
+    numbers: Mapping[MethodKey, int],
+    at_s: float | None,
+) -> dict[str, Any]:
+    """Return the same of a tree: its bodies, and the motions and joint coordinates of all of them."""
+    frames = frame_numbers(problem.compared)
+    true = problem.truth.trajectory.position_m[frames]
+    parts = _parts(scene)
+    size = max(float(np.max(np.abs(part["vertices"]))) for part in parts)
+    middle = 0.5 * (true.max(axis=(0, 1)) + true.min(axis=(0, 1)))
+    return {
+        "dt": at_s,
+        "t": [float(f"{t:.6g}") for t in problem.times[frames]],
+        "body": {"name": f"the tree {problem.scenario.name}"},
+        "parts": parts,
+        "middle": middle.tolist(),
+        "reach": float(np.max(np.linalg.norm(true - middle, axis=-1))) + size,
+        "joints": [f"{body}.{unit}" for body, unit, _ in _joint_places(scene)],
+        "truth": _tree_track(scene, problem.truth.trajectory, frames),
+        "tracks": [
+            {
+                "m": numbers[key_of(case.columns)],
+                "dt": case.dt_s,
+                "error": packed_line(case.series[ORIENTATION][frames]),
+                **_tree_track(scene, case.trajectory, frames),
+            }
+            for case in shown
+            if case.trajectory is not None
+        ],
+        "panels": 1 + len({case.columns["engine"] for case in shown}),
+        "left_out": max(len(played) - len(shown), 0),
+    }
+
+
+def _parts(scene: TreeScene) -> list[dict[str, Any]]:
+    """Return the box of each body in its axes, in m, and the lines from its centre of mass to its joints."""
+    found = []
+    for k, body in enumerate(scene.bodies):
+        points = [] if body.joint.kind == "free" else [body.joint.at_body]
+        points += [other.joint.at_parent for other in scene.bodies if other.joint.parent == k]
+        found.append(
+            {
+                "vertices": np.round(tree_box(body), 5).tolist(),
+                "faces": BOX_FACES,
+                "marked": [1],
+                "sticks": [np.round(point, 5).tolist() for point in points],
+            }
+        )
+    return found
+
+
+def _joint_places(scene: TreeScene) -> list[tuple[str, str, int]]:
+    """Return body, unit and place in q of each joint with one coordinate."""
+    return [
+        (body.name, "m" if body.joint.kind == "slide" else "rad", place.start)
+        for body, place in zip(scene.bodies, scene.coordinate_slices, strict=True)
+        if body.joint.of_kind.is_scalar
+    ]
+
+
+def _tree_track(
+    scene: TreeScene, trajectory: Trajectory, frames: np.ndarray[tuple[int], np.dtype[np.intp]]
+) -> dict[str, Any]:
+    """Return the motion of each body as for one, with places x (n, 3), and the coordinates of joints (n,)."""
+    quaternions, places = trajectory.attitude[frames], trajectory.position_m[frames]
+    omega = trajectory.omega_body[frames]
+    far, fastest = (max(float(np.abs(values).max()), 1e-9) for values in (places, omega))
+    coordinates = (
+        [] if trajectory.q is None else [trajectory.q[frames, at] for *_, at in _joint_places(scene)]
+    )
+    return {
+        "far": far,
+        "fastest": fastest,
+        "bodies": [
+            {
+                "q": packed_fractions(quaternions[:, k]),
+                "omega": packed_fractions(omega[:, k], fastest),
+                "x": packed_fractions(places[:, k], far),
+            }
+            for k in range(len(scene.bodies))
+        ],
+        "joints": [[float(f"{value:.4g}") for value in one] for one in coordinates],
     }

@@ -456,6 +456,6 @@ def _section(
         plots=plot_data(problem, all_cases, rows, drawn, at_s, with_drifts=tracks > 0),
         cheapest={error: cheapest_cases(problem, sequences, error) for error in ERRORS},
         motion=motion_view(problem, all_cases, {key: style.number for key, style in drawn.items()}, tracks)
-        if tracks and isinstance(problem.scenario, Scenario)
+        if tracks
         else None,
     )

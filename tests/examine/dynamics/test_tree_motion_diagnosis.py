@@ -1,0 +1,82 @@
+"""The motion of a tree names its map, and the fault that an engine has, with its parameters."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodycheck.adapters.dart import Dart
+from bodycheck.adapters.mujoco import MuJoCo
+from bodycheck.examine.dynamics.tree_flow import TreeFlow, TreeHypothesis, gaps
+from bodycheck.reference_impl.one_step_maps.tree_maps import TREE_MAPS
+from bodycheck.reference_impl.trees.random_trees import random_tree
+from bodycheck.scenarios.library import load_trees
+from tests.helpers.faulty_tree_motions import (
+    FAULTS,
+    TREES,
+    MotionFault,
+    diagnosed_fault,
+    diagnosed_motion,
+    is_named,
+    loaded_tree,
+)
+from tests.helpers.in_process_cli import run_bodycheck
+
+_QUICK = ("damping-of-all", "point-in-child", "no-coriolis", "base-point", "load-late")
+
+
+@pytest.mark.parametrize("name", TREE_MAPS)
+def test_hypotheses_move_as_the_maps_of_the_catalogue(name: str) -> None:
+    """Four steps of random trees with loads, springs and dampers are those of the kernel."""
+    for seed in range(3):
+        scene = random_tree(np.random.default_rng([seed, 3]), 4, loads=True)
+        right = TREE_MAPS[name].step(scene, 0.0, scene.q0, scene.u0, 2e-3, 4)
+        flow = TreeFlow([TreeHypothesis(scene)], name, np.zeros(1), 2e-3)
+        made = flow.advance(scene.q0[None].copy(), scene.u0[None].copy(), 4)
+        left = gaps(scene, (right[0][None], right[1][None]), made, np.ones(3))
+        assert np.max(np.abs(left)) < 1e-12
+
+
+@pytest.mark.parametrize("fault", [one for one in FAULTS if one.name in _QUICK], ids=lambda one: one.name)
+def test_fault_of_a_moving_tree_is_named(fault: MotionFault) -> None:
+    """A fault planted in MuJoCo stands first, with its parameters within 5 %."""
+    assert is_named(fault, diagnosed_fault(fault, "free-chain"))
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("tree", TREES)
+@pytest.mark.parametrize("fault", [one for one in FAULTS if one.name not in _QUICK], ids=lambda one: one.name)
+def test_each_fault_of_a_moving_tree_is_named(fault: MotionFault, tree: str) -> None:
+    """The same of the others, on three trees."""
+    if loaded_tree(tree).bodies[-1].joint.kind in fault.kinds:
+        assert is_named(fault, diagnosed_fault(fault, tree))
+
+
+@pytest.mark.parametrize(
+    ("method", "base", "order"), [("euler", "M1d", 1), ("implicit", "M2", 1), ("rk4", "RK4", 4)]
+)
+def test_healthy_method_has_no_fault(method: str, base: str, order: int) -> None:
+    """The motion of each map is named as that map, on a tree with dampers and loads."""
+    found = diagnosed_motion(MuJoCo(), loaded_tree("quadruped"), method, 5e-3, order)
+    assert found is not None
+    assert (found.verdict, found.base) == ("healthy", base)
+
+
+def test_a_map_of_lower_order_than_the_method_states_is_named() -> None:
+    """A method that states order 4 and makes M1 is of lower order, not faulty."""
+    ((_, tree),) = load_trees("free-chain")
+    found = diagnosed_motion(Dart(), tree.scene, "semi-implicit", 5e-3, 4)
+    assert found is not None
+    assert (found.verdict, found.base) == ("lower-order", "M1")
+
+
+def test_explain_names_the_map_of_a_tree(tmp_path: Path) -> None:
+    """`explain --case` of a tree examines its motion."""
+    run_bodycheck(
+        tmp_path, "run", "free-chain", "--engine", "dart", "--dt", "0.01", "--no-speed", "--out", "r"
+    )
+    shown = run_bodycheck(tmp_path, "explain", "r", "--case", "free-chain")
+    assert shown.returncode == 0
+    assert "M1 of trees" in shown.stdout
