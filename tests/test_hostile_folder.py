@@ -102,6 +102,7 @@ COMMANDS: dict[str, list[str]] = {
     "list": ["list", "methods"],
     "audit": ["audit", "part.urdf"],
     "dynamics": ["dynamics", "mujoco", "cart-pole"],
+    "gradients": ["gradients", "reference:euler"],
     "compare": ["compare", "made/run", "made/run", "--html", "made/compare.html"],
     "advise": ["advise", "--run", "made/run", "--error", "1e-9", "--search"],
     "report": ["report", "made/run", "--markdown", "made/report.md"],

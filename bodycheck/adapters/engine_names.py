@@ -1,8 +1,8 @@
 """The names of engines: NAME, NAME==VERSION, cmd:COMMAND, each with or without a method.
 
 NAME==VERSION is an engine in a pinned version, in pip's notation. `cmd:COMMAND` is a program in any language,
-which speaks the worker protocol (docs/workers.md). A shorter name of a program is defined in the file of the
-option --engines:
+which speaks the worker protocol (docs/workers.md), and is known by the name that it announces. The file of
+the option --engines defines other names of programs:
 
     [engines.rapier]
     command = ["node", "rapier.mjs"]
@@ -14,7 +14,8 @@ from __future__ import annotations
 import re
 import shlex
 import shutil
-from collections.abc import Collection, Iterable
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -25,7 +26,14 @@ from bodycheck._util.code_gate import check_code
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import suggestion
 from bodycheck._util.untrusted import parse_toml, read_text
-from bodycheck.adapters.registry import distribution_of, engine_names, program_of, register_program
+from bodycheck.adapters.registry import (
+    distribution_of,
+    engine_names,
+    program_of,
+    register_announced,
+    register_program,
+    requested_name,
+)
 from bodycheck.scenarios.reader import fault_lines
 
 _COMMAND, _METHOD = "cmd:", "::"
@@ -41,12 +49,15 @@ class Program(BaseModel):
     environment: dict[str, str] = Field(default_factory=dict)
 
 
+_SHORT_NAME = r"[A-Za-z0-9_.-]{1,60}"
+
+
 class ProgramsFile(BaseModel):
     """The file of --engines."""
 
     model_config = ConfigDict(extra="forbid")
 
-    engines: dict[Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,60}$")], Program]
+    engines: dict[Annotated[str, Field(pattern=rf"^{_SHORT_NAME}$")], Program]
 
 
 def admit_file(path: Path, *, allow_code: bool) -> None:
@@ -96,6 +107,24 @@ def is_program(engine: str) -> bool:
     return is_command(engine) or program_of(engine) is not None
 
 
+def announced_names(announced: Mapping[str, str]) -> dict[str, str]:
+    """Return cmd:COMMAND -> name for the programs that are from now on known by the name that they announced.
+
+    announced: cmd:COMMAND -> that name. A name that is not short, or that another engine or several programs
+    have, stays with the command.
+    """
+    times, others = Counter(announced.values()), set(engine_names())
+    found = {
+        command: name
+        for command, name in announced.items()
+        if re.fullmatch(_SHORT_NAME, name) and times[name] == 1 and name not in others
+        if program_of(name) is None or is_command(requested_name(name))
+    }
+    for command, name in found.items():
+        register_announced(name, command)
+    return found
+
+
 def split_method(name: str) -> tuple[str, str, str]:
     """Split NAME[==VERSION][:METHOD] or cmd:COMMAND[::METHOD] into engine, separator (or "") and method."""
     if is_command(name):
@@ -117,7 +146,8 @@ REFERENCE = "reference"
 
 def is_named(names: Collection[str], engine: str, method: str) -> bool:
     """Whether --engine names an engine, or one of its methods; no names are all of them."""
-    return not names or engine in names or with_method(engine, method) in names
+    known = [engine, requested_name(engine)]
+    return not names or any(name in names or with_method(name, method) in names for name in known)
 
 
 @dataclass(frozen=True)

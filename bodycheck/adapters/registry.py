@@ -57,7 +57,11 @@ _INSTALL = "pip install 'bodycheck[engines]'"
 _registered: dict[str, Adapter] = {}
 _programs: dict[str, tuple[Program, Path | None]] = {}
 """Name of an engine -> its program, which may be started, and the file that names it."""
+_commands: dict[str, str] = {}
+"""Name that a program announced -> cmd:COMMAND, as which it was requested."""
 
+
+_HELD: tuple[dict[str, Any], ...] = (_registered, _programs, _commands)
 
 _CONTRACT = ("name", "version", "methods", "unsupported", "build")
 
@@ -75,16 +79,15 @@ def register_adapter(adapter: Adapter) -> None:
 @contextmanager
 def registered(*adapters: Adapter) -> Iterator[None]:
     """Register engines for the duration of a with block; what is registered within it is removed too."""
-    adapters_before, programs_before = dict(_registered), dict(_programs)
+    before = [(held, dict(held)) for held in _HELD]
     try:
         for adapter in adapters:
             register_adapter(adapter)
         yield
     finally:
-        _registered.clear()
-        _registered.update(adapters_before)
-        _programs.clear()
-        _programs.update(programs_before)
+        for held, former in before:
+            held.clear()
+            held.update(former)
 
 
 def register_program(engine: str, program: Program, file: Path | None = None) -> None:
@@ -93,6 +96,22 @@ def register_program(engine: str, program: Program, file: Path | None = None) ->
     Only `engine_names`, which asks whether the code is allowed, and the run of another process call this.
     """
     _programs[engine] = program, file
+
+
+def register_announced(engine: str, command: str) -> None:
+    """Let the program that was requested as cmd:COMMAND also be known by the name that it announced.
+
+    A program that is only known from a stored run is not started by that name.
+    """
+    if engine not in engine_names():
+        _commands[engine] = command
+        if command in _programs:
+            _programs[engine] = _programs[command]
+
+
+def requested_name(engine: str) -> str:
+    """Return cmd:COMMAND of a program that is known by the name that it announced, else the name itself."""
+    return _commands.get(engine, engine)
 
 
 def program_of(engine: str) -> Program | None:

@@ -11,12 +11,16 @@ from bodycheck.cli.options import (
     MEASURE,
     AllowCode,
     EnginesFile,
+    HtmlFile,
     Json,
+    MarkdownFile,
     Quiet,
     TimeoutS,
     admit_engines,
+    check_files,
     complete_engines,
     described,
+    write_files,
 )
 from bodycheck.runs.request import TIMEOUT_S
 
@@ -146,6 +150,49 @@ def fingerprint(
     with status_line(f"comparing {engine} with known maps", quiet=quiet):
         rows = fingerprints(engine, timeout_s=timeout_s, all_loads=all_loads, allow_code=allow_code)
     answer(fingerprint_document(rows), rows, as_json=json)
+
+
+@identity_commands.command(
+    short_help="Compare the derivatives of a differentiable engine with exact ones.",
+    **described(MEASURE, "bodycheck gradients mjx:euler@float64", "bodycheck gradients newton,mjx"),
+)
+def gradients(
+    engine: _Engine,
+    html: HtmlFile = None,
+    markdown: MarkdownFile = None,
+    timeout_s: TimeoutS = TIMEOUT_S,
+    engines: EnginesFile = None,
+    allow_code: AllowCode = False,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Compare derivatives of a motion's end by moments of inertia and first omega with exact ones.
+
+    Three motions are differentiated by the engine itself, such as by jax.jacfwd or wp.Tape. A derivative is
+    right if differences of the engine's own motions agree with it; the distance to the exact derivative falls
+    with the step. A missing term or a wrong factor is named. The exit status is 1 if a derivative is wrong.
+    """
+    from bodycheck.reports import document
+    from bodycheck.reports.render.progress import status_line
+    from bodycheck.runs.gradients_run import gradients as computed
+    from bodycheck.runs.gradients_run import gradients_document
+
+    files = {"html": html, "markdown": markdown}
+    check_files(files)
+    admit_engines(engines, allow_code=allow_code)
+    with status_line(f"differentiating motions by {engine}", quiet=quiet):
+        found = computed(engine.split(","), timeout_s, allow_code=allow_code)
+    shown = gradients_document(found)
+    write_files(
+        files,
+        {
+            "html": lambda _: document.page(shown, "document.html"),
+            "markdown": lambda _: document.markdown(shown),
+        },
+    )
+    document.answer(shown, found, as_json=json)
+    if any(one.wrong for one in found):
+        raise typer.Exit(1)
 
 
 @identity_commands.command(

@@ -19,6 +19,7 @@ from bodycheck._util.pinned_libraries import cma
 from bodycheck._util.untrusted import shell_join
 from bodycheck.adapters.batches import BatchAnswer
 from bodycheck.adapters.engine_names import with_method
+from bodycheck.adapters.registry import requested_name
 from bodycheck.ensembles.ensemble_cases import ROTATION_MEASURES, BatchTruth, EnginePools, measured, truth_of
 from bodycheck.ensembles.ensemble_files import SCHEMA_VERSION
 from bodycheck.ensembles.ensemble_result import EnsembleRequest, Key
@@ -286,7 +287,9 @@ def _active(ensemble: Ensemble) -> list[int]:
 
 def command_of(result: HuntResult, scenario: Path) -> str:
     """Return the command that runs the worst start by the method, and by the other one if there is one."""
-    names = ",".join(with_method(engine.name, method.name) for engine, method, _ in result.keys)
+    names = ",".join(
+        with_method(requested_name(engine.name), method.name) for engine, method, _ in result.keys
+    )
     arguments = ["bodycheck", "run", str(scenario), "--engine", names]
     settings = [setting for _, _, setting in result.keys]
     steps = dict.fromkeys(repr(one.dt_s) for one in settings if one.dt_s is not None)

@@ -20,6 +20,7 @@ from bodycheck._util.files import write_file
 from bodycheck._util.formatting import number, suggestion, vector
 from bodycheck.adapters.contract import Method
 from bodycheck.adapters.engine_names import admit, is_named, with_method
+from bodycheck.adapters.registry import requested_name
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.case import CaseResult, measured_by, scenario_spec
 from bodycheck.reports.measurement.compared_motion import EnergyAndMomentum
@@ -413,16 +414,24 @@ def measure_steps(
     runs. Raises InputError where the run's engines are not available any more.
     """
     commands = {case.columns["scenario"]: case.columns["reproduce"] for case in run.cases}
-    engines = [with_method(*key) for key in dict.fromkeys(key for _, key in steps)]
+    known = run.manifest["engines"]
+    keys = dict.fromkeys(key for _, key in steps)
+    engines = [with_method(requested_name(engine), method) for engine, method in keys]
     admit(engines, allow_code=allow_code, file=file)
     selection = select((), engines)
-    for engine, _ in selection.methods:
-        before = run.manifest["engines"][engine.name]["version"]
+    # an earlier version of bodycheck stored the command of a program as its name
+    methods = tuple(
+        (engine if engine.name in known else replace(engine, name=requested_name(engine.name)), method)
+        for engine, method in selection.methods
+    )
+    for engine, _ in methods:
+        before = known[engine.name]["version"]
         if engine.version != before:
             raise InputError(f"{engine.name}: the run is of {before}, not of {engine.version}; run it again")
     stored = run.manifest["scenarios"]
     selection = replace(
         selection,
+        methods=methods,
         scenarios=tuple(
             (
                 scenario_spec(commands[name]) or name,

@@ -55,7 +55,7 @@ def dynamics(engine: str, specs: Sequence[str], options: DynamicsOptions) -> Eng
         raise InputError(found)
     with closing(EnginePool()) as pool:
         trees = [_read(pool, engine, case, options.timeout_s) for case in cases]
-    return engine_dynamics(engine, found.version, trees, options.seed)
+    return engine_dynamics(found.name, found.version, trees, options.seed)
 
 
 def _cases(specs: Sequence[str], options: DynamicsOptions) -> Iterator[TreeCase]:

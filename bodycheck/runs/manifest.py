@@ -17,6 +17,7 @@ from typing import Any
 from bodycheck._util.platform_identity import cpu_model
 from bodycheck._util.source_commit import source_commit
 from bodycheck.adapters.contract import Engine
+from bodycheck.adapters.registry import requested_name
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.runs.request import Request
 from bodycheck.runs.selection import Selection
@@ -44,7 +45,9 @@ def _engine(engine: Engine, cases: Sequence[CaseResult]) -> dict[str, Any]:
     """Return an engine's version and build as announced, and the builds that computed its cases."""
     columns = (case.columns for case in cases if case.columns["engine"] == engine.name)
     builds = sorted({row["build"] for row in columns if row.get("build")})
-    return {"version": engine.version, "build": asdict(engine.build), "builds": builds, "methods": {}}
+    found = {"version": engine.version, "build": asdict(engine.build), "builds": builds, "methods": {}}
+    command = requested_name(engine.name)
+    return found if command == engine.name else {**found, "command": command}
 
 
 def manifest_of(

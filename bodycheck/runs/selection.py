@@ -14,7 +14,7 @@ from bodycheck._util.formatting import suggestion
 from bodycheck._util.shard import Shard
 from bodycheck.adapters.contract import Engine, Method, Setting
 from bodycheck.adapters.engine_names import engine_fault, split_method
-from bodycheck.adapters.registry import default_engines, register_adapter, registered_adapter
+from bodycheck.adapters.registry import default_engines, register_adapter, registered_adapter, requested_name
 from bodycheck.adapters.step_function import StepModule
 from bodycheck.adapters.workers.engine_pool import Announcement, announcing
 from bodycheck.adapters.workers.launcher import RUN_PID
@@ -180,7 +180,9 @@ def _is_module(name: str) -> bool:
 def _with_off_centre_methods(selection: Selection, names: Sequence[tuple[str, str, str]]) -> Selection:
     """Add the variants of methods for links off the centre of mass, of engines requested as a whole."""
     complete = {name for name, colon, _ in names if not colon}
-    engines = {engine.name: engine for engine, _ in selection.methods if engine.name in complete}
+    engines = {
+        engine.name: engine for engine, _ in selection.methods if requested_name(engine.name) in complete
+    }
     present = {(engine.name, method.name) for engine, method in selection.methods}
     added = tuple(
         (engine, method)

@@ -17,8 +17,12 @@ import pytest
 import bodycheck
 from bodycheck._util.errors import InputError
 from bodycheck.adapters.engine_names import admit, admit_file, pin_of, split_method, with_method
-from bodycheck.adapters.registry import registered
 from bodycheck.examine.probes.adapter_checks import CHECKS
+from bodycheck.adapters.registry import program_of, registered, requested_name
+from bodycheck.adapters.workers.engine_pool import announced
+from bodycheck.reports.comparison.compare import paired_versions, renamed
+from bodycheck.reports.gates.gate import Gate
+from bodycheck.reports.run_files.run_reader import read_run
 from bodycheck.runs.engine_checks import check_adapter
 from bodycheck.runs.selection import select
 from tests.helpers.expected_messages import ExpectedMessage
@@ -201,6 +205,67 @@ def test_workers_of_the_docs_pass_the_checks_of_adapters(folder: Path) -> None:
     """The examples in C and JavaScript pass every check of what they do not refuse."""
     for program in (_compiled(folder), _javascript()):
         assert _passed_checks(program) == {check.name for check in CHECKS} - REFUSED_BY_A_SKELETON
+
+
+ANNOUNCED = """
+import json, sys
+method = dict(name="m", formula="", order=1, evaluations=1, torque="", conserves="", source="", control="dt",
+              changed_defaults=[], tolerances=[])
+limits = dict(message_bytes=10**6)
+print(json.dumps(dict(bodycheck=1, engine=sys.argv[1], version="1", methods=[method], limits=limits, build="",
+                      kind="plug-in")), flush=True)
+for line in sys.stdin:
+    print(json.dumps(dict(id=json.loads(line)["id"], outcome="unsupported", message="nothing")), flush=True)
+"""
+
+
+def test_a_program_has_the_name_that_it_announces(folder: Path) -> None:
+    """Tables have the name, commands the command, gates either; also once the run is read from its files."""
+    (folder / "worker.py").write_text(ANNOUNCED)
+    program = f"cmd:{sys.executable} worker.py own-engine"
+    run = bodycheck.run(["mine.toml"], engines=[program], dt_s=[0.02], speed=False)
+    bodycheck.write_run(run, folder / "out")
+    assert list(run.results["engine"]) == ["own-engine"]
+    assert set(run.manifest["engines"]) == {"own-engine"}
+    assert f"'{program}::m'" in run.results["reproduce"][0]
+    assert program_of("own-engine") is not None
+    for pattern in ("own-*", program):
+        gate = Gate(engine=pattern, measure="energy_drift", upper=1.0, reason="-")
+        assert gate.matches_engine("own-engine")
+
+
+def test_a_stored_run_knows_the_command_and_starts_nothing(folder: Path) -> None:
+    """The command of a program is read from the files of a run, by which it cannot be started."""
+    (folder / "worker.py").write_text(ANNOUNCED)
+    program = f"cmd:{sys.executable} worker.py own-engine"
+    with registered():
+        run = bodycheck.run(["mine.toml"], engines=[program], dt_s=[0.02], speed=False)
+        bodycheck.write_run(run, folder / "out")
+    assert requested_name("own-engine") == "own-engine"
+    read_run(folder / "out")
+    assert requested_name("own-engine") == program
+    assert program_of("own-engine") is None
+
+
+@pytest.mark.parametrize("names", [("own", "own"), ("mujoco", "own"), ("two words", "own")])
+def test_a_name_that_is_not_its_own_stays_the_command(names: tuple[str, str], folder: Path) -> None:
+    """Programs that announce one name, another engine's, or no short one are shown by their commands."""
+    (folder / "worker.py").write_text(ANNOUNCED)
+    programs = [f"cmd:{sys.executable} worker.py '{name}' {number}" for number, name in enumerate(names)]
+    admit(programs, allow_code=True)
+    found = announced(programs)
+    shown = [found[program].name for program in programs]  # type: ignore[union-attr]
+    assert shown[0] == programs[0]
+    assert shown[1] == (programs[1] if names[0] == names[1] else "own")
+
+
+def test_runs_of_earlier_versions_are_compared_under_the_announced_name(folder: Path) -> None:
+    """A run that has the command of a program as its name is paired with one that has the announced name."""
+    (folder / "worker.py").write_text(ANNOUNCED)
+    program = f"cmd:{sys.executable} worker.py own-engine"
+    new = bodycheck.run(["mine.toml"], engines=[program], dt_s=[0.02], speed=False)
+    before, after = paired_versions(renamed(new, {"own-engine": program}), new)
+    assert [case.columns["engine"] for case in (*before.cases, *after.cases)] == ["own-engine"] * 2
 
 
 FAULTS = {

@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -50,6 +51,7 @@ from bodycheck.reports.run_files.method_words import (
 )
 from bodycheck.runs.engine_checks import laws
 
+ROOT = Path(__file__).parents[2]
 BY_ALIAS = {alias: one for one in MAPS.values() for alias in (one.name, *one.aliases)}
 
 
@@ -555,3 +557,9 @@ def test_each_row_has_the_map_and_the_replay_of_its_method() -> None:
     ]
     found = [(row["fingerprint"], row["replay"]) for row in identified(rows, maps, laws)]
     assert found == [("M1", SAME_BITS), (None, OTHER_BITS), (None, None)]
+
+
+def test_the_documentation_counts_the_known_maps() -> None:
+    """The number of known maps in the documentation is theirs."""
+    text = (ROOT / "docs/fingerprints.md").read_text()
+    assert f"{len(MAPS)} known one-step maps" in text

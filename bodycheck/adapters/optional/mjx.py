@@ -15,10 +15,12 @@ from bodycheck.adapters.contract import VARIANT, Method, Simulation
 from bodycheck.adapters.optional.between_steps import FreeBodiesOnly, array
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.wrench import plan_steps
 
 if TYPE_CHECKING:
     import mujoco
 
+    from bodycheck.adapters.gradients import Gradients
     from bodycheck.adapters.tree_contract import TreeModel
 
 _FLOAT64 = f"{VARIANT}float64"
@@ -88,6 +90,17 @@ class Mjx(FreeBodiesOnly):
         integrator, _, variant = method.partition(VARIANT)
         return PortSimulation(scene, dt_s, _Port(scene, integrator, dt_s, double=bool(variant)), "native")
 
+    def gradients(self, scene: Scene, method: str, dt_s: float) -> Gradients:
+        """Differentiate all steps in forward mode, by jax.jacfwd."""
+        from bodycheck.adapters.gradients import Gradients
+        from bodycheck.adapters.optional.mujoco_ports import PortSimulation
+
+        integrator, _, variant = method.partition(VARIANT)
+        port = _Port(scene, integrator, dt_s, double=bool(variant))
+        PortSimulation(scene, dt_s, port, "native").apply(next(plan_steps(scene, dt_s).legs()).wrench)
+        qpos, d_qpos, d_qvel = port.derivatives(plan_steps(scene, dt_s).steps)
+        return Gradients.of(qpos[3:], d_qpos[3:], d_qvel[3:])
+
     def record_batch(self, batch: Batch) -> BatchAnswer | None:
         """Step free bodies by vmap; None for other batches."""
         from bodycheck.adapters.optional.mujoco_ports import record_worlds
@@ -131,6 +144,13 @@ class _Port:
 
     def get(self) -> tuple[Array, Array]:
         return array(self._data.qpos), array(self._data.qvel)
+
+    def derivatives(self, steps: int) -> tuple[Array, Array, Array]:
+        """Return qpos (7,) after the steps, and slopes of it (7, 6) and qvel (6, 6) by moments and omega."""
+        jax, moments = self._jax, self._model.body_inertia[1]
+        parameters = jax.numpy.concatenate([moments, self._data.qvel[3:]])
+        found = _stepped(_with_derivatives, self._model, self._data, steps, parameters)
+        return array(found[0]), array(found[1]), array(found[2])
 
 
 _GROWTH = 4
@@ -189,6 +209,20 @@ def _steps(model: Any, data: Any, steps: Any) -> Any:
     return jax.lax.fori_loop(0, steps, lambda _, arrays: mjx.step(model, arrays), data)
 
 
+def _with_derivatives(model: Any, data: Any, steps: Any, parameters: Any) -> Any:
+    """Return qpos of one body after the steps, and the slopes of qpos and qvel by its moments and omega."""
+    import jax
+
+    def end(values: Any) -> Any:
+        moved = data.replace(qvel=data.qvel.at[3:].set(values[3:]))
+        turned = model.replace(body_inertia=model.body_inertia.at[1].set(values[:3]))
+        after = _steps(turned, moved, steps)
+        return (after.qpos, after.qvel), after.qpos
+
+    slopes, at_end = jax.jacfwd(end, has_aux=True)(parameters)
+    return at_end, *slopes
+
+
 def _worlds_steps(model: Any, data: Any, steps: Any) -> Any:
     """Return the data of many bodies after the steps."""
     import jax
@@ -203,11 +237,11 @@ _compiled: dict[Any, Any] = {}
 """(precision, function, structure and types of its arguments) -> the compiled function."""
 
 
-def _stepped(function: Callable[..., Any], model: Any, data: Any, steps: int) -> Any:
+def _stepped(function: Callable[..., Any], model: Any, data: Any, steps: int, *more: Any) -> Any:
     """Call a function that is compiled once per integrator, number of loads and bodies, and precision."""
     import jax
 
-    arguments = model, data, jax.numpy.asarray(steps, dtype=np.int32)
+    arguments = model, data, jax.numpy.asarray(steps, dtype=np.int32), *more
     leaves, structure = jax.tree_util.tree_flatten(arguments)
     double = bool(jax.config.jax_enable_x64)
     key = (double, function, structure, tuple((leaf.shape, leaf.dtype) for leaf in leaves))

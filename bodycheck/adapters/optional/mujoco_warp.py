@@ -13,12 +13,14 @@ import numpy as np
 from bodycheck.adapters.batches import Batch, BatchAnswer
 from bodycheck.adapters.contract import Method, Simulation
 from bodycheck.adapters.optional.between_steps import FreeBodiesOnly, array
+from bodycheck.adapters.tree_contract import UnreportedError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 
 if TYPE_CHECKING:
     import mujoco
 
+    from bodycheck.adapters.gradients import Gradients
     from bodycheck.adapters.tree_contract import TreeModel
 
 _EULER = Method(
@@ -41,6 +43,7 @@ _RK4 = replace(
     evaluations=4,
     torque="every stage",
 )
+NO_DERIVATIVES = "MuJoCo Warp compiles its kernels without derivatives (enable_backward=False)"
 
 
 def _of_integrator(method: Method, name: str) -> Method:
@@ -79,6 +82,10 @@ class MuJoCoWarp(FreeBodiesOnly):
         from bodycheck.adapters.optional.mujoco_ports import PortSimulation, mj_model
 
         return PortSimulation(scene, dt_s, _Port(mj_model(scene, method, dt_s)), "python")
+
+    def gradients(self, scene: Scene, method: str, dt_s: float) -> Gradients:  # noqa: ARG002 - the contract
+        """Raise UnreportedError: there are none."""
+        raise UnreportedError(NO_DERIVATIVES)
 
     def record_batch(self, batch: Batch) -> BatchAnswer | None:
         """Step free bodies as worlds of one data object; None for other batches."""

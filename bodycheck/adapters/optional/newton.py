@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from importlib.metadata import version
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,11 +22,15 @@ from bodycheck.adapters.optional.between_steps import (
     scalar_first,
     scalar_last,
 )
-from bodycheck.adapters.optional.newton_solvers import SOLVERS
+from bodycheck.adapters.optional.mujoco_warp import NO_DERIVATIVES
+from bodycheck.adapters.optional.newton_solvers import SOLVERS, NewtonSolver
+from bodycheck.adapters.tree_contract import UnreportedError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene, State
+from bodycheck.reference_impl.wrench import plan_steps
 
 if TYPE_CHECKING:
+    from bodycheck.adapters.gradients import Gradients
     from bodycheck.adapters.tree_contract import TreeModel
 
 
@@ -87,16 +92,28 @@ class Newton(FreeBodiesOnly):
         """Build a model of one body."""
         return BetweenSteps(scene, dt_s, _Body(self._newton, scene, method, dt_s))
 
+    def gradients(self, scene: Scene, method: str, dt_s: float) -> Gradients:
+        """Differentiate all steps in reverse mode, by wp.Tape."""
+        if method.startswith("mujoco"):
+            raise UnreportedError(NO_DERIVATIVES)
+        solver = SOLVERS[method.removesuffix(DEFAULTS)]
+        options = {} if method.endswith(DEFAULTS) else solver.options
+        return _taped_gradients(self._newton, scene, solver, options, dt_s)
+
+
+def _model(newton: Any, scene: Scene, **options: bool) -> Any:
+    builder = newton.ModelBuilder(gravity=tuple(scene.gravity))
+    inertia = [float(value) for value in scene.body.inertia.ravel()]
+    builder.add_body(mass=scene.body.mass, inertia=inertia, lock_inertia=True)
+    return builder.finalize(device="cpu", skip_validation_inertia=True, **options)
+
 
 class _Body:
     stepping: Stepping = "python"
 
     def __init__(self, newton: Any, scene: Scene, method: str, dt_s: float) -> None:
         self._newton, self._dt_s = newton, dt_s
-        builder = newton.ModelBuilder(gravity=tuple(scene.gravity))
-        inertia = [float(value) for value in scene.body.inertia.ravel()]
-        builder.add_body(mass=scene.body.mass, inertia=inertia, lock_inertia=True)
-        self._model = builder.finalize(device="cpu", skip_validation_inertia=True)
+        self._model = _model(newton, scene)
         solver = SOLVERS[method.removesuffix(DEFAULTS)]
         options = {} if method.endswith(DEFAULTS) else solver.options
         self._solver = getattr(newton.solvers, solver.name)(self._model, **options)
@@ -108,13 +125,8 @@ class _Body:
         return float(model.body_mass.numpy()[0]), inertia, self._dt_s, array(model.gravity.numpy()[0])
 
     def set_state(self, state: State) -> None:
-        pose = np.concatenate([state.position, scalar_last(state.quaternion)])
-        rates = np.concatenate([state.velocity, state.omega_world])
         for one in (self._now, self._next):
-            one.body_q.assign(pose[np.newaxis])
-            one.body_qd.assign(rates[np.newaxis])
-            one.body_f.zero_()
-            self._newton.eval_ik(self._model, one, one.joint_q, one.joint_qd)
+            _put(self._newton, self._model, one, state)
 
     def step(self, steps: int, force: Array, torque: Array) -> None:
         pushed = bool(np.any(force) or np.any(torque))
@@ -129,3 +141,55 @@ class _Body:
     def read(self) -> Reading:
         pose, rates = array(self._now.body_q.numpy()[0]), array(self._now.body_qd.numpy()[0])
         return Reading(pose[:3], rates[:3], quaternion=scalar_first(pose[3:]), omega_world=rates[3:])
+
+
+def _put(newton: Any, model: Any, held: Any, state: State) -> None:
+    pose = np.concatenate([state.position, scalar_last(state.quaternion)])
+    rates = np.concatenate([state.velocity, state.omega_world])
+    held.body_q.assign(pose[np.newaxis])
+    held.body_qd.assign(rates[np.newaxis])
+    held.body_f.zero_()
+    newton.eval_ik(model, held, held.joint_q, held.joint_qd)
+
+
+def _taped_gradients(
+    newton: Any, scene: Scene, solver: NewtonSolver, options: Mapping[str, Any], dt_s: float
+) -> Gradients:
+    """Return the derivatives of all steps under loads that are constant in world axes.
+
+    The tape is run back once per component of the attitude and of omega at the end. The inertia and its
+    inverse are two arrays of a model; omega at the start is one of the body and one of its joint.
+    """
+    import warp
+
+    from bodycheck.adapters.gradients import Gradients
+
+    model, plan = _model(newton, scene, requires_grad=True), plan_steps(scene, dt_s)
+    wrench = next(plan.legs()).wrench
+    states = [model.state(requires_grad=True) for _ in range(plan.steps + 1)]
+    _put(newton, model, states[0], scene.initial)
+    for state in states:
+        state.body_f.assign(np.concatenate([wrench.force_world, wrench.torque_world])[np.newaxis])
+    with warp.Tape() as tape:
+        stepper = getattr(newton.solvers, solver.name)(model, **options)
+        for one, following in pairwise(states):
+            stepper.step(one, following, None, None, dt_s)
+    start, end, rotation = states[0], states[-1], scene.initial.rotation
+    squared = np.diag(scene.body.inertia) ** 2
+    slopes = []
+    for held, component in [
+        (end.body_q, 6),
+        *((end.body_q, i) for i in (3, 4, 5)),
+        *((end.body_qd, i) for i in (3, 4, 5)),
+    ]:
+        seed = np.zeros(held.numpy().shape, dtype=np.float32)
+        seed[0, component] = 1.0
+        tape.backward(grads={held: warp.array(seed, dtype=held.dtype, device="cpu")})
+        by_inertia, by_inverse = (
+            np.diag(array(of.grad.numpy()[0])) for of in (model.body_inertia, model.body_inv_inertia)
+        )
+        by_omega = array(start.body_qd.grad.numpy()[0, 3:]) + array(start.joint_qd.grad.numpy()[3:])
+        slopes.append(np.concatenate([by_inertia - by_inverse / squared, rotation.T @ by_omega]))
+        tape.zero()
+    rows, pose, rates = np.array(slopes), array(end.body_q.numpy()[0]), array(end.body_qd.numpy()[0])
+    return Gradients.of_world(scalar_first(pose[3:]), rows[:4], rates[3:], rows[4:])

@@ -12,7 +12,7 @@ from typing import Protocol, TypeAlias
 from bodycheck._util.compiled_cache import cache_directory
 from bodycheck._util.errors import UnavailableError, WorkerLostError
 from bodycheck.adapters.contract import Adapter, Build, Engine
-from bodycheck.adapters.engine_names import is_program, pin_of
+from bodycheck.adapters.engine_names import announced_names, is_command, is_program, pin_of
 from bodycheck.adapters.registry import program_of, registered_adapter
 from bodycheck.adapters.versions.environments import needed_environment, program_in, python_of
 from bodycheck.adapters.workers import protocol, received_messages
@@ -72,7 +72,11 @@ def announcing(engines: Sequence[str]) -> Iterator[Announcement]:
     engine_pool = EnginePool()
 
     def announcement() -> dict[str, Engine | str]:
-        return {name: _announced(engine_pool, name) for name in engines}
+        found = {name: _announced(engine_pool, name) for name in engines}
+        started = {name: engine for name, engine in found.items() if isinstance(engine, Engine)}
+        own = {name: engine_pool.announced(name).name for name in started if is_command(name)}
+        named = {name: replace(started[name], name=own) for name, own in announced_names(own).items()}
+        return {**found, **named}
 
     try:
         for name in engines:

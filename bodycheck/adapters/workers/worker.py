@@ -73,6 +73,10 @@ class RequestHandler:
                 from bodycheck.adapters.workers.tree_readings import answered_dynamics
 
                 return answered_dynamics(self._adapter, request)
+            case "gradients":
+                from bodycheck.adapters.workers.gradient_messages import answered_gradients
+
+                return answered_gradients(self._adapter, request)
             case "lap" if self._stopwatch is not None:
                 return {"outcome": "ok", "cpu_s": self._stopwatch.lap()}
             case unknown:

@@ -16,7 +16,7 @@ from bodycheck._util.file_digests import digest_of
 from bodycheck._util.platform_identity import numeric_parts
 from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.execution import Answer, Case
-from bodycheck.adapters.registry import own_code
+from bodycheck.adapters.registry import own_code, requested_name
 from bodycheck.adapters.stable_step import StableStep, StableStepSearch
 from bodycheck.adapters.workers import case_messages, protocol, received_messages
 from bodycheck.adapters.workers.engine_pool import EnginePool
@@ -247,7 +247,7 @@ def _laps_key(timed: Sequence[tuple[Engine, Case]]) -> str:
 
 
 def _identity(engine: Engine) -> list[str]:
-    return [engine.name, engine.version, engine.build.id]
+    return [requested_name(engine.name), engine.version, engine.build.id]
 
 
 def _derived_key(engine: Engine, topic: Any) -> str:

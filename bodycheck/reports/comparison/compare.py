@@ -30,7 +30,7 @@ from bodycheck.reports.comparison.environment_diff import (
     same_machine,
 )
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
-from bodycheck.reports.run_files.run_tables import CaseKey, Tables, case_key, study_key
+from bodycheck.reports.run_files.run_tables import CaseKey, Tables, announced_of, case_key, study_key
 
 if TYPE_CHECKING:
     pass
@@ -42,7 +42,10 @@ def paired_versions(before: Tables, after: Tables) -> tuple[Tables, Tables]:
     """Return both runs with `mujoco==3.17.0` of one and `mujoco==4.0.0` of the other renamed to `mujoco`.
 
     An engine that either run has in several versions keeps its names: each version counts as an engine.
+    A program that one run calls by its command has the name that it announced in the other.
     """
+    announced = announced_of(before.manifest) | announced_of(after.manifest)
+    before, after = renamed(before, announced), renamed(after, announced)
     old, new = (_versions(_engines(tables)) for tables in (before, after))
     alone = [
         base

@@ -17,8 +17,9 @@ from pydantic import Field, StrictStr, ValidationError, field_validator
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import number, step
 from bodycheck._util.untrusted import parse_toml, read_text
-from bodycheck.adapters.engine_names import split_method
+from bodycheck.adapters.engine_names import is_command, split_method
 from bodycheck.adapters.reading_names import READINGS
+from bodycheck.adapters.registry import engine_names, requested_name
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.measurement.measures import MEASURES, QUANTITIES
 from bodycheck.reports.measurement.verdicts import STATES
@@ -181,7 +182,7 @@ class Gate(TomlTable):
 
     def matches_engine(self, engine: str) -> bool:
         """Whether the pattern matches the name of an engine."""
-        return fnmatchcase(engine, self.engine)
+        return any(fnmatchcase(name, self.engine) for name in (engine, requested_name(engine)))
 
     def matches_method(self, engine: str, method: str) -> bool:
         """Whether the patterns match an engine and one of its methods."""
@@ -191,7 +192,8 @@ class Gate(TomlTable):
         """Whether the patterns match one of the engines or methods that --engine names; no names are all."""
         parts = [split_method(name) for name in engines]
         return not parts or any(
-            self.matches_method(engine, method) if method else self.matches_engine(engine)
+            (is_command(engine) and self.engine not in engine_names())  # it has not announced its name
+            or (self.matches_method(engine, method) if method else self.matches_engine(engine))
             for engine, _, method in parts
         )
 

@@ -43,7 +43,7 @@ from bodycheck.reports.history.step_detection import (
     series_of,
 )
 from bodycheck.reports.measurement.measures import ORIENTATION
-from bodycheck.reports.run_files.run_tables import Tables, case_key
+from bodycheck.reports.run_files.run_tables import Tables, announced_of, case_key
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -111,7 +111,7 @@ def judge_run(history: History, newest: Tables, thresholds: Thresholds = DEFAULT
         return Judgement(history.folder, newest, baseline, None, levels, state, (), speeds, errors)
     tables, levels = last.tables, last.levels
     engines = (*newest.manifest["engines"], *(case.columns["engine"] for case in newest.cases))
-    names = _common_names(engines, levels.engines)
+    names = _common_names(engines, levels.engines) | announced_of(newest.manifest)
     aligned = renamed(newest, names)
     known, before = with_acceptances(levels.renamed(names), last.state, acceptances)
     definitions = _definitions(baseline, tables)

@@ -21,7 +21,7 @@ from bodycheck.adapters.contract import (
 )
 from bodycheck.adapters.engine_names import with_method
 from bodycheck.adapters.execution import Answer, Case
-from bodycheck.adapters.registry import program_file
+from bodycheck.adapters.registry import program_file, requested_name
 from bodycheck.adapters.stable_step import energy_blowup, invalid_state, kinetic_limit
 from bodycheck.adapters.tree_contract import tree_mismatch
 from bodycheck.reference_impl.arrays import Array
@@ -290,7 +290,7 @@ def method_command(
     words: Sequence[str], engine: Engine, method: Method, options: Sequence[str] = (), *, code: bool = False
 ) -> str:
     """Return the command line `bodycheck WORDS ENGINE:METHOD OPTIONS`; code: as for `reproducing_command`."""
-    arguments = ["bodycheck", *words, with_method(engine.name, method.name), *options]
+    arguments = ["bodycheck", *words, with_method(requested_name(engine.name), method.name), *options]
     if (file := program_file(engine.name)) is not None:
         arguments += [ENGINES_FILE, str(file)]
         code = True

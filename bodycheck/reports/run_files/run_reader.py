@@ -26,6 +26,7 @@ from pydantic import (
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import nearest
 from bodycheck._util.untrusted import read_json, shell_split
+from bodycheck.adapters.registry import register_announced
 from bodycheck.adapters.workers.received_messages import MethodMessage, read_back_of
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.trajectory import Trajectory
@@ -35,7 +36,7 @@ from bodycheck.reports.measurement.compared_motion import EnergyAndMomentum
 from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, SIGNED
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.removed_motions import motion_again
-from bodycheck.reports.run_files.run_tables import Run, Tables, case_of, study_key
+from bodycheck.reports.run_files.run_tables import Run, Tables, announced_of, case_of, study_key
 from bodycheck.reports.run_files.tables import TABLES, Row, TableKind, read_rows
 from bodycheck.reports.run_files.trajectory_files import read_arrays
 from bodycheck.reports.run_files.writer import file_name, trajectory_file
@@ -55,6 +56,8 @@ def read_tables(folder: Path) -> Tables:
     together.
     """
     manifest = read_manifest(folder)
+    for command, name in announced_of(manifest).items():
+        register_announced(name, command)
     tables = {name: _read_table(folder / f"{name}.csv", kind) for name, kind in TABLES.items()}
     results, methods = tables["results"], tables["methods"]
     _check_settings(folder / "results.csv", results)
@@ -298,6 +301,7 @@ class _Engine(BaseModel):
 
     version: _Text
     methods: dict[_Text, _Method]
+    command: Annotated[_Text, Field(pattern="^cmd:")] | None = None
 
 
 class _Unavailable(BaseModel):

@@ -130,6 +130,12 @@ def shown_case(cases: Iterable[CaseResult], at_s: float | None) -> CaseResult | 
     return min(candidates, key=lambda case: case.setting.fineness or 0.0, default=None)
 
 
+def announced_of(manifest: Mapping[str, Any]) -> dict[str, str]:
+    """Return cmd:COMMAND -> the name that the program announced, of the programs of a run."""
+    engines = manifest["engines"].items()
+    return {entry["command"]: name for name, entry in engines if entry.get("command")}
+
+
 def check_engines(run: Tables, engines: Sequence[str]) -> None:
     """Raise InputError for an engine or ENGINE:METHOD that the run does not have."""
     keys = dict.fromkeys(key_of(case.columns) for case in run.cases)

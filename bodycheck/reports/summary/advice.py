@@ -12,6 +12,7 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import number, suggestion
 from bodycheck._util.untrusted import shell_join, shell_split
 from bodycheck.adapters.engine_names import REFERENCE, with_method
+from bodycheck.adapters.registry import requested_name
 from bodycheck.reports.measurement.case import ALLOW_CODE, CaseResult, scenario_spec
 from bodycheck.reports.measurement.measures import MEASURES, QUANTITIES
 from bodycheck.reports.run_files.run_tables import MethodKey
@@ -451,7 +452,9 @@ def _command(key: MethodKey, each: Sequence[str], dt_s: float | None) -> str:
     specs = [name for command in each if (name := scenario_spec(command)) is not None]
     code = [ALLOW_CODE] if any(ALLOW_CODE in shell_split(command) for command in each) else []
     step = [] if dt_s is None else ["--dt", repr(dt_s)]
-    return shell_join(["bodycheck", "run", *as_suite(specs), "--engine", with_method(*key), *step, *code])
+    engine, method = key
+    name = with_method(requested_name(engine), method)
+    return shell_join(["bodycheck", "run", *as_suite(specs), "--engine", name, *step, *code])
 
 
 def to_measure(
