@@ -148,7 +148,7 @@ def test_pull_request_fails_on_a_fault_and_passes_after_acceptance(repository: R
     failed = repository.run("pull-request", {"BASE": base, "FAIL_ON": "worse"})
     assert (failed.failed, failed.names[-1]) == (True, "Compare"), failed.output
     (line,) = failed.annotations
-    assert line.startswith("::error title=bodycheck compare::example:euler: "), line
+    assert line.startswith("::error title=bodycheck compare::engine:euler: "), line
     assert "the gyroscopic term omega x I omega is multiplied by 0.9" in line
     assert f"in commits {base[:10]}..{broken[:10]}" in line
     labelled = repository.run("pull-request", {"BASE": base, "FAIL_ON": "never"})
@@ -177,7 +177,7 @@ def test_history_of_the_main_branch_fails_until_the_change_is_accepted(repositor
     failed = repository.run("history", values)
     assert (failed.failed, failed.names[-1]) == (True, "Fail while a regression is open"), failed.output
     (line,) = failed.annotations
-    assert line.startswith("::error title=bodycheck nightly::example:euler: "), line
+    assert line.startswith("::error title=bodycheck nightly::engine:euler: "), line
     assert "the gyroscopic term omega x I omega is multiplied by 0.9" in line
     assert f"in commits {good[:10]}..{broken[:10]}" in line
     command = line.rpartition("to accept it: ")[2].replace("TEXT", "'scaled on purpose'")

@@ -22,7 +22,7 @@ from bodycheck.adapters.registry import program_of, registered, requested_name
 from bodycheck.adapters.workers.engine_pool import announced
 from bodycheck.reports.comparison.compare import paired_versions, renamed
 from bodycheck.reports.gates.gate import Gate
-from bodycheck.reports.run_files.run_reader import read_run
+from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.runs.engine_checks import check_adapter
 from bodycheck.runs.selection import select
 from tests.helpers.expected_messages import ExpectedMessage
@@ -189,7 +189,7 @@ def test_new_adapter_in_another_language_is_built_and_passes(
     )
     rows = [case.columns for case in run.cases]
     outcomes = {(row["scenario"], row["engine"]): row["outcome"] for row in rows}
-    assert outcomes.pop(("thruster", program)) == "unsupported"
+    assert outcomes.pop(("thruster", "my-engine")) == "unsupported"
     assert set(outcomes.values()) == {"ok"}
     for scenario in ("full-tensor", "boxes"):
         one, other = (case.trajectory for case in run.cases if case.columns["scenario"] == scenario)
@@ -242,7 +242,7 @@ def test_a_stored_run_knows_the_command_and_starts_nothing(folder: Path) -> None
         run = bodycheck.run(["mine.toml"], engines=[program], dt_s=[0.02], speed=False)
         bodycheck.write_run(run, folder / "out")
     assert requested_name("own-engine") == "own-engine"
-    read_run(folder / "out")
+    read_tables(folder / "out")
     assert requested_name("own-engine") == program
     assert program_of("own-engine") is None
 
