@@ -47,6 +47,7 @@ _OPTIONAL = {
     "basilisk": ("bodycheck.adapters.optional.basilisk", "Basilisk"),
     "simbody": ("bodycheck.adapters.optional.simbody", "Simbody"),
     "ode": ("bodycheck.adapters.optional.ode", "Ode"),
+    "jsbsim": ("bodycheck.adapters.optional.jsbsim", "JSBSim"),
 }
 """Adapters of engines that are not installed with bodycheck, and that run only if requested by name.
 

@@ -163,6 +163,16 @@ def test_published_attitude_is_reproduced(engine: str, method: str, tolerance: f
     assert np.abs(q[1:] / (1.0 + q[0]) - published).max() < tolerance
 
 
+def test_trapezoidal_rule_of_jsbsim_errs_twice_as_much_as_its_default() -> None:
+    """JSBSim's own analysis (pull request 1453): order 1, with twice the error of Euler's method."""
+    made_or_skipped("jsbsim")
+    methods = ["jsbsim:default", "jsbsim:trapezoidal"]
+    run = bodycheck.run(["free-flight"], engines=methods, dt_s=[2e-3, 1e-3], speed=False)
+    errors = run.results.pivot_table(index="dt_s", columns="method", values="orientation_error_rad")
+    ratios = errors["trapezoidal"] / errors["default"]
+    assert ratios.to_numpy() == pytest.approx(2.0, rel=0.01)
+
+
 @pytest.mark.parametrize("engine", optional_engines())
 def test_formula_of_each_method_is_its_measured_map(engine: str) -> None:
     """The fingerprint of a method is the known map that it states, or of no known map."""

@@ -11,6 +11,8 @@ import json
 import sys
 import warnings
 from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -281,6 +283,48 @@ def basilisk(method: str) -> dict[str, Any]:
     return {"quaternion": quaternion.tolist(), "omega_body": list(state.omega_BN_B)}
 
 
+def jsbsim(method: str) -> dict[str, Any]:
+    """Run a vehicle that is a mass alone, in kg and m, above a planet without gravity or rotation."""
+    import jsbsim as j
+
+    at = '<location unit="M"><x>0</x><y>0</y><z>0</z></location>'
+    moments = "".join(
+        f'<i{axis}{axis} unit="KG*M2">{value}</i{axis}{axis}>'
+        for axis, value in zip("xyz", MOMENTS, strict=True)
+    )
+    vehicle = f"""<?xml version="1.0"?><fdm_config name="v" version="2.0" release="ALPHA"><metrics>
+<wingarea unit="M2">1</wingarea><wingspan unit="M">1</wingspan><chord unit="M">1</chord>
+{at.replace("<location", '<location name="AERORP"')}</metrics><mass_balance>{moments}
+<emptywt unit="KG">1</emptywt>{at.replace("<location", '<location name="CG"')}</mass_balance>
+<ground_reactions/><propulsion/><flight_control name="none"/><aerodynamics/></fdm_config>"""
+    planet = """<?xml version="1.0"?><planet name="p"><equatorial_radius unit="M">1e4</equatorial_radius>
+<polar_radius unit="M">1e4</polar_radius><GM unit="M3/SEC2">1e-300</GM><J2>0</J2>
+<rotation_rate unit="RAD/SEC">0</rotation_rate></planet>"""
+    with TemporaryDirectory() as folder:
+        Path(folder, "aircraft/v").mkdir(parents=True)
+        Path(folder, "aircraft/v/v.xml").write_text(vehicle)
+        Path(folder, "planet.xml").write_text(planet)
+        fdm = j.FGFDMExec(folder)
+        fdm.load_model("v")
+        fdm.load_planet(str(Path(folder, "planet.xml")), False)
+    fdm.set_dt(DT)
+    numbers = {
+        "default": (1, 1), "trapezoidal": (2, 2), "adams-bashforth2": (3, 3), "adams-bashforth3": (4, 4),
+        "adams-bashforth4": (5, 5), "buss1": (3, 6), "buss2": (3, 7), "linearised": (3, 8),
+    }[method]  # fmt: skip
+    for place, number in zip(("rate", "position"), numbers, strict=True):
+        fdm[f"simulation/integrator/{place}/rotational"] = number
+    fdm["ic/h-sl-ft"] = 1e4
+    for axis, value in zip("pqr", OMEGA, strict=True):
+        fdm[f"ic/{axis}-rad_sec"] = value
+    fdm.run_ic()
+    start = np.array(fdm.get_propagate().get_Tec2b())
+    for _ in range(STEPS):
+        fdm.run()
+    turn = start @ np.array(fdm.get_propagate().get_Tec2b()).T
+    return {"rotation": turn.tolist(), "omega_body": [fdm[f"velocities/{axis}-rad_sec"] for axis in "pqr"]}
+
+
 def simbody(method: str) -> dict[str, Any]:
     """Integrate a model of one body on a free joint, each step by one call of a new manager."""
     import opensim as o
@@ -345,6 +389,7 @@ DRIVERS: dict[str, Callable[[str], dict[str, Any]]] = {
             sapien,
             exudyn,
             basilisk,
+            jsbsim,
             simbody,
             ode,
         )
