@@ -16,11 +16,6 @@ from bodycheck.adapters.execution import Case
 from bodycheck.adapters.gradients import PARAMETERS, Gradients
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.adapters.workers.gradient_messages import gradients_of, gradients_request
-from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.scene import RigidBody, Scene, State, Torque
-from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.cache.answers import Answers, EngineClient
-from bodycheck.reports.document import Column, Document, Sentence, Span, Table
 from bodycheck.examine.gradients.engine_gradients import (
     NUDGES,
     STENCIL,
@@ -29,6 +24,11 @@ from bodycheck.examine.gradients.engine_gradients import (
     difference_matrix,
     method_gradients,
 )
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.scene import RigidBody, Scene, State, Torque
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.cache.answers import Answers, EngineClient
+from bodycheck.reports.document import Column, Document, Sentence, Span, Table
 from bodycheck.runs.selection import select
 from bodycheck.scenarios.library import PROBES
 

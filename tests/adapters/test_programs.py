@@ -17,9 +17,9 @@ import pytest
 import bodycheck
 from bodycheck._util.errors import InputError
 from bodycheck.adapters.engine_names import admit, admit_file, pin_of, split_method, with_method
-from bodycheck.examine.probes.adapter_checks import CHECKS
 from bodycheck.adapters.registry import program_of, registered, requested_name
 from bodycheck.adapters.workers.engine_pool import announced
+from bodycheck.examine.probes.adapter_checks import CHECKS
 from bodycheck.reports.comparison.compare import paired_versions, renamed
 from bodycheck.reports.gates.gate import Gate
 from bodycheck.reports.run_files.run_reader import read_tables

@@ -15,12 +15,12 @@ from bodycheck.adapters.contract import Method, Simulation
 from bodycheck.adapters.gradients import Gradients
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.registry import registered
+from bodycheck.examine.gradients.engine_gradients import CaseGradients, method_gradients
+from bodycheck.examine.gradients.sensitivity import TERMS, sensitivity
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import exp_matrix, hat, vee
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import plan_steps
-from bodycheck.examine.gradients.engine_gradients import CaseGradients, method_gradients
-from bodycheck.examine.gradients.sensitivity import TERMS, sensitivity
 from bodycheck.runs.gradients_run import SCENES, STEP_S, gradients, nudged
 from tests.helpers.in_process_cli import run_bodycheck
 from tests.helpers.integer_taylor_series import exact_states

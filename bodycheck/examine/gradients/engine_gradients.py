@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bodycheck.examine.gradients.sensitivity import TERMS, sensitivity
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import log_matrix
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.examine.gradients.sensitivity import TERMS, sensitivity
 
 BLOCKS = {
     "attitude by inertia": (slice(0, 3), slice(0, 3)),
