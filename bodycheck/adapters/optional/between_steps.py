@@ -15,7 +15,6 @@ from bodycheck.reference_impl.scene import Scene, State
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 
 NO_PIVOT = "the adapter has no joint for a pivot"
-NO_LINK = "the engine's own frame of the body is at the centre of mass"
 _ZERO = np.zeros(3)
 
 

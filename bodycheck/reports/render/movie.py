@@ -38,9 +38,6 @@ if TYPE_CHECKING:
 FRAMES = 200
 """The largest number of frames of an animation."""
 
-SUFFIXES = (".gif", ".mp4", ".svg")
-"""The formats of an animation."""
-
 _PLAY_S = 10.0
 _HOLD_S = 1.5
 _SLOWEST, _FASTEST = 2, 25  # frames per second
