@@ -28,7 +28,6 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
 import pandas as pd
-from tests.reports.recordings.test_conversion import write_mcap
 
 import bodycheck
 from bodycheck._util.errors import BodycheckError
@@ -75,6 +74,7 @@ from tests.helpers.file_mutations import (
 from tests.helpers.html_page import report_page
 from tests.helpers.nightly_runs import store_nightly_runs, unchanged
 from tests.helpers.scenario_texts import SCENARIO
+from tests.recordings.test_conversion import write_mcap
 from tests.scenarios.test_mesh_files import ascii_ply, ascii_stl, binary_ply, binary_stl, obj
 from tests.scenarios.test_mesh_inputs import ascii_cube
 from tests.scenarios.test_mesh_scenes import dae, glb, model_3mf, packed
