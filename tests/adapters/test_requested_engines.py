@@ -9,6 +9,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,9 +27,15 @@ from bodycheck.adapters.versions.environments import (
     python_of,
 )
 from bodycheck.adapters.workers.engine_pool import EnginePool
+from bodycheck.reference_impl.imu import ImuReadings, imu_mistake
 from bodycheck.reference_impl.one_step_maps import named_map
-from bodycheck.reference_impl.rotations import geodesic_angle, matrix_to_quaternion, quaternion_to_matrix
-from bodycheck.reference_impl.scene import RigidBody, Scene, State
+from bodycheck.reference_impl.rotations import (
+    cross,
+    geodesic_angle,
+    matrix_to_quaternion,
+    quaternion_to_matrix,
+)
+from bodycheck.reference_impl.scene import RigidBody, Scene, State, Torque
 from bodycheck.reports.cache.answers import Answers
 from bodycheck.reports.run_files.method_words import NO_KNOWN_MAP, NOT_MEASURED
 from bodycheck.runs.engine_checks import check_adapter, fingerprints
@@ -161,6 +168,29 @@ def test_published_attitude_is_reproduced(engine: str, method: str, tolerance: f
     q = -q if q[0] < 0.0 else q
     published = np.array([0.373034285, -0.00239564413, 0.208570797])
     assert np.abs(q[1:] / (1.0 + q[0]) - published).max() < tolerance
+
+
+@pytest.mark.parametrize("method", ["runge-kutta3", "discrete"])
+def test_sensors_of_drake_read_the_exact_specific_force(method: str) -> None:
+    """Accelerometer and gyro agree with their own motion, and a dropped omega x v is named."""
+    made_or_skipped("drake")
+    loads = (Torque("body", np.array([0.1, 0.2, 0.3])),)
+    start = State(np.zeros(3), np.array([0.8, 0.2, -0.4, 0.4]), np.array([0.5, -0.1, 0.2]), np.ones(3))
+    body = RigidBody(1.3, np.array([[0.8, 0.1, -0.15], [0.1, 1.0, 0.05], [-0.15, 0.05, 1.2]]))
+    scene = Scene(body, start, loads, np.array([0.0, 0.0, -9.81]), 1.0, 11)
+    pool = EnginePool()
+    try:
+        case = Case(scene, method, Setting(dt_s=1e-2))
+        answer = Answers(None, None, 300.0).ask(pool, pool.announced("drake"), case)
+    finally:
+        pool.close()
+    motion = answer.trajectory
+    assert motion is not None
+    true = ImuReadings.of(scene, motion)
+    assert np.max(np.abs(true.departure(motion))) < 1e-12  # type: ignore[arg-type]
+    faulty = motion.specific_force_m_s2 - cross(motion.omega_body, true.velocity)
+    named = imu_mistake(scene, replace(motion, specific_force_m_s2=faulty))
+    assert named == "accelerometer: omega x v is missing"
 
 
 def test_trapezoidal_rule_of_jsbsim_errs_twice_as_much_as_its_default() -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
@@ -16,8 +17,9 @@ import numpy as np
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, Stepping
 from bodycheck.adapters.engine_loads import StageLoads
 from bodycheck.adapters.frames import link_frame
-from bodycheck.adapters.optional.between_steps import NO_PIVOT
+from bodycheck.adapters.optional.between_steps import NO_PIVOT, array
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.imu import has_imu, imu_point
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
@@ -125,19 +127,43 @@ class DrakeSimulation:
         self._plant = builder.AddSystem(MultibodyPlant(dt_s if discrete else 0.0))
         self._body = self._plant.AddRigidBody("body", self._inertia())
         self._plant.mutable_gravity_field().set_gravity_vector(scene.gravity)
+        if discrete:  # else its accelerations are those of the last step
+            self._plant.SetUseSampledOutputPorts(False)
         self._plant.Finalize()
         if scene.loads:
             loads = builder.AddSystem(_load_system(self._plant, self._body, self._force_on_link))
             builder.Connect(self._plant.get_state_output_port(), loads.get_input_port())
             builder.Connect(loads.get_output_port(), self._plant.get_applied_spatial_force_input_port())
+        sensors = self._sensors(builder) if has_imu(scene) else ()
         self._simulator = Simulator(builder.Build())
         self._root = self._simulator.get_mutable_context()
+        if sensors:
+            self.imu = partial(_measured, sensors, self._root)
         self._context = self._plant.GetMyMutableContextFromRoot(self._root)
         self._integrator: Any = None
         if not discrete:
             self._integrator = ResetIntegratorFromFlags(self._simulator, method.replace("-", "_"), dt_s)
             self._integrator.set_fixed_step_mode(True)
         self.reset()
+
+    def _sensors(self, builder: Any) -> tuple[Any, Any]:
+        """Add an accelerometer and a gyroscope with the axes of the body."""
+        from pydrake.all import Accelerometer, Gyroscope, RigidTransform, RotationMatrix
+
+        plant, at = self._plant, self._link.point(imu_point(self._scene))
+        pose = RigidTransform(RotationMatrix(self._link.rotation.T), at)
+        accelerometer = builder.AddSystem(Accelerometer(self._body, pose, self._scene.gravity))
+        gyro = builder.AddSystem(Gyroscope(self._body, pose))
+        for sensor in (accelerometer, gyro):
+            builder.Connect(plant.get_body_poses_output_port(), sensor.get_body_poses_input_port())
+            builder.Connect(
+                plant.get_body_spatial_velocities_output_port(), sensor.get_body_velocities_input_port()
+            )
+        builder.Connect(
+            plant.get_body_spatial_accelerations_output_port(),
+            accelerometer.get_body_accelerations_input_port(),
+        )
+        return accelerometer, gyro
 
     def _inertia(self) -> Any:
         from pydrake.all import RotationalInertia, SpatialInertia
@@ -196,6 +222,14 @@ class DrakeSimulation:
 
     def close(self) -> None:
         """Do nothing; the simulator is freed with this object."""
+
+
+def _measured(sensors: tuple[Any, Any], root: Any) -> tuple[Array, Array]:
+    """Return specific force and rate (3,), as the sensors read them in the present state."""
+    force, rate = (
+        array(one.get_measurement_output_port().Eval(one.GetMyContextFromRoot(root))) for one in sensors
+    )
+    return force, rate
 
 
 def _load_system(plant: Any, body: Any, force_and_torque: Any) -> Any:
