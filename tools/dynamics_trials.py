@@ -27,6 +27,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from bodycheck.adapters.contract import Setting
 from bodycheck.adapters.execution import Case, record, refusal
 from bodycheck.adapters.registry import get_adapter, registered
+from bodycheck.adapters.stable_step import invalid_state
 from bodycheck.examine.dynamics.dynamics_document import dynamics_document
 from bodycheck.examine.dynamics.engine_dynamics import EngineDynamics
 from bodycheck.examine.dynamics.tree_motion_diagnosis import diagnosed_tree
@@ -114,13 +115,14 @@ def healthy_motions(names: list[str], trees: int) -> int:
             verdicts: Counter[str] = Counter()
             ratios = []
             for scene in scenes:
-                dt_s = scene.sample_interval_s / 20
-                if method.control != "dt" or refusal(engine, scene, method.name) is not None:
+                dt_s = scene.sample_interval_s / 10
+                refused = method.control != "dt" or refusal(engine, scene, method.name)
+                if refused or method.on_request:
                     continue
                 answer = record(engine, Case(scene, method.name, Setting(dt_s=dt_s)))
                 motion = answer.trajectory
-                if motion is None:
-                    verdicts[answer.outcome] += 1
+                if motion is None or invalid_state(motion):
+                    verdicts["diverged" if motion is not None else answer.outcome] += 1
                     continue
                 scales, order = scene_scales(scene, motion), method.order
                 found = diagnosed_tree(scene, motion, scales, dt_s, order=order, precision=method.precision)

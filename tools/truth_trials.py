@@ -3,6 +3,7 @@
     python tools/truth_trials.py --free 400 --forced 300
     python tools/truth_trials.py --enclosed --free 200 --forced 100
     python tools/truth_trials.py --trees 100
+    python tools/truth_trials.py --aba
 
 Free bodies have any shape: three in four move over about twenty radians, one in four to a time up to 1e9 s.
 Forced ones move under each kind of load, as tests/helpers/random_motions.py makes them. All starts have a
@@ -10,8 +11,9 @@ quaternion whose norm is not exactly 1, half of them omega in world axes. The in
 Taylor series in integers, Gauss's method of order 24 in decimals, and the period of omega; none shares code
 with bodycheck. With --enclosed, motions over up to 3 rad or 1 s are compared with rigorous enclosures in ball
 arithmetic instead. With --trees, random trees of up to 12 bodies are compared for 0.3 s with a series in
-integers of bodies held together by forces, and q and u also in double-doubles. Prints the worst error over
-its bound of each kind and quantity. Exit status 1 if a ratio exceeds 1.
+integers of bodies held together by forces, and q and u also in double-doubles. With --aba, the free chain is
+compared with DOP853 at 1e-13 through the accelerations of Pinocchio, which must be importable. Prints the
+worst error over its bound of each kind and quantity. Exit status 1 if a ratio exceeds 1.
 """
 
 from __future__ import annotations
@@ -27,8 +29,11 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from bodycheck.reference_impl.rotations import quaternion_product
 from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.trees.tree_truth import certified_tree
 from bodycheck.reference_impl.truth.certification import solve_truth
+from bodycheck.scenarios.library import load_trees
 from tests.helpers.ball_arithmetic import ENCLOSED, enclosures, largest_ratios, short_times
 from tests.helpers.random_motions import (
     FORCED,
@@ -84,6 +89,34 @@ def _tree_trials(trees: int) -> int:
     return 1 if wrong else 0
 
 
+def _aba_trial() -> int:
+    """Print how far the free chain by ABA and DOP853 is from the truth; return the exit status."""
+    from scipy.integrate import solve_ivp
+
+    from bodycheck.adapters.optional.pinocchio_tree import PinocchioTree
+
+    ((_, tree),) = load_trees("free-chain")
+    scene, t_s = tree.scene, tree.scene.sample_times
+    model, nq = PinocchioTree(scene), len(scene.q0)
+
+    def derivative(_: float, state: np.ndarray) -> np.ndarray:
+        q, u = state[:nq].copy(), state[nq:]
+        q[3:7] /= np.linalg.norm(q[3:7])
+        model.set_state(q, u)
+        turn = 0.5 * quaternion_product(q[3:7], np.array([0.0, *u[3:6]]))
+        return np.concatenate([u[:3], turn, u[6:], model.accelerations()])
+
+    start = np.concatenate([scene.q0, scene.u0])
+    found = solve_ivp(
+        derivative, (0.0, scene.duration_s), start, method="DOP853", rtol=1e-13, atol=1e-14, t_eval=t_s
+    )
+    truth = certified_tree(scene, t_s).motion
+    angles = float(np.max(np.abs(found.y[7:nq].T - truth.q[:, 7:])))
+    rates = float(np.max(np.abs(found.y[nq:].T - truth.u)))
+    print(f"free-chain, ABA and DOP853 at 1e-13: angles {angles:.2g} rad, rates {rates:.2g} rad/s or m/s")
+    return int(max(angles, rates) > 1e-11)
+
+
 def main() -> int:
     """Run the trials; return the exit status."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
@@ -91,7 +124,10 @@ def main() -> int:
     parser.add_argument("--forced", type=int, default=300, help="number of forced motions [default: 300]")
     parser.add_argument("--enclosed", action="store_true", help="compare with enclosures in ball arithmetic")
     parser.add_argument("--trees", type=int, default=0, help="number of random trees, in place of the others")
+    parser.add_argument("--aba", action="store_true", help="compare the free chain with Pinocchio's ABA")
     requested = parser.parse_args()
+    if requested.aba:
+        return _aba_trial()
     if requested.trees:
         return _tree_trials(requested.trees)
     begin, worst, counts, wrong = time.perf_counter(), {}, {}, []
