@@ -35,6 +35,9 @@ _EXPLAINED, _NEARLY = 0.02, 0.5
 """Of the differences, at most, that a fault leaves: one that explains the motion, and one that is near."""
 _TIE, _ROUND_OFF = 3.0, 1e-12
 _SPECIAL = 1e-3
+_SAMPLED, _ULPS = 3, 30.0
+"""Trees whose numbers are off by an ulp, and how many ulps a motion may be off."""
+_NEARLY_MADE: dict[Precision, float] = {"float64": 1e-6, "float32": 1e-3, "mixed": 1e-3}
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,8 +141,10 @@ def diagnosed_tree(
     left = {name: seen.residuals([TreeHypothesis(scene)], name)[0] for name in TREE_MAPS}
     largest = {name: float(np.max(np.abs(values))) for name, values in left.items()}
     nearest = min(largest, key=lambda name: largest[name])
-    if largest[nearest] <= MADE[precision]:
-        return _healthy(nearest, largest, order, precision)
+    if largest[nearest] <= _NEARLY_MADE[precision]:  # else a map is not made, whatever the round-off
+        made = max(MADE[precision], _round_off(seen, nearest, precision))
+        if largest[nearest] <= made:
+            return _healthy(nearest, largest, order, made)
     able = [name for name, one in TREE_MAPS.items() if order is None or (one.order > 1) == (order > 1)]
     able.sort(key=lambda name: largest[name])
     screened = sorted(_fitted(seen.few, able[0], _candidates(scene)), key=lambda fit: fit.cost)
@@ -152,8 +157,22 @@ def diagnosed_tree(
     return _conclusion(scene, fits, left, able[0], precision)
 
 
-def _healthy(base: str, largest: dict[str, float], order: int | None, precision: Precision) -> Diagnosis:
-    made = [name for name, size in largest.items() if size <= MADE[precision]]
+def _round_off(seen: _Transitions, base: str, precision: Precision) -> float:
+    """Return how far round-off may move a motion: by masses and moments that are off by some ulps."""
+    ulp = float(np.finfo(np.float32 if precision != "float64" else np.float64).eps)
+    rng, scene = np.random.default_rng(1), seen.scene
+    models = [TreeHypothesis(scene)]
+    for _ in range(_SAMPLED):
+        off = 1.0 + ulp * rng.choice([-1.0, 1.0], (len(scene.bodies), 2))
+        parts = zip(scene.bodies, off, strict=True)
+        bodies = (replace(body, mass=a * body.mass, inertia=b * body.inertia) for body, (a, b) in parts)
+        models.append(TreeHypothesis(replace(scene, bodies=tuple(bodies))))
+    exact, *others = seen.residuals(models, base)
+    return _ULPS * max(float(np.max(np.abs(other - exact))) for other in others)
+
+
+def _healthy(base: str, largest: dict[str, float], order: int | None, limit: float) -> Diagnosis:
+    made = [name for name, size in largest.items() if size <= limit]
     right = [name for name in made if order is None or TREE_MAPS[name].order >= order]
     base = right[0] if right else base
     return Diagnosis(
@@ -162,7 +181,7 @@ def _healthy(base: str, largest: dict[str, float], order: int | None, precision:
         _words(base),
         before=largest[base],
         after=largest[base],
-        round_off=MADE[precision],
+        round_off=limit,
         equal_maps=tuple(name for name in made if name != base),
         order=order,
     )
