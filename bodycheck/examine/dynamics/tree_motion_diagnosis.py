@@ -35,6 +35,7 @@ _EXPLAINED, _NEARLY = 0.02, 0.5
 """Of the differences, at most, that a fault leaves: one that explains the motion, and one that is near."""
 _TIE, _ROUND_OFF = 3.0, 1e-12
 _SPECIAL = 1e-3
+_FAR = 1e3  # a difference beyond which a hypothesis has diverged
 _SAMPLED, _ULPS = 3, 30.0
 """Trees whose numbers are off by an ulp, and how many ulps a motion may be off."""
 _NEARLY_MADE: dict[Precision, float] = {"float64": 1e-6, "float32": 1e-3, "mixed": 1e-3}
@@ -117,7 +118,8 @@ class _Transitions:
                 made = flow.advance(q, u, self.stride)
                 ends = tuple(np.tile(part, (len(some), 1)) for part in self.ends)
                 left = gaps(self.scene, (ends[0], ends[1]), made, self.scales)
-            found.append(np.nan_to_num(left, nan=1e3, posinf=1e3, neginf=-1e3).reshape(len(some), -1))
+            left = np.clip(np.nan_to_num(left, nan=_FAR), -_FAR, _FAR)
+            found.append(left.reshape(len(some), -1))
         return np.concatenate(found)
 
 
