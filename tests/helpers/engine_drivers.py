@@ -284,21 +284,21 @@ def basilisk(method: str) -> dict[str, Any]:
 
 
 def jsbsim(method: str) -> dict[str, Any]:
-    """Run a vehicle that is a mass alone, in kg and m, above a planet without gravity or rotation."""
+    """Run a vehicle that is a mass alone, in its own units, above a planet without gravity or rotation."""
     import jsbsim as j
 
-    at = '<location unit="M"><x>0</x><y>0</y><z>0</z></location>'
+    at = '<location unit="FT"><x>0</x><y>0</y><z>0</z></location>'
     moments = "".join(
-        f'<i{axis}{axis} unit="KG*M2">{value}</i{axis}{axis}>'
+        f'<i{axis}{axis} unit="SLUG*FT2">{value}</i{axis}{axis}>'
         for axis, value in zip("xyz", MOMENTS, strict=True)
     )
     vehicle = f"""<?xml version="1.0"?><fdm_config name="v" version="2.0" release="ALPHA"><metrics>
-<wingarea unit="M2">1</wingarea><wingspan unit="M">1</wingspan><chord unit="M">1</chord>
+<wingarea unit="FT2">1</wingarea><wingspan unit="FT">1</wingspan><chord unit="FT">1</chord>
 {at.replace("<location", '<location name="AERORP"')}</metrics><mass_balance>{moments}
-<emptywt unit="KG">1</emptywt>{at.replace("<location", '<location name="CG"')}</mass_balance>
+<emptywt unit="LBS">32.174049</emptywt>{at.replace("<location", '<location name="CG"')}</mass_balance>
 <ground_reactions/><propulsion/><flight_control name="none"/><aerodynamics/></fdm_config>"""
-    planet = """<?xml version="1.0"?><planet name="p"><equatorial_radius unit="M">1e4</equatorial_radius>
-<polar_radius unit="M">1e4</polar_radius><GM unit="M3/SEC2">1e-300</GM><J2>0</J2>
+    planet = """<?xml version="1.0"?><planet name="p"><equatorial_radius unit="FT">100</equatorial_radius>
+<polar_radius unit="FT">100</polar_radius><GM unit="FT3/SEC2">1e-300</GM><J2>0</J2>
 <rotation_rate unit="RAD/SEC">0</rotation_rate></planet>"""
     with TemporaryDirectory() as folder:
         Path(folder, "aircraft/v").mkdir(parents=True)
@@ -314,7 +314,7 @@ def jsbsim(method: str) -> dict[str, Any]:
     }[method]  # fmt: skip
     for place, number in zip(("rate", "position"), numbers, strict=True):
         fdm[f"simulation/integrator/{place}/rotational"] = number
-    fdm["ic/h-sl-ft"] = 1e4
+    fdm["ic/h-sl-ft"] = 100.0
     for axis, value in zip("pqr", OMEGA, strict=True):
         fdm[f"ic/{axis}-rad_sec"] = value
     fdm.run_ic()
