@@ -87,7 +87,12 @@ def main() -> int:
         for number in range(requested.trials):
             dice = random.Random(f"{requested.seed}/{number}")
             night = dice.choice(History(history).runs())
-            files = [path for path in night.rglob("*") if path.is_file() and path.suffix != ".npz"]
+            # what an empty file says is its name, which no byte in it can change
+            files = [
+                one
+                for one in night.rglob("*")
+                if one.is_file() and one.suffix != ".npz" and one.stat().st_size
+            ]
             path = dice.choice(sorted(files))
             content = path.read_bytes()
             way = f"{path.suffix[1:]} {damage(path, dice)}"

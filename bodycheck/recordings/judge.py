@@ -205,7 +205,14 @@ def explained_motion(
     elif is_finite:
         truth = problem.truth.trajectory
         found = diagnosed_recording(
-            scene, trajectory, truth, problem.scales, dt_s, known=known, resolution=resolution
+            scene,
+            trajectory,
+            truth,
+            problem.scales,
+            dt_s,
+            known=known,
+            resolution=resolution,
+            from_first_row=motion.start == "first-sample",
         )
     if is_finite:
         reason = "" if found is not None else obstacle(scene, trajectory, known) or _TOO_MANY_STEPS

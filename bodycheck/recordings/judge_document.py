@@ -29,11 +29,15 @@ def conclusion(motion: JudgedMotion, case: ExplainedCase | None) -> Sentence:
     diagnosis, dt_s = (None, None) if case is None else (case.diagnosis, case.case.dt_s)
     if not motion.case.ok:
         return Sentence(f"{motion.path.name} is unstable: {motion.row['message']}.", "bad", strong=True)
-    parts = [*_derived(motion), *_conservation(motion), *_distance(motion), *_cause(motion, diagnosis, dt_s)]
+    is_noisy = diagnosis is not None and diagnosis.is_within_noise
+    conserved = () if is_noisy else _conservation(motion)  # it differs by the noise alone
+    parts = [*_derived(motion), *conserved, *_distance(motion), *_cause(motion, diagnosis, dt_s)]
+    if is_noisy:
+        parts = parts[::-1]
     if motion.has_unused_position:
         parts.append("The position is not compared, as the file has no velocity with which it starts.")
     is_wrong = diagnosis is not None and diagnosis.verdict == "explained"
-    tint = "bad" if is_wrong else "good" if is_true(motion) else "open"
+    tint = "bad" if is_wrong else "good" if is_noisy or is_true(motion) else "open"
     return Sentence(" ".join(parts), tint, strong=True)
 
 

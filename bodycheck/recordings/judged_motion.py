@@ -69,7 +69,7 @@ class JudgedMotion:
     momentum: its largest changes, None where the file has no attitude or omega. energy: the largest change of
     the rotational energy since the first row, with its sign, over the largest, None without omega. floors:
     measure -> what the truth and the digits of the file leave open, relative as the measure is.
-    has_derived_omega, has_unused_position: of the recording.
+    start: where the truth starts. has_derived_omega, has_unused_position: of the recording.
     """
 
     path: Path
@@ -81,6 +81,7 @@ class JudgedMotion:
     momentum: MomentumChange | None
     energy: float | None
     floors: Mapping[str, float]
+    start: Start
     has_derived_omega: bool = False
     has_unused_position: bool = False
 
@@ -126,7 +127,7 @@ def judged_motion(
     if isinstance(motion, str):
         columns |= {"outcome": "unstable", "message": motion}
         case = CaseResult({**columns, **_identity(path)}, MeasuredMotion(trajectory))
-        return JudgedMotion(path, columns, at_samples, case, known, resolution, None, None, {})
+        return JudgedMotion(path, columns, at_samples, case, known, resolution, None, None, {}, start)
     _check_redundant(path, trajectory)
     if not trusted.all():
         until = f"t = {truth.trusted_until_s:.6g} s"
@@ -159,6 +160,7 @@ def judged_motion(
         _momentum_change(compared) if {"attitude", "omega"} <= known else None,
         _energy_change(compared) if "omega" in known else None,
         _floors(columns, at_samples, resolution, start),
+        start,
         recorded.has_derived_omega,
         recorded.has_unused_position,
     )

@@ -90,7 +90,8 @@ class Diagnosis:
     of an unexplained motion. before, after: root mean square of the differences, over their scales;
     round_off: their round-off, or 1 where they are whitened (whitening.py). order: of the method, where the
     verdict is lower-order. start: how a recording begins off its scenario. equal_maps: other known maps that
-    make the same motion, to the digits of a recording. within: these digits in words. per_sample: the largest
+    make the same motion, to the digits of a recording. within: these digits in words, or the noise that is in
+    their place (is_within_noise). per_sample: the largest
     difference from the exact motion over one sample interval, of an exact motion that is not exact to the
     digits. refuted_by: the scene in which the faults would act, and do not. fits: of the faults and of alike.
     """
@@ -110,6 +111,7 @@ class Diagnosis:
     start: StartDifference | None = None
     equal_maps: tuple[str, ...] = ()
     within: str = ""
+    is_within_noise: bool = False
     per_sample: float | None = None
     refuted_by: str = ""
     fits: tuple[Fit, ...] = field(default=(), repr=False, compare=False)
@@ -558,13 +560,18 @@ def _left(differences: Array, slopes: Array) -> Array:
 
 
 def _share(fit: Fit, before: float) -> float:
-    return 1.0 - fit.cost / before if before > 0.0 else 0.0
+    """Return the share of the differences, beyond what a right candidate leaves, that a fit explains."""
+    least = fit.least**2
+    rest, whole = max(fit.cost**2 - least, 0.0), before**2 - least
+    return 1.0 - math.sqrt(rest / whole) if whole > 0.0 else 0.0
 
 
 def _score(fit: Fit, transitions: Transitions) -> float:
     """Return the decades of the cost, above round-off, with a charge for parameters."""
     lowest = transitions.round_off * (3.0 if transitions.whitening is None else 1.0)
-    return math.log10(max(fit.cost, lowest)) + _PARAMETER_COST * fit.complexity
+    # what noise leaves is known: a fit that leaves more is wrong, however few parameters it has
+    wrong = bool(transitions.resolution.noise) and fit.cost > transitions.limit
+    return math.log10(max(fit.cost, lowest)) + _PARAMETER_COST * fit.complexity + wrong
 
 
 def _starts(at: FaultContext) -> list[Start]:
@@ -650,7 +657,7 @@ def _equivalent(best: Fit, rivals: Iterable[Fit], transitions: Transitions) -> l
     Where the best one leaves round-off, these make the same motion: the scene cannot distinguish them. Fits
     with more parameters contain the best one.
     """
-    limit = _TIE * max(best.cost, transitions.limit)
+    limit = (1.0 if transitions.resolution.noise else _TIE) * max(best.cost, transitions.limit)
     found: dict[frozenset[str], Fit] = {}
     for fit in rivals:
         if fit.cost <= limit and fit.complexity <= best.complexity + 1:

@@ -84,13 +84,26 @@ def maps_of(transitions: Transitions) -> list[Base]:
 
 @dataclass(frozen=True, eq=False)
 class _Reach:
-    """The maps that can have made transitions: those no farther than `FARTHER` allows."""
+    """The maps that can have made transitions: those no farther than `FARTHER` allows.
+
+    Any map, where the matrices of a recording have lost their orthogonality: a map that multiplies by them
+    is then as far from the exact motion as they are from rotations, however small its step.
+    """
 
     transitions: Transitions
 
     def __contains__(self, base: Base) -> bool:
+        if self._has_stretched:
+            return True
         distance, limit = self._distances[min(base.order, max(REPRESENTATIVES)), base.in_body_axes]
         return distance <= limit
+
+    @cached_property
+    def _has_stretched(self) -> bool:
+        path = self.transitions.trajectory
+        if path.rotation is None or "attitude" not in self.transitions.known:
+            return False
+        return bool(np.max(np.abs(_gram(path.rotation) - np.eye(3))) > _allowed_norm(self.transitions))
 
     @cached_property
     def _distances(self) -> dict[tuple[int, bool | None], tuple[float, float]]:
@@ -146,7 +159,7 @@ def _has_norm(transitions: Transitions, base: Base, after: States) -> bool:
     path, rows = transitions.trajectory, transitions.indices
     if "attitude" not in transitions.known:
         return True
-    allowed = _SAME_NORM * transitions.resolution.attitude + _ROUND_OFF * transitions.grid.stride
+    allowed = _allowed_norm(transitions)
     if path.quaternion is not None:
         start, recorded = (np.linalg.norm(path.quaternion[at], axis=-1) for at in (rows, rows + 1))
         made = np.linalg.norm(after.q[:, 0], axis=0)
@@ -159,6 +172,11 @@ def _has_norm(transitions: Transitions, base: Base, after: States) -> bool:
         made = np.eye(3) if after.held is None else np.moveaxis(after.held[:, :, 0], -1, 0)
         gap = np.abs(_gram(made) - _gram(recorded))
     return bool(np.max(gap) <= allowed)
+
+
+def _allowed_norm(transitions: Transitions) -> float:
+    """Return how far norms may be off one another that are equal but for digits and round-off."""
+    return _SAME_NORM * transitions.resolution.attitude + _ROUND_OFF * transitions.grid.stride
 
 
 def _gram(matrix: Array) -> Array:

@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.formatting import number
+from bodycheck._util.formatting import names, number
 from bodycheck.reference_impl.arrays import Array
 
-QUANTITIES = ("position", "velocity", "attitude", "omega")
+UNITS = {"position": "m", "velocity": "m/s", "attitude": "rad", "omega": "rad/s"}
+QUANTITIES = tuple(UNITS)
 _SINGLE = float(np.finfo(np.float32).eps)
 _PER_ARRAY = {
     "position_m": ("position", 1.0),
@@ -30,6 +32,7 @@ class Resolution:
     """The distance between neighbouring values that a recording can state, of each quantity in SI units.
 
     attitude in rad, stamp in s. A stated number is off by at most half of this, as it is rounded to it.
+    noise: the quantities whose numbers are off by noise with the deviation of such rounding instead.
     """
 
     position: float = 0.0
@@ -37,6 +40,7 @@ class Resolution:
     attitude: float = 0.0
     omega: float = 0.0
     stamp: float = 0.0
+    noise: frozenset[str] = frozenset()
 
     @property
     def is_stated(self) -> bool:
@@ -46,7 +50,7 @@ class Resolution:
     @classmethod
     def of(cls, spacings: Mapping[str, Array]) -> Resolution:
         """Return the resolution of the arrays of a recording; spacings: array -> those of its numbers."""
-        found = {"stamp": float(np.max(spacings.get("t_s", np.zeros(1))))}
+        found: dict[str, Any] = {"stamp": float(np.max(spacings.get("t_s", np.zeros(1))))}
         for name, (quantity, factor) in _PER_ARRAY.items():
             if name in spacings:
                 found[quantity] = max(found.get(quantity, 0.0), factor * float(np.max(spacings[name])))
@@ -57,7 +61,7 @@ class Resolution:
 
         Raises InputError for an unknown quantity, and for what is no positive number.
         """
-        changes: dict[str, float] = {}
+        changes: dict[str, Any] = {}
         for part in text.split(","):
             name, equals, value = (one.strip() for one in part.rpartition("="))
             if equals and name not in QUANTITIES:
@@ -73,6 +77,10 @@ class Resolution:
 
     def text(self, known: frozenset[str]) -> str:
         """Return the coarser resolution of attitude and omega in words; other quantities may be round."""
+        if self.noise:
+            parts = [f"{number(getattr(self, one) / math.sqrt(12.0), 2)} {UNITS[one]} in {one}"
+                     for one in QUANTITIES if one in self.noise]  # fmt: skip
+            return f"the noise of the file, {names(parts)}"
         quantity = max(known & {"attitude", "omega"}, key=lambda name: getattr(self, name))
         size = getattr(self, quantity) / (2.0 if quantity == "attitude" else 1.0)
         decimals = -math.log10(size) if size > 0.0 else math.inf

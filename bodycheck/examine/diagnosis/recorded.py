@@ -10,6 +10,7 @@ from bodycheck.examine.diagnosis.attitude_readings import attitude_diagnosis
 from bodycheck.examine.diagnosis.candidate_maps import COMMON, EXACT, Base
 from bodycheck.examine.diagnosis.diagnosis import LIBRARY_STEPS, Diagnosis, Search, bases_for, obstacle
 from bodycheck.examine.diagnosis.quantity_resolution import Resolution
+from bodycheck.examine.diagnosis.recording_noise import with_noise
 from bodycheck.examine.diagnosis.solver_error import solver_error
 from bodycheck.examine.diagnosis.start import StartState, start_difference
 from bodycheck.examine.diagnosis.strapdown import strapdown_rules
@@ -33,13 +34,15 @@ def diagnosed_recording(
     *,
     known: frozenset[str],
     resolution: Resolution,
+    from_first_row: bool,
 ) -> Diagnosis | None:
     """Return what made a recording; None where it cannot be examined.
 
     scene: with the samples of the recording. truth: at its times. dt_s: the step of the program; None if it
     is unknown or there is none: then the exact motion is tried, and maps with one step per sample. known: the
-    quantities that the recording has. Not examined are recordings with an `obstacle`, and those with too many
-    steps between two samples.
+    quantities that the recording has. from_first_row: whether the scene starts where the recording does, so
+    that a wrong reading has moved its start, too. Not examined are recordings with an `obstacle`, and those
+    with too many steps between two samples.
     """
     if known & {"attitude", "omega"} == {"attitude"}:
         return attitude_diagnosis(trajectory.attitude, truth.attitude, resolution.attitude)
@@ -52,12 +55,18 @@ def diagnosed_recording(
     if is_even:  # the samples are then where the scene has them, whatever the stamps are rounded to
         resolution, trajectory = replace(resolution, stamp=0.0), replace(trajectory, t_s=scene.sample_times)
         step = scene.sample_interval_s if dt_s is None else dt_s
-    from_rows = start is not None or not at_start
+    from_rows = from_first_row or start is not None or not at_start
     with np.errstate(all="ignore"):
         search = Search.of(scene, trajectory, scales, step, known, resolution, from_rows=from_rows)
         if search is None:
             return None
         found, made_by = _without_fault(search, known, resolution)
+        noisy = None if found is not None or search.fine is None else with_noise(search.fine)
+        if noisy is not None:
+            resolution = noisy
+            start = start_difference(scene, trajectory, known, noisy, {}) if at_start else None
+            search = Search.of(scene, trajectory, scales, step, known, noisy, from_rows=True) or search
+            found, made_by = _without_fault(search, known, noisy)
         if found is None and dt_s is None:
             found, made_by = _of_several_steps(search, known, resolution)
         if found is None:
@@ -75,13 +84,16 @@ def _without_fault(
     some = search.own or search.fine
     assert some is not None
     within = resolution.text(known) if some.is_coarse else ""
-    matches = list(search.matches)
-    if search.fine is not None and search.is_healthy(EXACT):
+    is_exact = search.fine is not None and search.is_healthy(EXACT)
+    # the noise of a recording hides the differences between most maps
+    matches = [] if is_exact and resolution.noise else list(search.matches)
+    if is_exact:
         matches.insert(0, EXACT)
     if matches:
         first, *others = matches
         names = tuple(base.name for base in others)
-        return Diagnosis("healthy", first.name, first.text, within=within, equal_maps=names), first
+        healthy = Diagnosis("healthy", first.name, first.text, within=within, equal_maps=names)
+        return replace(healthy, is_within_noise=bool(resolution.noise)), first
     if search.fine is not None and search.fine.scene.pivot is None:
         omega = search.fine.of_quantities(frozenset({"omega"}))
         rules = strapdown_rules(some) if "attitude" in known else []

@@ -10,7 +10,7 @@ import numpy as np
 from bodycheck._util.formatting import names, number
 from bodycheck.examine.diagnosis.engine_model import ReportedStates
 from bodycheck.examine.diagnosis.faults.wrong_readings import quaternions_as_set, wrong_readings
-from bodycheck.examine.diagnosis.quantity_resolution import Resolution
+from bodycheck.examine.diagnosis.quantity_resolution import UNITS, Resolution
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import geodesic_angle, normalised, quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene
@@ -18,7 +18,6 @@ from bodycheck.reference_impl.trajectory import Trajectory
 
 _SAME = 3.0  # multiples of the resolution
 _SAME_ROUND_OFF = 1e-12  # relative to the size of a quantity
-_UNITS = {"position": "m", "velocity": "m/s", "attitude": "rad", "omega": "rad/s"}
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,7 @@ class StartDifference:
     @property
     def sentence(self) -> str:
         """The difference in one sentence."""
-        parts = [f"{name} by {number(size, 3)} {_UNITS[name]}" for name, size in self.sizes.items()]
+        parts = [f"{name} by {number(size, 3)} {UNITS[name]}" for name, size in self.sizes.items()]
         meaning = f": {self.meaning}" if self.meaning else ""
         return f"the first sample differs from the start of the scenario, {names(parts)}{meaning}"
 

@@ -55,6 +55,7 @@ _SETTLED = 1e-15  # relative change of that fixed point that is round-off
 AT_ROUND_OFF = 30.0  # multiples of the round-off that count as it
 _LEAST = 0.15  # of the round-off, which is that of the worst operation
 WITHIN = 1.8  # root mean square of whitened differences: rounding leaves at most sqrt(3)
+_NOISE_WITHIN, _NOISE_SPREAD = 1.05, 4.0  # the same of noise of known deviation, and deviations of it
 SHIFT = 1e-5
 """The shift of a state, over the scale of its quantity, for the derivatives of a map."""
 
@@ -260,7 +261,12 @@ class Transitions:
     @property
     def limit(self) -> float:
         """The largest root mean square of differences of a candidate that could have made the trajectory."""
-        return AT_ROUND_OFF * self.round_off if self.whitening is None else WITHIN
+        if self.whitening is None:
+            return AT_ROUND_OFF * self.round_off
+        if not self.resolution.noise:
+            return WITHIN
+        whole = self if self.whole is None else self.whole
+        return _NOISE_WITHIN + _NOISE_SPREAD / math.sqrt(2.0 * len(self.rows) * len(whole.indices))
 
     def flow(self, models: Sequence[Model], base: Base) -> Flow:
         """Return candidates about to advance these transitions."""

@@ -312,6 +312,41 @@ def test_the_errors_of_a_coarse_solver_hide_no_fault(solver: str, fault: str, tm
     assert named & ({"smallest-moment"} if fault == "another moment" else {"damping-angular"})
 
 
+def noisy_rates(*, inertia: Array = INERTIA) -> Array:
+    """Return the rates (201, 3) of the exact motion with white noise of 3e-3 rad/s."""
+    noise = 3e-3 * np.random.default_rng(5).normal(size=(201, 3))
+    return solved_rates("DOP853", 1e-11, inertia=inertia) + noise
+
+
+def test_noise_of_a_sensor_is_no_fault(tmp_path: Path) -> None:
+    """White noise is told from the effects of faults, and stated with its size."""
+    found = diagnosis_of_rates(tmp_path, noisy_rates())
+    assert (found.verdict, found.base, found.is_within_noise) == ("healthy", "exact", True)
+    assert float(found.within.split()[5]) == pytest.approx(3e-3, rel=0.15)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", ["smallest-moment", "inertia-tensor-up-to-a-factor"])
+def test_noise_hides_no_other_tensor(fault: str, tmp_path: Path) -> None:
+    """A moment, or an entry, that is 5 % larger moves the motion far more than the noise within the log."""
+    moments, axes = np.linalg.eigh(INERTIA)
+    smallest = (axes * moments * [1.05, 1.0, 1.0]) @ axes.T
+    entry = INERTIA * np.where(np.eye(3) * [1, 0, 0], 1.05, 1.0)
+    inertia = smallest if fault == "smallest-moment" else entry
+    assert (fault,) in listed(diagnosis_of_rates(tmp_path, noisy_rates(inertia=inertia)))
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+def test_the_bias_of_a_gyro_is_named(noise: float, tmp_path: Path) -> None:
+    """A constant that is added to omega is found with and without noise, within its interval."""
+    bias = np.array([0.03, -0.02, 0.05])
+    exact = solved_rates("DOP853", 1e-13)
+    found = diagnosis_of_rates(tmp_path, exact + bias + noise * (noisy_rates() - exact))
+    assert ("omega-read-shifted",) in listed(found)
+    for one, planted in zip(found.faults[0].parameters, bias, strict=True):
+        assert one.value == pytest.approx(planted, abs=3.0 * (one.high - one.value) + 1e-9)
+
+
 TORQUE = np.array([0.05, -0.04, 0.06])
 
 
@@ -331,21 +366,34 @@ def buss_motion(factor: float, *, additive: bool) -> tuple[Array, Array]:
     return np.array(rotation), np.array(rates)
 
 
+def diagnosis_of_matrices(folder: Path, factor: float, *, additive: bool, digits: str) -> Diagnosis:
+    """Return the diagnosis of such a motion, in a scene whose torque has the factor 1."""
+    rotations, rates = buss_motion(factor, additive=additive)
+    table = np.column_stack([0.01 * np.arange(121), rotations.reshape(-1, 9), rates])
+    head = ",".join(["t_s", *(f"r{i}{j}" for i in range(3) for j in range(3)),
+                     *(f"w{axis}_world_rad_s" for axis in "xyz")])  # fmt: skip
+    np.savetxt(folder / "motion.csv", table, digits, ",", header=head, comments="")
+    torque = f'[[forcing]]\nkind = "torque"\naxes = "body"\nvalue_n_m = {TORQUE.tolist()}\n'
+    (folder / "torque.toml").write_text(FREE.replace("2.0\nsamples = 201", "1.2\nsamples = 121") + torque)
+    found = runner.explain(folder / "motion.csv", folder / "torque.toml", dt_s=0.01).diagnosis
+    assert found is not None
+    return found
+
+
+def test_matrices_that_lost_their_orthogonality_are_those_of_a_map(tmp_path: Path) -> None:
+    """A map that multiplies by them is far from the exact motion, however small its step: it is tried."""
+    found = diagnosis_of_matrices(tmp_path, 1.0, additive=True, digits="%.6f")
+    assert found.verdict == "healthy"
+    assert "Buss 2000, order 1, additive matrix" in (found.base, *found.equal_maps)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("additive", "name"), [(True, "Buss 2000, order 1, additive matrix"), (False, "Buss 2000, order 1")]
 )
 def test_a_fault_is_named_in_any_map_of_the_library(additive: bool, name: str, tmp_path: Path) -> None:
     """The maps of reference:euler and reference:lie-euler carry faults as M1 does."""
-    rotations, rates = buss_motion(1.02, additive=additive)
-    table = np.column_stack([0.01 * np.arange(121), rotations.reshape(-1, 9), rates])
-    head = ",".join(["t_s", *(f"r{i}{j}" for i in range(3) for j in range(3)),
-                     *(f"w{axis}_world_rad_s" for axis in "xyz")])  # fmt: skip
-    np.savetxt(tmp_path / "motion.csv", table, "%.17g", ",", header=head, comments="")
-    torque = f'[[forcing]]\nkind = "torque"\naxes = "body"\nvalue_n_m = {TORQUE.tolist()}\n'
-    (tmp_path / "world.toml").write_text(FREE.replace("2.0\nsamples = 201", "1.2\nsamples = 121") + torque)
-    found = runner.explain(tmp_path / "motion.csv", tmp_path / "world.toml", dt_s=0.01).diagnosis
-    assert found is not None
+    found = diagnosis_of_matrices(tmp_path, 1.02, additive=additive, digits="%.17g")
     assert found.base == name
     assert ("torque",) in listed(found)
     assert "torques are multiplied by 1.02" in found.sentence

@@ -122,6 +122,20 @@ def general_faults() -> Iterator[Fault]:
         confirm="push the body at its centre of mass: it must not rotate",
     )
     yield Fault(
+        "omega-read-shifted",
+        "reading",
+        "omega is read with an offset of ({0}, {1}, {2}) rad/s, as from a gyro with a bias",
+        Misread(
+            lambda r, offset, _: replace(r, w=r.w + offset[:, None]),
+            lambda r, offset, _: replace(r, w=r.w - offset[:, None]),
+        ),
+        _vector("rad/s"),
+        _from_zero,
+        lambda at: at.rotates,
+        is_general=True,
+        confirm="read omega of a body at rest",
+    )
+    yield Fault(
         "inertia-axes-rotated",
         "body",
         "the principal axes are rotated by ({0}, {1}, {2}) rad",
