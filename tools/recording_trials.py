@@ -379,7 +379,9 @@ class FaultTrials:
             return
         right, at = self._right_of(scenario, base)
         values, grid = planted_values(fault, draw, at), Grid.of(scenario.scene, 0.01)
-        motion = faulty_motion(scenario.scene, base, fault, values, grid, at, reads=bool(draw.integers(2)))
+        # row 0 may be the state as it was set, but what is also set wrongly is always read wrongly
+        reads = bool(draw.integers(2)) or getattr(fault.plant, "as_set", None) is not None
+        motion = faulty_motion(scenario.scene, base, fault, values, grid, at, reads=reads)
         if not np.all(np.isfinite(motion.attitude)):
             print(f"{fault.name}: diverges")
             return

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bodycheck.examine.diagnosis.flow import EXACT
+from bodycheck.examine.diagnosis.candidate_maps import EXACT
 from bodycheck.examine.diagnosis.quantity_resolution import Resolution
 from bodycheck.examine.diagnosis.transitions import QUANTITIES, Transitions
 

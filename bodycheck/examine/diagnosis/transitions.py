@@ -154,8 +154,9 @@ class Transitions:
         mixed = np.flatnonzero(
             np.any(rows != rows[:, :1], axis=1) | np.r_[True, rows[1:, 0] != rows[:-1, -1]]
         )
+        mixed = np.union1d(mixed, np.maximum(mixed - 1, 0))  # a load may also act a step early
         spread = np.linspace(0, len(self.indices) - 1, max_count).round().astype(np.intp)
-        chosen = np.unique(np.concatenate([spread, mixed[: max_count // 2]]))
+        chosen = np.unique(np.concatenate([spread, mixed[:max_count]]))
         whole = None if self.whitening is None else self
         if whole is not None:
             # what happens in one transition only must not be interpolated into others
@@ -443,22 +444,22 @@ class Transitions:
     def _now(self, models: Sequence[Model], base: Base, read: States) -> States:
         """Return the present states of candidates some of whose quantities are read late."""
         flow = self.flow(models, base)
-        dt = np.array([model.lateness for model in models])[:, None] * self.grid.dt_s[self.indices]
+        dt = np.broadcast_to(self.grid.dt_s[self.indices], (len(models), len(self.indices)))
+        part = 1.0 - np.array([model.lateness for model in models])[:, None]
         before = States(read.x.copy(), read.v.copy(), read.q.copy(), read.w.copy())
-        present = {name: _rows(models, partial(_reads_now, name)) for name in "xvqw"}
+        stale = {name: np.array([name in model.stale for model in models])[:, None] for name in "xvqw"}
         now = read
         for _ in range(_SWEEPS):
-            now = flow.step(before, -1, dt)
+            now, late = flow.step(before, -1, dt), flow.step(before, -1, part * dt)
+            made = {name: np.where(stale[name], getattr(late, name), getattr(now, name)) for name in "xvqw"}
             largest = 0.0
             for name in "xvw":
-                rows, value = present[name], getattr(before, name)
-                change = (getattr(read, name) - getattr(now, name))[:, rows]
-                value[:, rows] += change
-                largest = max(largest, _relative(change, value[:, rows]))
-            rows = present["q"]
-            gap = product(conjugated(now.q[:, rows]), read.q[:, rows])
-            turned = product(before.q[:, rows], gap)
-            before.q[:, rows] = turned / np.sqrt((turned**2).sum(axis=0))
+                value, change = getattr(before, name), getattr(read, name) - made[name]
+                value += change
+                largest = max(largest, _relative(change, value))
+            gap = product(conjugated(made["q"]), read.q)
+            turned = product(before.q, gap)
+            before.q[:] = turned / np.sqrt((turned**2).sum(axis=0))
             if max(largest, _relative(gap[1:], gap)) <= _SETTLED:
                 break
         return now
@@ -490,10 +491,6 @@ def _relative(change: Array, value: Array) -> float:
     """Return the largest change over the largest value; 0 without a change, infinite if all values are 0."""
     largest, size = (float(np.max(np.abs(part), initial=0.0)) for part in (change, value))
     return 0.0 if largest == 0.0 else largest / size if size else math.inf
-
-
-def _reads_now(name: str, model: Model) -> bool:
-    return name not in model.stale
 
 
 def _rows(models: Sequence[Model], which: Callable[[Model], bool]) -> Indices:
