@@ -15,6 +15,7 @@ from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.examine.diagnosis.diagnosis import Diagnosis
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.rotations import exp_quaternion, quaternion_product
 from bodycheck.runs import runner
 from bodycheck.scenarios.library import load_scenario
 from tests.helpers.expected_messages import ExpectedMessage
@@ -310,6 +311,28 @@ def test_the_errors_of_a_coarse_solver_hide_no_fault(solver: str, fault: str, tm
     assert found.verdict != "healthy"
     named = {one.name for one in (*found.faults, *found.nearly)}
     assert named & ({"smallest-moment"} if fault == "another moment" else {"damping-angular"})
+
+
+def test_an_attitude_half_a_step_late_is_named(tmp_path: Path) -> None:
+    """Row k has omega after k steps of M1, and the attitude after k - 1 steps and one of half the length."""
+
+    def step(q: Array, omega: Array, h: float) -> tuple[Array, Array]:
+        after = omega - h * np.linalg.solve(INERTIA, np.cross(omega, INERTIA @ omega))
+        return quaternion_product(q, exp_quaternion(h * after)), after
+
+    q, omega = np.array([1.0, 0.0, 0.0, 0.0]), np.array([1.0, -2.0, 3.0])
+    rows = [[*q, *omega]]
+    for _ in range(200):
+        late, _ = step(q, omega, 0.005)
+        q, omega = step(q, omega, 0.01)
+        rows.append([*late, *omega])
+    table = np.column_stack([np.linspace(0.0, 2.0, 201).round(2), rows])
+    head = "t_s,qw,qx,qy,qz,wx_body_rad_s,wy_body_rad_s,wz_body_rad_s"
+    np.savetxt(tmp_path / "late.csv", table, "%.9f", ",", header=head, comments="")
+    (tmp_path / "free.toml").write_text(FREE)
+    found = runner.explain(tmp_path / "late.csv", tmp_path / "free.toml", dt_s=0.01).diagnosis
+    assert found is not None
+    assert "the attitude is read half a step late" in found.sentence
 
 
 def noisy_rates(*, inertia: Array = INERTIA) -> Array:
