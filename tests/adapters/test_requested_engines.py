@@ -33,6 +33,7 @@ from bodycheck.reference_impl.rotations import (
     cross,
     geodesic_angle,
     matrix_to_quaternion,
+    project_to_so3,
     quaternion_to_matrix,
 )
 from bodycheck.reference_impl.scene import RigidBody, Scene, State, Torque
@@ -103,7 +104,7 @@ def test_adapter_gives_the_state_of_a_driver_without_bodycheck(engine: str, meth
     assert read_back_mismatch(SCENE, dt_s, answer.read_back, precision) is None
     quaternion = np.array(expected.get("quaternion", [0.0] * 4))
     if "rotation" in expected:
-        quaternion = matrix_to_quaternion(np.array(expected["rotation"]))
+        quaternion = matrix_to_quaternion(project_to_so3(np.array(expected["rotation"])))
     turn = quaternion_to_matrix(quaternion)
     omega = np.array(expected.get("omega_body", 0.0))
     if "omega_world" in expected:
