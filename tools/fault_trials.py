@@ -255,8 +255,14 @@ def check(trial: Trial, expected: Tables) -> None:
     if left != ["mine.toml", "out"]:
         raise FaultFound(f"left behind: {left}")
     for name, table in tables(trial.out).items():
-        if not table.equals(expected[name]):
-            raise FaultFound(f"{name}.csv differs:\n{table.compare(expected[name])}")
+        right = expected[name]
+        if table.shape != right.shape or list(table) != list(right):
+            columns = set(table).symmetric_difference(right)
+            raise FaultFound(
+                f"{name}.csv has {len(table)} rows, not {len(right)}, and other columns: {columns}"
+            )
+        if not table.equals(right):
+            raise FaultFound(f"{name}.csv differs:\n{table.compare(right)}")
     if not (trial.out / "report.html").read_text(encoding="utf-8").rstrip().endswith("</html>"):
         raise FaultFound("the report is cut off")
 
