@@ -187,6 +187,7 @@ def _environment(tmp_path: Path, cache: Path) -> dict[str, str]:
         "HOSTILE_LOG": str(tmp_path / "opened"),
         "BODYCHECK_CACHE_DIR": str(cache),
         "UV_OFFLINE": "1",
+        "UV_CACHE_DIR": str(tmp_path / "uv"),  # or an engine that is in it would be installed, and removed
         "MPLCONFIGDIR": str(tmp_path),
     }
 
