@@ -114,10 +114,10 @@ def _of_several_steps(
     own, fine = search.own, search.fine
     if own is None or fine is None:
         return None, None
-    errors = fine.gaps([fine.grid.model(fine.scene)], EXACT)[0, fine.rows].ravel()
+    errors = fine.healthy_gaps(EXACT)[0, fine.rows].ravel()
     tried: set[int] = set()
     for base in COMMON.values():
-        of_one = errors - own.gaps([own.grid.model(own.scene)], base)[0, own.rows].ravel()
+        of_one = errors - own.healthy_gaps(base)[0, own.rows].ravel()
         size, along = float(np.linalg.norm(of_one)), float(errors @ of_one)
         if not _ALIKE * size * float(np.linalg.norm(errors)) <= along < size**2:
             continue

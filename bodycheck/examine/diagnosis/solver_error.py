@@ -52,7 +52,7 @@ class SolverError:
 
 def solver_error(transitions: Transitions) -> SolverError:
     """Return the differences from the exact motion, all transitions considered."""
-    gaps = transitions.gaps([transitions.grid.model(transitions.scene)], EXACT)[0]
+    gaps = transitions.healthy_gaps(EXACT)[0]
     angle = np.linalg.norm(transitions.trajectory.omega_body, axis=-1)[transitions.indices]
     turned = float(np.mean(angle * np.diff(transitions.trajectory.t_s)[transitions.indices]))
     count = gaps.shape[-1]

@@ -342,7 +342,7 @@ def noisy_rates(*, inertia: Array = INERTIA) -> Array:
 
 
 def test_noise_of_a_sensor_is_no_fault(tmp_path: Path) -> None:
-    """White noise is told from the effects of faults, and stated with its size."""
+    """White noise has another structure than the effects of faults, and is stated with its size."""
     found = diagnosis_of_rates(tmp_path, noisy_rates())
     assert (found.verdict, found.base, found.is_within_noise) == ("healthy", "exact", True)
     assert float(found.within.split()[5]) == pytest.approx(3e-3, rel=0.15)
