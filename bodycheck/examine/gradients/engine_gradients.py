@@ -95,29 +95,29 @@ def difference_matrix(
 
 def method_gradients(method: str, precision: str, cases: Sequence[CaseGradients]) -> MethodGradients:
     """Return a method's deviations and, if some are wrong, the fault that explains them in all cases."""
+    exact, own, coarse, fine = (
+        np.stack(part)
+        for part in zip(*((one.exact(), one.own, one.coarse, one.fine) for one in cases), strict=True)
+    )
     blocks = []
     for name, (rows, columns) in BLOCKS.items():
-        sizes = [float(np.max(np.abs(case.exact()[rows, columns]))) for case in cases]
-
-        def off(
-            of: str, against: str, rows: slice = rows, columns: slice = columns, sizes: list[float] = sizes
-        ) -> list[float]:
-            pairs = ((getattr(case, of), case.own if against else case.exact()) for case in cases)
-            return [
-                float(np.max(np.abs((found - true)[rows, columns]))) / size
-                for (found, true), size in zip(pairs, sizes, strict=True)
-            ]
-
-        own = off("coarse", "own")
-        worst = int(np.argmax(own))
-        right = own[worst] <= _RIGHT[precision]
+        of_motion, at_step, at_half = (
+            _largest(off[:, rows, columns]) / _largest(exact[:, rows, columns])
+            for off in (coarse - own, coarse - exact, fine - exact)
+        )
+        worst = int(np.argmax(of_motion))
+        off = float(of_motion[worst])
+        right = off <= _RIGHT[precision]
         blocks.append(
-            BlockResult(
-                name, own[worst], max(off("coarse", "")), max(off("fine", "")), cases[worst].name, right
-            )
+            BlockResult(name, off, float(max(at_step)), float(max(at_half)), cases[worst].name, right)
         )
     found = MethodGradients(method, tuple(blocks))
     return MethodGradients(method, tuple(blocks), cause=_cause(cases)) if found.wrong else found
+
+
+def _largest(matrices: Array) -> Array:
+    """Return the largest absolute component of each matrix (n, ...)."""
+    return np.asarray(np.max(np.abs(matrices), axis=(1, 2)))
 
 
 def _cause(cases: Sequence[CaseGradients]) -> str:
