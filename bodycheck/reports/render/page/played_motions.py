@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -58,23 +59,25 @@ def played_motions(
     of cases.
     """
     shown = played[:most]
-    if isinstance(problem.scenario.scene, TreeScene):
-        return _tree_view(problem, problem.scenario.scene, played, shown, numbers, at_s)
-    inertia = rotational_inertia(problem.of_body.scene)
-    moments, axes = diagonalised(inertia)
     frames = frame_numbers(problem.compared)
+    if isinstance(problem.scenario.scene, TreeScene):
+        bodies = _tree(problem, problem.scenario.scene, frames)
+        track = partial(_tree_track, problem.scenario.scene, frames=frames)
+    else:
+        moments, axes = diagonalised(rotational_inertia(problem.of_body.scene))
+        bodies = {"moments": moments.tolist(), "body": _body(problem.of_body.body, axes)}
+        track = partial(_track, axes=axes, frames=frames)
     return {
         "dt": at_s,
         "t": [float(f"{t:.6g}") for t in problem.times[frames]],
-        "moments": moments.tolist(),
-        "body": _body(problem.of_body.body, axes),
-        "truth": _track(problem.truth.trajectory, axes, frames),
+        **bodies,
+        "truth": track(problem.truth.trajectory),
         "tracks": [
             {
                 "m": numbers[key_of(case.columns)],
                 "dt": case.dt_s,
                 "error": packed_line(case.series[ORIENTATION][frames]),
-                **_track(case.trajectory, axes, frames),
+                **track(case.trajectory),
             }
             for case in shown
             if case.trajectory is not None
@@ -146,41 +149,20 @@ def _body(body: Body, axes: Array) -> dict[str, Any]:
     }
 
 
-def _tree_view(
-    problem: Problem,
-    scene: TreeScene,
-    played: Sequence[CaseResult],
-    shown: Sequence[CaseResult],
-    numbers: Mapping[MethodKey, int],
-    at_s: float | None,
+def _tree(
+    problem: Problem, scene: TreeScene, frames: np.ndarray[tuple[int], np.dtype[np.intp]]
 ) -> dict[str, Any]:
-    """Return the same of a tree: its bodies, and the motions and joint coordinates of all of them."""
-    frames = frame_numbers(problem.compared)
+    """Return the bodies of a tree, the space in which they truly move, and the names of its joints."""
     true = problem.truth.trajectory.position_m[frames]
     parts = _parts(scene)
     size = max(float(np.max(np.abs(part["vertices"]))) for part in parts)
     middle = 0.5 * (true.max(axis=(0, 1)) + true.min(axis=(0, 1)))
     return {
-        "dt": at_s,
-        "t": [float(f"{t:.6g}") for t in problem.times[frames]],
         "body": {"name": f"the tree {problem.scenario.name}"},
         "parts": parts,
         "middle": middle.tolist(),
         "reach": float(np.max(np.linalg.norm(true - middle, axis=-1))) + size,
         "joints": [f"{body}.{unit}" for body, unit, _ in _joint_places(scene)],
-        "truth": _tree_track(scene, problem.truth.trajectory, frames),
-        "tracks": [
-            {
-                "m": numbers[key_of(case.columns)],
-                "dt": case.dt_s,
-                "error": packed_line(case.series[ORIENTATION][frames]),
-                **_tree_track(scene, case.trajectory, frames),
-            }
-            for case in shown
-            if case.trajectory is not None
-        ],
-        "panels": 1 + len({case.columns["engine"] for case in shown}),
-        "left_out": max(len(played) - len(shown), 0),
     }
 
 
