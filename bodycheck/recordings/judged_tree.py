@@ -22,11 +22,11 @@ from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.truths import known_truth
 from bodycheck.reports.document import Column, Document, Sentence, Table
+from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.run_files.trajectory_files import COLUMNS, tree_table
+from bodycheck.reports.run_files.trajectory_files import COLUMNS, state_columns, tree_table
 from bodycheck.scenarios.tree_model import TreeScenario
 
-_BOUND = 3.0  # multiples of the truth's bound, below which an error is none
 _UNITS = {
     "quaternion": ("rad", "orientation", "bound_rad"),
     "position_m": ("m", "position", "bound_m"),
@@ -94,7 +94,7 @@ def judged_tree(
         raise InputError(f"{path}: has no column of the tree, such as {[*right][1]}")
     bounds = {kind: getattr(truth, kind) for _, _, kind in _UNITS.values()}
     errors = tuple(_errors(own, right, t_s, trusted, bounds))
-    return JudgedTree(path, errors, _cause(scene, own, t_s, dt_s, spec, tree, cache))
+    return JudgedTree(path, errors, _cause(tree, spec, own, t_s, dt_s, cache))
 
 
 def _errors(
@@ -116,7 +116,7 @@ def _errors(
         sizes = np.where(trusted, sizes, 0.0)
         worst = int(np.argmax(sizes))
         spacing = max(_spacing(own[name]) for name in names)
-        floor = _BOUND * float(np.max(bounds[bound][trusted])) + spacing * len(names)
+        floor = FLOOR_BOUNDS * float(np.max(bounds[bound][trusted])) + spacing * len(names)
         yield TreeError(whose, words, float(sizes[worst]), unit, float(t_s[worst]), floor)
 
 
@@ -151,15 +151,15 @@ def _spacing(values: Array) -> float:
 
 
 def _cause(
-    scene: TreeScene,
+    tree: TreeScenario,
+    spec: str,
     own: Mapping[str, Array],
     t_s: Array,
     dt_s: float | None,
-    spec: str,
-    tree: TreeScenario,
     cache: Cache | None,
 ) -> Diagnosis | None:
     """Return what explains a complete motion at the samples of the scenario; None for any other."""
+    scene = tree.scene
     motion = _complete(scene, own, t_s)
     if motion is None or dt_s is None or len(t_s) != scene.samples:
         return None
@@ -174,19 +174,11 @@ def _complete(scene: TreeScene, own: Mapping[str, Array], t_s: Array) -> Traject
     """Return the motion if the file has all coordinates and rates, else None."""
     q, u = [], []
     for body in scene.bodies:
-        kind, head = body.joint.of_kind, f"joint.{body.name}."
-        if body.joint.kind == "free":
-            head = f"body.{body.name}."
-            places = [*COLUMNS["position_m"], *COLUMNS["quaternion"]]
-            rates = [*COLUMNS["velocity_m_s"], *COLUMNS["omega_body_rad_s"]]
-        else:
-            places = ["q_m"] * bool(kind.translation)
-            places += ([], ["q_rad"], list(COLUMNS["quaternion"]))[kind.rotation]
-            rates = ["rate"] if kind.rates == 1 else ["rate_x", "rate_y", "rate_z"]
-        if not all(head + name in own for name in (*places, *rates)):
+        places, rates = state_columns(body)
+        if not all(name in own for name in (*places, *rates)):
             return None
-        q += [own[head + name] for name in places]
-        u += [own[head + name] for name in rates]
+        q += [own[name] for name in places]
+        u += [own[name] for name in rates]
     return tree_trajectory(scene, t_s, np.column_stack(q), np.column_stack(u))
 
 

@@ -6,7 +6,6 @@ recording of each, so it is slow where every hypothesis is another tree.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -15,13 +14,14 @@ import numpy as np
 from bodycheck.examine.dynamics.batch_dynamics import StackedTrees
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.loads.kinds.force import PointForce
+from bodycheck.reference_impl.one_step_maps.lie_group import inverse_dexp
 from bodycheck.reference_impl.rotations import (
     exp_quaternion,
     normalised,
     quaternion_product,
     quaternion_to_matrix,
 )
-from bodycheck.reference_impl.trees.joint_kind import Rotation, Translation
+from bodycheck.reference_impl.trees.joint_kind import Rotation
 from bodycheck.reference_impl.trees.tree_scene import (
     BodyLoad,
     JointSineTorque,
@@ -73,7 +73,6 @@ class TreeFlow:
         self._point = np.array([model.base_point for model in models])
         self._loads = np.array([model.loads for model in models])
         self._late = dt_s * np.array([model.late_steps for model in models])
-        self._is_turned = any(body.joint.of_kind.rotation is Rotation.BALL for body in self._scene.bodies)
 
     def advance(self, q: Array, u: Array, steps: int) -> tuple[Array, Array]:
         """Return the states after so many steps."""
@@ -122,29 +121,10 @@ class TreeFlow:
 
     def _stage_rates(self, u: Array, theta: Array) -> Array:
         """Return the derivative of theta, with exp(theta) turning at omega, in place of omega in u."""
-        if not self._is_turned:
-            return u
         found = u.copy()
-        for _, own in self._turns():
-            omega, angle = u[:, own], theta[:, own]
-            size = np.linalg.norm(angle, axis=1, keepdims=True)
-            small = size < 1e-4
-            safe = np.where(small, 1.0, size)
-            share = np.where(small, 1 / 12 + size**2 / 720, (1.0 - 0.5 * safe / np.tan(0.5 * safe)) / safe**2)
-            across = np.cross(angle, omega)
-            found[:, own] = omega + 0.5 * across + share * np.cross(angle, across)
+        for _, own in self._scene.turn_slices:
+            found[:, own] = inverse_dexp(theta[:, own], u[:, own], "exact")
         return found
-
-    def _turns(self) -> Sequence[tuple[slice, slice]]:
-        """Return the places of each attitude in q, and of its rates in u."""
-        scene = self._scene
-        return [
-            (slice(places.stop - 4, places.stop), slice(rates.stop - 3, rates.stop))
-            for body, places, rates in zip(
-                scene.bodies, scene.coordinate_slices, scene.rate_slices, strict=True
-            )
-            if body.joint.of_kind.rotation is Rotation.BALL
-        ]
 
     def moved(self, q: Array, turned: Array) -> Array:
         """Q (+) turned."""
@@ -152,7 +132,7 @@ class TreeFlow:
         for body, places, rates in zip(scene.bodies, scene.coordinate_slices, scene.rate_slices, strict=True):
             lengths = rates.stop - rates.start - (3 if body.joint.of_kind.rotation is Rotation.BALL else 0)
             found[:, places.start : places.start + lengths] += turned[:, rates.start : rates.start + lengths]
-        for places, rates in self._turns():
+        for places, rates in scene.turn_slices:
             found[:, places] = quaternion_product(normalised(q[:, places]), exp_quaternion(turned[:, rates]))
         return found
 
@@ -241,26 +221,3 @@ def _share(load: BodyLoad | JointTorque, begin_s: float, dt_s: float) -> float:
         return 0.0
     from_s, until_s = interval(load)
     return share_of(from_s, until_s, max(begin_s, 0.0), begin_s + dt_s)
-
-
-def gaps(scene: TreeScene, found: tuple[Array, Array], made: tuple[Array, Array], scales: Array) -> Array:
-    """Return found less made states, one row each: angles, lengths over `scales[0]`, rates over [1:3]."""
-    (q, u), (p, w) = found, made
-    parts = []
-    for body, places, rates in zip(scene.bodies, scene.coordinate_slices, scene.rate_slices, strict=True):
-        kind = body.joint.of_kind
-        moved = (0, 1, 3)[kind.translation]
-        own, right = q[:, places], p[:, places]
-        parts.append((own[:, :moved] - right[:, :moved]) / scales[0])
-        if kind.rotation is Rotation.BALL:
-            back = right[:, moved:] * np.array([1.0, -1.0, -1.0, -1.0])
-            turn = quaternion_product(normalised(back), normalised(own[:, moved:]))
-            parts.append(2.0 * turn[:, 1:] * np.where(turn[:, :1] < 0.0, -1.0, 1.0))
-        elif kind.rotation is Rotation.AXIS:
-            angle = own[:, moved:] - right[:, moved:]
-            parts.append(angle - 2.0 * math.pi * np.round(angle / (2.0 * math.pi)))
-        faster = u[:, rates] - w[:, rates]
-        is_length = kind.translation is not Translation.NONE
-        parts.append(faster[:, :moved] / scales[1] if is_length else faster[:, :0])
-        parts.append(faster[:, moved:] / scales[2])
-    return np.hstack(parts)

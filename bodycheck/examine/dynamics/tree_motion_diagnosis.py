@@ -10,20 +10,21 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bodycheck.adapters.contract import Precision
 from bodycheck.examine.diagnosis.diagnosis import Diagnosis, FittedFault, FittedParameter
 from bodycheck.examine.diagnosis.faults.fault import number_text
 from bodycheck.examine.dynamics.tree_case import TreeCase, TreeState
 from bodycheck.examine.dynamics.tree_faults import TREE_FAULTS, TreeFault
-from bodycheck.examine.dynamics.tree_flow import TreeFlow, TreeHypothesis, gaps
+from bodycheck.examine.dynamics.tree_flow import TreeFlow, TreeHypothesis
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.one_step_maps.tree_maps import TREE_MAPS
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reference_impl.wrench import steps_per_sample
 from bodycheck.reports.measurement.scales import Scales
-from bodycheck.reports.measurement.tree_map_made import MADE
+from bodycheck.reports.measurement.tree_map_made import MADE, state_differences
 
 _MAX_STRIDE = 400
 _TRANSITIONS, _STEPS = 6, 200  # at most, of all transitions together, but at least two transitions
@@ -61,15 +62,16 @@ class _Fitted:
 
 @dataclass(frozen=True, eq=False)
 class _Transitions:
-    """Intervals between samples: their starts and ends, each of so many steps."""
+    """Intervals between samples: their starts and ends, each of so many steps, and where loads switch."""
 
     scene: TreeScene
     begin_s: Array
+    switches: NDArray[np.bool_]
     starts: tuple[Array, Array]
     ends: tuple[Array, Array]
     dt_s: float
     stride: int
-    scales: Array
+    scales: Scales
 
     @classmethod
     def of(cls, scene: TreeScene, motion: Trajectory, scales: Scales, dt_s: float) -> _Transitions | None:
@@ -83,26 +85,16 @@ class _Transitions:
         number = max(2, min(_TRANSITIONS, _STEPS // stride))
         even = np.linspace(0, last - 1, min(number, last)).astype(int).tolist()
         chosen = np.array(sorted({0, *[k for k in switched if k < last], *even}))
-        lengths = np.array(
-            [scales.length_scale_m or 1.0, scales.speed_scale_m_s or 1.0, scales.omega_scale_rad_s or 1.0]
-        )
         starts, ends = ((motion.q[at], motion.u[at]) for at in (chosen, chosen + 1))
-        return cls(scene, motion.t_s[chosen], starts, ends, dt_s, stride, lengths)
+        return cls(scene, motion.t_s[chosen], np.isin(chosen, switched), starts, ends, dt_s, stride, scales)
 
     @property
     def few(self) -> _Transitions:
         """The first interval, the last, and the first of those that begin where a load switches."""
-        inside = [k for k, t in enumerate(self.begin_s[1:-1], 1) if t in self._switches]
-        at = sorted({0, len(self.begin_s) - 1, *inside[:1]})
+        inside = np.flatnonzero(self.switches[1:-1]) + 1
+        at = sorted({0, len(self.begin_s) - 1, *inside[:1].tolist()})
         starts, ends = ((q[at], u[at]) for q, u in (self.starts, self.ends))
-        return replace(self, begin_s=self.begin_s[at], starts=starts, ends=ends)
-
-    @property
-    def _switches(self) -> list[float]:
-        """The times of samples at or before which a load switches."""
-        scene, interval = self.scene, self.scene.sample_interval_s
-        at = (int(t / interval + 1e-9) for t in scene.switches_before(scene.duration_s))
-        return [float(scene.sample_times[k]) for k in at]
+        return replace(self, begin_s=self.begin_s[at], switches=self.switches[at], starts=starts, ends=ends)
 
     def residuals(self, models: Sequence[TreeHypothesis], base: str) -> Array:
         """Return what the steps of models leave of the ends (models, m)."""
@@ -116,8 +108,9 @@ class _Transitions:
             flow = TreeFlow(rows, base, np.tile(self.begin_s, len(some)), self.dt_s)
             with np.errstate(all="ignore"):
                 made = flow.advance(q, u, self.stride)
-                ends = tuple(np.tile(part, (len(some), 1)) for part in self.ends)
-                left = gaps(self.scene, (ends[0], ends[1]), made, self.scales)
+                q, u = (np.tile(part, (len(some), 1)) for part in self.ends)
+                parts = state_differences(self.scene, (q, u), made, self.scales)
+                left = np.hstack([part for part, _ in parts])
             left = np.clip(np.nan_to_num(left, nan=_FAR), -_FAR, _FAR)
             found.append(left.reshape(len(some), -1))
         return np.concatenate(found)

@@ -34,7 +34,7 @@ _DIFFERENCE = 1e-7  # rad, of a derivative for Newton's iterations
 Correction: TypeAlias = Literal["none", "first", "second", "exact", "products"]
 
 
-def _inverse_dexp(u: Array, omega: Array, correction: Correction) -> Array:
+def inverse_dexp(u: Array, omega: Array, correction: Correction) -> Array:
     """u' with (exp u)' = exp(u) omega: omega + u x omega / 2 + c u x (u x omega), Bortz (1971)."""
     if correction == "none":
         return omega
@@ -104,7 +104,7 @@ class _LieRungeKutta:
             carried_rate = _carried_rate(solid, self.carried, omega, torque, at)
             rates.append(np.concatenate([y[..., 3:6], force / solid.mass[..., None], carried_rate], axis=-1))
             angle_rates.append(
-                omega if self.correction == "products" else _inverse_dexp(u, omega, self.correction)
+                omega if self.correction == "products" else inverse_dexp(u, omega, self.correction)
             )
         end = flat + h * weighted_sum(self.tableau.b, rates, flat)
         u = h * weighted_sum(self.tableau.b, angle_rates, spin)

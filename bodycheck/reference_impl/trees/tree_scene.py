@@ -161,6 +161,16 @@ class TreeScene:
         return _slices(body.joint.of_kind.rates for body in self.bodies)
 
     @cached_property
+    def turn_slices(self) -> tuple[tuple[slice, slice], ...]:
+        """The places of each quaternion in q, and of its omega in u."""
+        places = zip(self.bodies, self.coordinate_slices, self.rate_slices, strict=True)
+        return tuple(
+            (slice(in_q.stop - 4, in_q.stop), slice(in_u.stop - 3, in_u.stop))
+            for body, in_q, in_u in places
+            if body.joint.of_kind.rotation is Rotation.BALL
+        )
+
+    @cached_property
     def q0(self) -> Array:
         """The coordinates of all joints at the start."""
         return np.concatenate([body.joint.coordinates for body in self.bodies])

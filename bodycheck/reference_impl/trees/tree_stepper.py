@@ -239,10 +239,8 @@ class TreeStepper:
     def reset(self) -> None:
         """Go back to the start, under the loads at t = 0."""
         self.q, self.u = self._scene.q0[:, None].copy(), self._scene.u0[:, None].copy()
-        for body, place in zip(self._scene.bodies, self._scene.coordinate_slices, strict=True):
-            if body.joint.of_kind.rotation is Rotation.BALL:
-                turned = slice(place.stop - 4, place.stop)
-                self.q[turned, 0] = normalised(self.q[turned, 0])
+        for turned, _ in self._scene.turn_slices:
+            self.q[turned, 0] = normalised(self.q[turned, 0])
         self.push(acting_loads(self._scene, 0.0))
 
     def push(self, loads: tuple[TreeLoad, ...]) -> None:

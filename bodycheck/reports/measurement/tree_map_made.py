@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bodycheck.adapters.contract import Precision
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.rotations import geodesic_angle, normalised, quaternion_product
+from bodycheck.reference_impl.rotations import conjugate, log_quaternion, normalised, quaternion_product
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.trees.joint_kind import Rotation
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
@@ -50,7 +51,7 @@ def made_map(
         name: [one.step(scene, *start, plan.dt_s, plan.stride) for start in starts]
         for name, one in TREE_MAPS.items()
     }
-    if any(body.joint.of_kind.rotation is Rotation.BALL for body in scene.bodies):
+    if scene.turn_slices:
         made |= {
             f"{name}{LINEAR}": [_linearly(one, scene, *start, plan) for start in starts]
             for name, one in TREE_MAPS.items()
@@ -77,11 +78,9 @@ def _linearly(
     """Make one interval's steps, each of which turns attitudes by q + dt q omega / 2, normalised."""
     for step in range(plan.stride):
         before, (q, u) = q, one.step(scene, t_s + step * plan.dt_s, q, u, plan.dt_s)
-        for body, places, rates in zip(scene.bodies, scene.coordinate_slices, scene.rate_slices, strict=True):
-            if body.joint.of_kind.rotation is Rotation.BALL:
-                own = slice(places.stop - 4, places.stop)
-                half = 0.5 * plan.dt_s * u[rates.stop - 3 : rates.stop]
-                q[own] = quaternion_product(normalised(before[own]), np.array([1.0, *half]))
+        for own, rates in scene.turn_slices:
+            half = 0.5 * plan.dt_s * u[rates]
+            q[own] = quaternion_product(normalised(before[own]), np.array([1.0, *half]))
     return q, u
 
 
@@ -91,20 +90,30 @@ def _distance(
     other: list[tuple[Array, Array]],
     scales: Scales,
 ) -> float:
-    worst = 0.0
-    for (q, u), (p, w) in zip(one, other, strict=True):
-        for body, places, rates in zip(scene.bodies, scene.coordinate_slices, scene.rate_slices, strict=True):
-            kind = body.joint.of_kind
-            own, right, moved = q[places], p[places], (0, 1, 3)[kind.translation]
-            angles = np.abs(own[moved:] - right[moved:])
-            if kind.rotation is Rotation.BALL:
-                angles = geodesic_angle(own[moved:], right[moved:])[None]
-            faster = np.abs(u[rates] - w[rates])
-            parts = (
-                angles,
-                np.abs(own[:moved] - right[:moved]) / (scales.length_scale_m or 1.0),
-                faster[:moved] / (scales.speed_scale_m_s or 1.0),
-                faster[moved:] / (scales.omega_scale_rad_s or 1.0),
-            )
-            worst = max(worst, *(float(np.max(part, initial=0.0)) for part in parts))
-    return worst
+    (q, u), (p, w) = ([np.stack(part) for part in zip(*states, strict=True)] for states in (one, other))
+    parts = state_differences(scene, (q, u), (p, w), scales)
+    sizes = (np.linalg.norm(part, axis=1) if is_turn else np.abs(part) for part, is_turn in parts)
+    return max(float(np.max(size, initial=0.0)) for size in sizes)
+
+
+def state_differences(
+    scene: TreeScene, one: tuple[Array, Array], other: tuple[Array, Array], scales: Scales
+) -> Iterator[tuple[Array, bool]]:
+    """Yield one less other states (n, k), joint by joint, and whether they are rotation vectors.
+
+    one, other: q (n, nq) and u (n, nu). Angles in rad, lengths and rates over the scales.
+    """
+    (q, u), (p, w) = one, other
+    for body, places, rates in zip(scene.bodies, scene.coordinate_slices, scene.rate_slices, strict=True):
+        kind = body.joint.of_kind
+        own, right, moved = q[:, places], p[:, places], (0, 1, 3)[kind.translation]
+        yield (own[:, :moved] - right[:, :moved]) / (scales.length_scale_m or 1.0), False
+        if kind.rotation is Rotation.BALL:
+            back = conjugate(normalised(right[:, moved:]))
+            yield log_quaternion(quaternion_product(back, normalised(own[:, moved:]))), True
+        elif kind.rotation is Rotation.AXIS:
+            angle = own[:, moved:] - right[:, moved:]
+            yield angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi)), False
+        faster = u[:, rates] - w[:, rates]
+        yield faster[:, :moved] / (scales.speed_scale_m_s or 1.0), False
+        yield faster[:, moved:] / (scales.omega_scale_rad_s or 1.0), False

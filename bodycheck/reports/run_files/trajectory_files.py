@@ -19,7 +19,7 @@ from bodycheck._util.untrusted import open_input
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.trees.joint_kind import Translation
-from bodycheck.reference_impl.trees.tree_scene import TreeScene
+from bodycheck.reference_impl.trees.tree_scene import TreeBody, TreeScene
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -155,7 +155,18 @@ def trajectory_table(trajectory: Trajectory) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-_RATES = ("rate_x", "rate_y", "rate_z")
+def state_columns(body: TreeBody) -> tuple[list[str], list[str]]:
+    """Return the names of the coordinates and rates of a body's joint, of a free one those of its motion."""
+    kind = body.joint.of_kind
+    if kind.translation is Translation.SPACE:
+        head = f"body.{body.name}."
+        places = [*COLUMNS["position_m"], *COLUMNS["quaternion"]]
+        rates = [*COLUMNS["velocity_m_s"], *COLUMNS["omega_body_rad_s"]]
+    else:
+        head = f"joint.{body.name}."
+        places = [*["q_m"] * bool(kind.translation), *((), ("q_rad",), COLUMNS["quaternion"])[kind.rotation]]
+        rates = ["rate"] if kind.rates == 1 else ["rate_x", "rate_y", "rate_z"]
+    return [head + name for name in places], [head + name for name in rates]
 
 
 def tree_table(scene: TreeScene, trajectory: Trajectory) -> pd.DataFrame:
@@ -176,14 +187,11 @@ def tree_table(scene: TreeScene, trajectory: Trajectory) -> pd.DataFrame:
         table = trajectory_table(own)
         columns |= {f"body.{body.name}.{name}": table[name].to_numpy() for name in table.columns[1:]}
     for body, places, rates in zip(scene.bodies, scene.coordinate_slices, scene.rate_slices, strict=True):
-        kind = body.joint.of_kind
-        if kind.translation is Translation.SPACE:
+        if body.joint.of_kind.translation is Translation.SPACE:
             continue
-        names = ["q_m"] * bool(kind.translation)
-        names += ((), ("q_rad",), COLUMNS["quaternion"])[kind.rotation]
-        speeds = ("rate",) if kind.rates == 1 else _RATES
+        names, speeds = state_columns(body)
         for joint, values in ((names, trajectory.q[:, places]), (speeds, trajectory.u[:, rates])):
-            columns |= {f"joint.{body.name}.{name}": values[:, i] for i, name in enumerate(joint)}
+            columns |= {name: values[:, i] for i, name in enumerate(joint)}
     return pd.DataFrame(columns)
 
 
