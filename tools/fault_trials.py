@@ -123,9 +123,7 @@ def kill_workers(trial: Trial, most_lines: int) -> None:
     process = trial.begin()
     trial.wait_for_a_moment(process, most_lines)
     kill_one_worker(trial, process)
-    printed = ended(process, {0, 2})
-    if process.returncode == 2 and "cannot be started: the worker was killed by SIGKILL" not in printed:
-        raise FaultFound(printed)
+    ended(process, {0})
 
 
 def kill_both(trial: Trial, most_lines: int) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from bodycheck._util.errors import WorkerLostError
-from bodycheck.adapters.contract import Reading, read_back_mismatch
+from bodycheck.adapters.contract import Engine, Reading, read_back_mismatch
 from bodycheck.adapters.execution import Answer, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.workers import case_messages, protocol, received_messages
@@ -574,12 +574,24 @@ def test_failure_in_a_used_worker_is_repeated_in_a_new_one(
     assert again["message"] == "ran twice; failed in a worker that had run other cases: I forgot"
 
 
+def killed_once(folder: Path) -> str:
+    """Return code that kills the first process that runs it."""
+    mark = str(folder / "killed")
+    return f"os.path.exists({mark!r}) or (open({mark!r}, 'w'), os.kill(os.getpid(), 9))"
+
+
+def test_engine_whose_worker_is_killed_while_it_starts_is_started_once_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A worker killed from outside before its announcement does not remove its engine from the run."""
+    employ(f"import os\n{killed_once(tmp_path)}\n{answering('pass')}", tmp_path, monkeypatch)
+    assert isinstance(announced(["drift"])["drift"], Engine)
+
+
 def test_case_of_a_killed_worker_is_repeated_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A worker killed from outside runs its case once more; if it is killed again, the case has failed."""
-    mark = tmp_path / "killed"
-    once = f"os.path.exists({str(mark)!r}) or (open({str(mark)!r}, 'w'), os.kill(os.getpid(), 9))"
     say = "print(json.dumps({'id': i, 'outcome': 'ok'}))"
-    employ(answering(f"{once}; {say}"), tmp_path, monkeypatch)
+    employ(answering(f"{killed_once(tmp_path)}; {say}"), tmp_path, monkeypatch)
     engine_pool = EnginePool()
     assert engine_pool.ask("drift", {"do": "record"}, 5.0) == {"id": 1, "outcome": "ok", "build": ""}
     engine_pool.close()

@@ -88,8 +88,15 @@ def announcing(engines: Sequence[str]) -> Iterator[Announcement]:
 
 
 def _announced(engine_pool: EnginePool, name: str) -> Engine | str:
+    """Return the engine, started once more if its worker was killed from outside, or why there is none."""
     try:
-        engine = engine_pool.announced(name)
+        try:
+            engine = engine_pool.announced(name)
+        except WorkerLostError as lost:
+            if not lost.killed:
+                raise
+            engine_pool.restart(name)
+            engine = engine_pool.announced(name)
     except UnavailableError as error:
         message = str(error)
         return message if message.startswith(name) else f"{name}: {message}"  # a worker does not know its pin
