@@ -27,6 +27,7 @@ from bodycheck.reference_impl.trees.tree_scene import TreeLoad, TreeScene
 
 _logarithm = dartpy.dynamics.BallJoint.convertToPositions
 _rotation = dartpy.dynamics.BallJoint.convertToRotation
+_OVERFLOWS_J = 1e100
 
 
 class DartTree(TreeModel):
@@ -201,12 +202,18 @@ class DartTree(TreeModel):
             body.addExtTorque(torque, False)
 
     def advance(self, steps: int) -> None:
-        """Set the loads and make a step, as often as wanted."""
+        """Set the loads and make a step, as often as wanted, as long as the state can be squared.
+
+        DART sets what is no longer finite to 0, with a page of warnings per step.
+        """
+        dt_s, kinetic_j = self._skeleton.getTimeStep(), self._skeleton.computeKineticEnergy
         for _ in range(steps):
+            if not kinetic_j() < _OVERFLOWS_J:
+                return
             if self._loads:
                 self._set_loads()
             if self._world is None:
-                self._step(self._skeleton.getTimeStep())
+                self._step(dt_s)
             else:
                 self._world.step(False)  # False: keep the forces
             self._steps += 1

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bodycheck.adapters.contract import Precision
+from bodycheck.adapters.stable_step import kinetic_limit
 from bodycheck.examine.diagnosis.diagnosis import Diagnosis, FittedFault, FittedParameter
 from bodycheck.examine.diagnosis.faults.fault import number_text
 from bodycheck.examine.dynamics.tree_case import TreeCase, TreeState
@@ -20,6 +21,7 @@ from bodycheck.examine.dynamics.tree_faults import TREE_FAULTS, TreeFault
 from bodycheck.examine.dynamics.tree_flow import TreeFlow, TreeHypothesis
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.one_step_maps.tree_maps import TREE_MAPS
+from bodycheck.reference_impl.pivot import kinetic_energies
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reference_impl.wrench import steps_per_sample
@@ -75,11 +77,19 @@ class _Transitions:
 
     @classmethod
     def of(cls, scene: TreeScene, motion: Trajectory, scales: Scales, dt_s: float) -> _Transitions | None:
-        """Return the first interval, those that begin where a load switches, and others between; or None."""
-        if motion.q is None or motion.u is None or len(motion.t_s) < 2:
+        """Return the first interval, those that begin where a load switches, and others between; or None.
+
+        All end before the motion breaks down: what an engine does then, such as setting to 0 what is not
+        finite, is no step of a map.
+        """
+        if motion.q is None or motion.u is None:
             return None
+        with np.errstate(over="ignore", invalid="ignore"):
+            energies = kinetic_energies(scene, motion)[0]
+        broken = np.flatnonzero(~(energies <= kinetic_limit(np.array(scales.energy_scale_j))))
         stride, last = steps_per_sample(scene.sample_interval_s, dt_s), len(motion.t_s) - 1
-        if stride > _MAX_STRIDE:
+        last = min([last, *(broken[:1] - 1).tolist()])
+        if last < 1 or stride > _MAX_STRIDE:
             return None
         switched = [int(t / scene.sample_interval_s + 1e-9) for t in scene.switches_before(scene.duration_s)]
         number = max(2, min(_TRANSITIONS, _STEPS // stride))
@@ -127,8 +137,8 @@ def diagnosed_tree(
 ) -> Diagnosis | None:
     """Return what explains the motion of a tree; None where it cannot be examined.
 
-    Not examined are methods without steps, motions with more than 400 steps between two samples, and those
-    of engines that store poses only.
+    Not examined are methods without steps, motions with more than 400 steps between two samples, those that
+    break down within the first, and those of engines that store poses only.
     """
     seen = None if dt_s is None else _Transitions.of(scene, motion, scales, dt_s)
     if seen is None:

@@ -7,12 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bodycheck.adapters.contract import Setting
 from bodycheck.adapters.dart import Dart
+from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.mujoco import MuJoCo
 from bodycheck.examine.dynamics.tree_flow import TreeFlow, TreeHypothesis
+from bodycheck.examine.dynamics.tree_motion_diagnosis import diagnosed_tree
 from bodycheck.reference_impl.one_step_maps.tree_maps import TREE_MAPS
 from bodycheck.reference_impl.trees.random_trees import random_tree
-from bodycheck.reports.measurement.scales import Scales
+from bodycheck.reference_impl.trees.tree_bodies import tree_trajectory
+from bodycheck.reports.measurement.scales import Scales, scene_scales
 from bodycheck.reports.measurement.tree_map_made import state_differences
 from bodycheck.scenarios.library import load_trees
 from tests.helpers.faulty_tree_motions import (
@@ -72,6 +76,33 @@ def test_a_map_of_lower_order_than_the_method_states_is_named() -> None:
     found = diagnosed_motion(Dart(), tree.scene, "semi-implicit", 5e-3, 4)
     assert found is not None
     assert (found.verdict, found.base) == ("lower-order", "M1")
+
+
+def test_what_follows_a_breakdown_is_not_examined() -> None:
+    """An engine that goes on from what is no longer finite has no fault up to then."""
+    ((_, tree),) = load_trees("double-pendulum")
+    motion = record(Dart(), Case(tree.scene, "semi-implicit", Setting(dt_s=2e-3))).trajectory
+    assert motion is not None
+    assert motion.q is not None
+    assert motion.u is not None
+    scales = scene_scales(tree.scene, motion)
+    rates = np.where(motion.t_s[:, None] < 3.0, motion.u, 1e253)
+    broken = tree_trajectory(tree.scene, motion.t_s, motion.q, rates)
+    found = diagnosed_tree(tree.scene, broken, scales, 2e-3, order=1)
+    assert found is not None
+    assert (found.verdict, found.base) == ("healthy", "M1")
+    at_once = tree_trajectory(tree.scene, motion.t_s, motion.q, np.full_like(rates, 1e253))
+    assert diagnosed_tree(tree.scene, at_once, scales, 2e-3, order=1) is None
+
+
+def test_dart_is_silent_on_a_motion_that_diverges(capfd: pytest.CaptureFixture[str]) -> None:
+    """Its warnings, some per step and joint, do not fill the terminal."""
+    ((_, tree),) = load_trees("arm")
+    motion = record(Dart(), Case(tree.scene, "semi-implicit", Setting(dt_s=5e-3))).trajectory
+    assert motion is not None
+    assert motion.u is not None
+    assert np.max(np.abs(motion.u)) > 1e20
+    assert capfd.readouterr() == ("", "")
 
 
 def test_explain_names_the_map_of_a_tree(tmp_path: Path) -> None:
