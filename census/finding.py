@@ -48,6 +48,10 @@ class Finding:
     """Address of the public issue or of the documentation, or NOT_FOUND."""
     environment: str
     """The engine whose environment runs the driver, as NAME==VERSION; NAME if the machine provides it."""
+    packages: tuple[str, ...] = ()
+    """Of releases that bodycheck does not run: the packages that the driver needs, in pip's notation."""
+    python: str = ""
+    """The Python that they need, if it is another one."""
     command: str = ""
     """The first way: a command of bodycheck."""
     figures: Mapping[str, Figure] = field(default_factory=dict)
@@ -97,7 +101,7 @@ def read_findings(folder: Path = FINDINGS) -> dict[str, Finding]:
     found: dict[str, Finding] = {}
     for path in sorted(folder.glob("*.toml")):
         for name, table in tomllib.loads(path.read_text(encoding="utf-8")).items():
-            for key in ("inputs", "driver_figures"):
+            for key in ("inputs", "driver_figures", "packages"):
                 if key in table:
                     table[key] = tuple(table[key])
             try:

@@ -18,6 +18,7 @@ import pandas as pd
 
 from bodycheck.adapters.engine_names import Pin, pin_of
 from bodycheck.adapters.versions.environments import NODE_PACKAGES, needed_environment, program_in, python_of
+from bodycheck.adapters.versions.uv import uv_program
 from census.finding import DRIVERS, INPUTS, WITHIN, Figure, Finding
 
 _TABLE = "results.csv"
@@ -70,9 +71,14 @@ def _by_bodycheck(finding: Finding) -> Iterator[Compared]:
 
 def _by_driver(finding: Finding) -> Iterator[Compared]:
     module, experiment = finding.driver.split()
-    pin = pin_of(finding.environment) or needed_environment(finding.environment)
+    pin = None if finding.packages else pin_of(finding.environment) or needed_environment(finding.environment)
     variables: Mapping[str, str] = {}
-    if module.endswith(".mjs"):
+    if finding.packages:
+        run = [uv_program(), "run", "--quiet", "--no-project", "--isolated", "--no-build"]
+        run += ["--python", finding.python or sys.executable]
+        run += [word for one in finding.packages for word in ("--with", one)]
+        command = [*run, "python", str(DRIVERS), module, experiment]
+    elif module.endswith(".mjs"):
         assert isinstance(pin, Pin)
         program = program_in(pin)
         assert program is not None
