@@ -66,9 +66,20 @@ def _last_is_heavier(scene: TreeScene) -> TreeScene:
     return replace(scene, bodies=(*scene.bodies[:-1], replace(last, mass=2.0 * last.mass)))
 
 
+def _without_products(scene: TreeScene) -> TreeScene:
+    """Take each tensor without its products of inertia."""
+    bodies = (replace(body, inertia=np.diag(np.diag(body.inertia))) for body in scene.bodies)
+    return replace(scene, bodies=tuple(bodies))
+
+
 @pytest.mark.parametrize(
     ("change", "broken"),
-    [(_axes_upwards, "tree-flip"), (_down, "tree-rotate"), (_last_is_heavier, "tree-order")],
+    [
+        (_axes_upwards, "tree-flip"),
+        (_down, "tree-rotate"),
+        (_last_is_heavier, "tree-order"),
+        (_without_products, "tree-divide"),
+    ],
 )
 def test_a_mistake_breaks_its_law(change: Callable[[TreeScene], TreeScene], broken: str) -> None:
     """An engine that forgets part of a description moves another tree."""

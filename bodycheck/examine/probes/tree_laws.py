@@ -16,6 +16,7 @@ from bodycheck.adapters.execution import Case
 from bodycheck.adapters.stable_step import invalid_state
 from bodycheck.examine.probes.laws import Break, Checked, Law
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.dynamics import parallel_axis_tensor
 from bodycheck.reference_impl.rotations import (
     conjugate,
     exp_quaternion,
@@ -30,6 +31,7 @@ from bodycheck.reference_impl.trees.tree_scene import Joint, TreeBody, TreeScene
 from bodycheck.reports.measurement.case import RunCase
 
 _STEP_S, _STEPS, _FINER = 2.0**-7, 16, 4
+_POINT_KG = 0.1
 _SAFETY = 2e3  # of the relative error of one step, over all steps and bodies
 _SLOWER = 0.5  # than the order of the method, at most, a violation that is its error falls
 
@@ -176,6 +178,37 @@ def _rerooted(scene: TreeScene) -> _Variant:
     return _Variant(replace(scene, bodies=bodies), (1, 0, 2, 3))
 
 
+def _divided(scene: TreeScene) -> _Variant:
+    """Cut a point mass out of the second body where the third is hinged to it, and add it to the third.
+
+    The point moves with both bodies, so that the joints move as before.
+    """
+    base, upper, lower, arm = scene.bodies
+    joint = lower.joint
+    upper, off_upper = _with_point(upper, -_POINT_KG, joint.at_parent)
+    lower, off_lower = _with_point(lower, _POINT_KG, joint.at_body)
+    lower = replace(lower, joint=replace(lower.joint, at_parent=joint.at_parent - off_upper))
+
+    def undo(_: Array, x: Array, q: Array, v: Array, w: Array) -> tuple[Array, Array, Array, Array]:
+        x, v = x.copy(), v.copy()
+        for body, off in ((1, off_upper), (2, off_lower)):
+            R = quaternion_to_matrix(q[:, body])
+            x[:, body] -= R @ off
+            v[:, body] -= np.einsum("nij,nj->ni", R, np.cross(w[:, body], off))
+        return x, q, v, w
+
+    return _Variant(replace(scene, bodies=(base, upper, lower, arm)), _same(scene), undo)
+
+
+def _with_point(body: TreeBody, mass: float, at: Array) -> tuple[TreeBody, Array]:
+    """Return a jointed body with a point mass more at a place, and by how much its centre of mass moves."""
+    total = body.mass + mass
+    off = mass / total * at
+    inertia = body.inertia + mass * parallel_axis_tensor(at) - total * parallel_axis_tensor(off)
+    joint = replace(body.joint, at_body=body.joint.at_body - off)
+    return replace(body, mass=total, inertia=inertia, joint=joint), off
+
+
 TREE_LAWS: tuple[tuple[Law, Callable[[TreeScene], _Variant] | None], ...] = (
     (Law("tree-rotate"), _rotated),  # a tree that is rotated in the world gives the rotated motion
     (Law("tree-boost"), _boosted),  # a constant velocity is added to the motion
@@ -183,6 +216,7 @@ TREE_LAWS: tuple[tuple[Law, Callable[[TreeScene], _Variant] | None], ...] = (
     (Law("tree-order"), _reordered),  # the order of the bodies changes nothing
     (Law("tree-flip"), _flipped),  # hinges with opposite axes, coordinates and rates give the same motion
     (Law("tree-zero"), _from_another_zero),  # coordinates that count from elsewhere do
+    (Law("tree-divide"), _divided),  # a body that is divided, with a part of it counted to the next, does
     (Law("tree-root"), _rerooted),  # another free body does
     (Law("tree-repeat"), None),  # after reset, the same motion again
 )

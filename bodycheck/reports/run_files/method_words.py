@@ -30,6 +30,7 @@ LawName: TypeAlias = Literal[
     "tree-order",
     "tree-flip",
     "tree-zero",
+    "tree-divide",
     "tree-root",
     "tree-repeat",
 ]
