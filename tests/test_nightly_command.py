@@ -19,6 +19,8 @@ from typer.testing import CliRunner, Result
 
 from bodycheck._util.errors import InputError, StoppedError
 from bodycheck.adapters.contract import Method, Reading, Simulation
+from bodycheck.adapters.dart import Dart
+from bodycheck.adapters.dart_tree import DartTree
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.registry import registered
 from bodycheck.cli import commands
@@ -147,6 +149,41 @@ def test_broken_engine_stays_a_regression_until_accepted(folder: Path) -> None:
     assert accepted.exit_code == 0, accepted.stdout
     assert "by Ada: as meant" in accepted.stdout
     assert line in (folder / "kept" / "feed.xml").read_text()
+
+
+class FasterTree(DartTree):
+    """A tree whose steps are 1 % too long."""
+
+    def _step(self, dt_s: float) -> None:
+        super()._step(1.01 * dt_s)
+
+
+class Trees(Dart):
+    """DART under another name, with a model of trees that may change between nightly runs."""
+
+    name = "trees"
+    tree_model = DartTree
+
+    def __init__(self, model: type[DartTree]) -> None:
+        self.tree_model = model
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("folder")
+def test_a_tree_that_moves_otherwise_is_a_regression_with_its_cause() -> None:
+    """The first line names the method, the tree and the fault; the regression ends with the fault."""
+
+    def night(model: type[DartTree]) -> Result:
+        with registered(Trees(model)):
+            return bodycheck("nightly", "free-chain", "--engine", "trees", "--history", "kept", "--no-speed")
+
+    first, broken, sound = night(DartTree), night(FasterTree), night(DartTree)
+    assert [done.exit_code for done in (first, broken, sound)] == [3, 1, 0], broken.output
+    line = broken.stdout.splitlines()[0]
+    assert line.startswith("trees:semi-implicit: ")
+    for text in ("free-chain", "1.01"):
+        assert text in line
+    assert "trees:semi-implicit: back at its level" in sound.stdout
 
 
 @pytest.mark.slow

@@ -246,11 +246,12 @@ def test_a_film_shows_a_tree(chain: Run) -> None:
 
 
 def test_methods_that_make_another_map_of_trees_are_named() -> None:
-    """MuJoCo's implicitfast makes M2 of one body, and M1 of a tree; its euler makes M1 of both."""
-    engines = ["mujoco:implicitfast", "mujoco:euler"]
+    """MuJoCo's implicitfast and discrete make M2 of one body and M1 of a tree; its euler makes M1 of both."""
+    engines = ["mujoco:implicitfast", "mujoco:discrete", "mujoco:euler"]
     run = bodycheck.run(scenarios=["free-chain"], engines=engines, dt_s=[1e-2], speed=False)
     (sentence,) = [text for text in Summary.of(run).alike if "of one body" in text]
-    assert "mujoco:implicitfast (M2 of one body and M1 of trees)" in sentence
+    for method in ("implicitfast", "discrete"):
+        assert f"mujoco:{method} (M2 of one body and M1 of trees)" in sentence
     assert "mujoco:euler" not in sentence
 
 
