@@ -8,7 +8,17 @@ import numpy as np
 
 from bodycheck.examine.diagnosis.attitude_readings import attitude_diagnosis
 from bodycheck.examine.diagnosis.candidate_maps import COMMON, EXACT, Base
-from bodycheck.examine.diagnosis.diagnosis import LIBRARY_STEPS, Diagnosis, Search, bases_for, obstacle
+from bodycheck.examine.diagnosis.diagnosis import (
+    LIBRARY_STEPS,
+    Diagnosis,
+    FittedFault,
+    Search,
+    bases_for,
+    obstacle,
+)
+from bodycheck.examine.diagnosis.engine_model import ReportedStates
+from bodycheck.examine.diagnosis.faults import FAULTS
+from bodycheck.examine.diagnosis.faults.wrong_readings import WrongReading, wrong_readings
 from bodycheck.examine.diagnosis.quantity_resolution import Resolution
 from bodycheck.examine.diagnosis.recording_noise import with_noise
 from bodycheck.examine.diagnosis.solver_error import solver_error
@@ -17,12 +27,14 @@ from bodycheck.examine.diagnosis.strapdown import strapdown_rules
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.one_step_maps import EXACT as EXACT_MAP
 from bodycheck.reference_impl.one_step_maps.one_step_map import Motion, Solid, scene_loads, times
-from bodycheck.reference_impl.rotations import normalised
+from bodycheck.reference_impl.rotations import conjugate, log_quaternion, normalised, quaternion_product
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.scales import Scales
 
 _ALIKE = 0.9  # correlation of errors that one map makes, in one step and in several
+_FAR, _NEAR = 0.5, 0.2  # relative distance of omega from the turns between the attitudes: misread, meant
+_LARGEST_TURN_RAD = 2.5  # between two attitudes: beyond pi, rotation vectors are ambiguous
 
 
 def diagnosed_recording(
@@ -50,6 +62,12 @@ def diagnosed_recording(
         return None
     at_start = trajectory.t_s[0] == 0.0
     start = start_difference(scene, trajectory, known, resolution, {}) if at_start else None
+    if known >= {"attitude", "omega"}:
+        misread = _of_misread_omega(
+            scene, trajectory, truth, scales, dt_s, known, resolution, from_first_row=from_first_row
+        )
+        if misread is not None:
+            return replace(misread, start=start)
     step = dt_s
     is_even = len(trajectory.t_s) == scene.samples and trajectory.t_s[-1] == scene.duration_s
     if is_even:  # the samples are then where the scene has them, whatever the stamps are rounded to
@@ -75,6 +93,84 @@ def diagnosed_recording(
         later = _later(scene, made_by, step or scene.sample_interval_s, trajectory)
         start = start_difference(scene, trajectory, known, resolution, later)
     return replace(found, start=start)
+
+
+def _of_misread_omega(
+    scene: Scene,
+    trajectory: Trajectory,
+    truth: Trajectory,
+    scales: Scales,
+    dt_s: float | None,
+    known: frozenset[str],
+    resolution: Resolution,
+    *,
+    from_first_row: bool,
+) -> Diagnosis | None:
+    """Return the diagnosis of a recording that has no other fault than a wrong reading of omega, or None.
+
+    An omega in degrees per second turns the body by many radians between two samples, which the steps of the
+    search would have to follow.
+    """
+    found = []
+    for one in _far_readings(trajectory):
+        right = _undone(one, trajectory)
+        initial = replace(scene.initial, omega_body=right.omega_body[0])
+        finer = float(np.linalg.norm(right.omega_body) / np.linalg.norm(trajectory.omega_body))
+        diagnosis = diagnosed_recording(
+            replace(scene, initial=initial) if from_first_row else scene,
+            right,
+            truth,
+            scales,
+            dt_s,
+            known=known,
+            resolution=replace(resolution, omega=resolution.omega * finer),
+            from_first_row=from_first_row,
+        )
+        if diagnosis is not None and diagnosis.verdict == "healthy":
+            found.append((one, diagnosis))
+    if not found:
+        return None
+    first, *others = (
+        FittedFault(fault.name, fault.kind, one.text, (), fault.confirm)
+        for one, _ in found
+        for fault in FAULTS
+        if fault.name == one.name
+    )
+    return replace(
+        found[0][1],
+        verdict="explained",
+        faults=(first,),
+        share=1.0,
+        alike=tuple(fault.sentence for fault in others),
+        alike_names=tuple((fault.name,) for fault in others),
+    )
+
+
+def _far_readings(trajectory: Trajectory) -> list[WrongReading]:
+    """Return the wrong readings of omega that bring it to the turns between the attitudes, far from these."""
+    attitude = normalised(trajectory.attitude)
+    turns = log_quaternion(quaternion_product(conjugate(attitude[:-1]), attitude[1:]))
+    some = np.linalg.norm(turns, axis=-1) < _LARGEST_TURN_RAD
+    size, interval_s = np.linalg.norm(turns[some]), np.diff(trajectory.t_s)[:, None]
+
+    def distance(omega: Array) -> float:
+        gaps = 0.5 * (omega[:-1] + omega[1:]) * interval_s - turns
+        return float(np.linalg.norm(gaps[some]) / size)
+
+    if size == 0.0 or distance(trajectory.omega_body) < _FAR:
+        return []
+    readings = wrong_readings("w")
+    return [one for one in readings if distance(_undone(one, trajectory).omega_body) < _NEAR]
+
+
+def _undone(one: WrongReading, trajectory: Trajectory) -> Trajectory:
+    """Return the recording with the omega that was meant."""
+    world = trajectory.omega_body_rad_s is None
+    omega = trajectory.omega_world if world else trajectory.omega_body
+    none = np.zeros((3, 1))
+    read = ReportedStates(none, none, normalised(trajectory.attitude).T, omega.T)
+    right = one.undo(read, world_omega=world).w.T
+    return replace(trajectory, **{"omega_world_rad_s" if world else "omega_body_rad_s": right})
 
 
 def _without_fault(

@@ -370,6 +370,29 @@ def test_the_bias_of_a_gyro_is_named(noise: float, tmp_path: Path) -> None:
         assert one.value == pytest.approx(planted, abs=3.0 * (one.high - one.value) + 1e-9)
 
 
+@pytest.mark.parametrize("rows", [1, 10])
+def test_degrees_are_named_where_they_would_turn_the_body_between_samples(rows: int, tmp_path: Path) -> None:
+    """Omega in degrees per second, 2 and 21 rad a sample if taken for rad/s, is no factor of nearly 57."""
+    t_s = np.linspace(0.0, 5.0, 501)
+
+    def change(_: float, state: Array) -> Array:
+        q, omega = state[:4], state[4:]
+        turn = 0.5 * quaternion_product(q, np.array([0.0, *omega]))
+        return np.concatenate([turn, np.linalg.solve(INERTIA, -np.cross(omega, INERTIA @ omega))])
+
+    begin = np.array([1.0, 0.0, 0.0, 0.0, 1.0, -2.0, 3.0])
+    states = solve_ivp(change, (0.0, 5.0), begin, "DOP853", t_s, rtol=1e-12, atol=1e-14).y.T
+    table = np.column_stack([t_s, states[:, :4], np.rad2deg(states[:, 4:])])[::rows]
+    head = "t_s,qw,qx,qy,qz,wx_body_rad_s,wy_body_rad_s,wz_body_rad_s"
+    np.savetxt(tmp_path / "degrees.csv", table, "%.9f", ",", header=head, comments="")
+    text = FREE.replace("2.0\nsamples = 201", f"5.0\nsamples = {len(table)}")
+    (tmp_path / "free.toml").write_text(text)
+    found = runner.explain(tmp_path / "degrees.csv", tmp_path / "free.toml").diagnosis
+    assert found is not None
+    assert (found.verdict, listed(found)) == ("explained", {("omega-read-scaled",)})
+    assert "degrees per second" in found.sentence
+
+
 TORQUE = np.array([0.05, -0.04, 0.06])
 
 
