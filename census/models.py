@@ -1,4 +1,4 @@
-"""Certain errors in published models: the linter's, confirmed by exact arithmetic on the file's own text.
+"""Published models: what importers make of them, and certain errors that exact arithmetic confirms.
 
 The confirmation has a reader of its own: the numbers of the element in the line of the finding, as fractions.
 """
@@ -10,6 +10,7 @@ import math
 import tempfile
 import tomllib
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import asdict, dataclass, fields
 from fractions import Fraction
 from pathlib import Path
@@ -20,10 +21,12 @@ from numpy.typing import NDArray
 
 from bodycheck._util.errors import InputError
 from bodycheck.adapters.versions.uv import uv
-from bodycheck.audit.audit import LintFinding
-from bodycheck.audit.lint import lint
+from bodycheck.adapters.workers.engine_pool import EnginePool
+from bodycheck.audit.audit import Audit, LintFinding
+from bodycheck.audit.audit_run import AuditOptions, checked_engines, imported_audit
 from bodycheck.scenarios.model_files import read_model
 from census.finding import HERE
+from census.imports import counted, read_imports, write_imports
 
 PACKAGES, ERRORS = HERE / "packages.toml", HERE / "models.csv"
 _SUFFIXES = (".urdf", ".xml", ".sdf", ".world")
@@ -56,18 +59,25 @@ def read_errors(path: Path = ERRORS) -> list[ModelError]:
 
 
 def audit_packages(names: list[str]) -> None:
-    """Install, lint and confirm; replace the rows of these packages, of all without names."""
+    """Install, import, lint and confirm; replace the rows of these packages, of all without names."""
     versions: dict[str, str] = tomllib.loads(PACKAGES.read_text(encoding="utf-8"))
     if unknown := [name for name in names if name not in versions]:
         raise InputError(f"{unknown[0]!r} is not in {PACKAGES}: {', '.join(versions)}")
-    chosen = names or list(versions)
-    rows = [one for one in read_errors() if one.package not in chosen] if ERRORS.exists() else []
-    for name in chosen:
+    for name in names or list(versions):
         with tempfile.TemporaryDirectory() as folder:
             uv("pip", "install", "--no-deps", "--target", folder, f"{name}=={versions[name]}")
-            files, found = audit_folder(Path(folder), name, versions[name])
-        print(f"{name} {versions[name]}: {len(files)} files, {len(found)} confirmed errors", flush=True)
-        rows += found
+            audits = list(audits_of(Path(folder)))
+            errors = [
+                one for audit in audits for one in confirmed_errors(audit, Path(folder), name, versions[name])
+            ]
+        print(f"{name} {versions[name]}: {len(audits)} files, {len(errors)} confirmed errors", flush=True)
+        write_imports(
+            [*(one for one in read_imports() if one.package != name), *counted(name, versions[name], audits)]
+        )
+        _write_errors([*(one for one in read_errors() if one.package != name), *errors])
+
+
+def _write_errors(rows: list[ModelError]) -> None:
     rows.sort(key=lambda one: (one.package, one.file, one.line))
     with ERRORS.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, [one.name for one in fields(ModelError)], lineterminator="\n")
@@ -75,24 +85,27 @@ def audit_packages(names: list[str]) -> None:
         writer.writerows(asdict(one) for one in rows)
 
 
-def audit_folder(folder: Path, package: str, version: str) -> tuple[list[Path], list[ModelError]]:
-    """Return the model files below a folder, and their confirmed errors."""
-    files = sorted(path for path in folder.rglob("*") if path.suffix in _SUFFIXES and _is_model(path))
-    found = []
-    for path in files:
-        try:
-            with np.errstate(all="ignore"):
-                findings = [one for one in lint(read_model(path)) if _is_certain(one)]
-        except InputError:
-            continue  # an include without a root of its own, or not a model
-        for one in findings:
-            place = Path(one.file) if Path(one.file).is_absolute() else path.parent / one.file
-            if why := confirmation(place if place.is_file() else path, one):
-                name = path.relative_to(folder).as_posix()
-                found.append(
-                    ModelError(package, version, name, one.line, one.link, one.rule, one.message, why)
-                )
-    return files, found
+def audits_of(folder: Path) -> Iterator[Audit]:
+    """Yield the audit, by all installed importers, of each model file below a folder."""
+    options = AuditOptions(spins=False, matrices=False)
+    with closing(EnginePool()) as pool, np.errstate(all="ignore"):
+        for path in sorted(
+            path for path in folder.rglob("*") if path.suffix in _SUFFIXES and _is_model(path)
+        ):
+            try:
+                yield imported_audit(pool, read_model(path), checked_engines(None), options)
+            except InputError:
+                continue  # an include without a root of its own, or not a model
+
+
+def confirmed_errors(audit: Audit, folder: Path, package: str, version: str) -> Iterator[ModelError]:
+    """Yield the certain errors of a file that exact arithmetic confirms."""
+    path = Path(audit.file)
+    for one in filter(_is_certain, audit.findings):
+        place = Path(one.file) if Path(one.file).is_absolute() else path.parent / one.file
+        if why := confirmation(place if place.is_file() else path, one):
+            name = path.relative_to(folder).as_posix()
+            yield ModelError(package, version, name, one.line, one.link, one.rule, one.message, why)
 
 
 def _is_model(path: Path) -> bool:

@@ -53,11 +53,13 @@ _IMPORT_S = 1.0  # time limit per link, beyond a start
 class AuditOptions:
     """engines: names or NAME==VERSION, none for the linter alone. timeout_s: of one import.
 
-    shard: the part of the links to spin; every shard imports and compares all links.
+    shard: the part of the links to spin; every shard imports and compares all links. matrices: compare mass
+    matrices too, which takes most of the time of a large model.
     """
 
     engines: Sequence[str] | None = None
     spins: bool = True
+    matrices: bool = True
     timeout_s: float = TIMEOUT_S
     shard: Shard | None = None
 
@@ -180,7 +182,7 @@ def _imports(pool: EnginePool, engine: str, model: ModelFile, options: AuditOpti
         discarded = _discarded(pool, engine, model, flags, named, timeout_s)
         joints = HeldJoints.of(found, named, model)
         matrix = None
-        if any(joint.motion != "fixed" for link in model.links for joint in link.joints):
+        if options.matrices and any(joint.motion != "fixed" for link in model.links for joint in link.joints):
             matrix = compared_matrices(model, joints, *matrices_once(pool, engine, request, timeout_s))
         yield Imported(column, named, joints, matrix, discarded)
 

@@ -161,7 +161,7 @@ def audit(
         if against is not None:
             found = audit_against(model, against)
         else:
-            found = audited(model, AuditOptions(engines, not no_spins, timeout_s, part))
+            found = audited(model, AuditOptions(engines, not no_spins, timeout_s=timeout_s, shard=part))
     if part is not None and out is not None:
         write_shard(found, part, out)
     if fix is not None and model is not None:
