@@ -62,6 +62,8 @@ class Finding:
     source: str = ""
     """The third way: where the engine's own source shows it."""
     inputs: tuple[str, ...] = ()
+    searched: str = ""
+    """Where no public issue was found: the words that were searched for in issues and pull requests."""
 
     def __post_init__(self) -> None:
         """Raise InputError if a field is empty or not of the words that are known."""
@@ -72,6 +74,8 @@ class Finding:
         for way, figures in (("command", self.figures), ("driver", self.driver_figures)):
             if bool(getattr(self, way)) != bool(figures):
                 raise InputError(f"{place}: {way} needs figures, and figures a {way}")
+        if bool(self.searched) == self.is_public:
+            raise InputError(f"{place}: searched is needed where no public issue was found, and only there")
         if len(self.ways) < 2:
             raise InputError(f"{place}: one way is not enough: command, driver or source is missing")
         if self.kind not in KINDS:

@@ -10,6 +10,7 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from decimal import Decimal
+from functools import cache
 
 from census.finding import HERE, INPUTS
 
@@ -41,13 +42,8 @@ def compare_numbers() -> None:
 def compared() -> Iterator[tuple[str, ...]]:
     """Yield the rows of the table."""
     cases = tomllib.loads(NUMBERS.read_text(encoding="utf-8"))
-    for name, case in cases.items():
-        command = ["truth", str(INPUTS / f"{name}.toml"), "--at", str(case["t_s"]), "--quiet"]
-        done = subprocess.run(
-            [sys.executable, "-m", "bodycheck", *command], capture_output=True, text=True, check=True
-        )
-        (row,) = csv.DictReader(io.StringIO(done.stdout))
-        truth = {key: float(value) for key, value in row.items()}
+    for name, case in ((name, case) for name, of_name in cases.items() for case in of_name):
+        truth = _truth(name, case["t_s"])
         bound = truth.get("bound_rad", truth.get("bound.rad", math.nan))
         for quantity, published in case["published"].items():
             found = _quantity(quantity, truth)
@@ -56,6 +52,17 @@ def compared() -> Iterator[tuple[str, ...]]:
                 case["source"], f"`{name}.toml`", str(case["t_s"]), quantity, published, repr(found),
                 f"{difference:.1e}", f"{bound:.1e}", digits(published, difference),
             )  # fmt: skip
+
+
+@cache
+def _truth(name: str, t_s: float) -> dict[str, float]:
+    """Return the row of `bodycheck truth` at a time."""
+    command = ["truth", str(INPUTS / f"{name}.toml"), "--at", str(t_s), "--quiet"]
+    done = subprocess.run(
+        [sys.executable, "-m", "bodycheck", *command], capture_output=True, text=True, check=True
+    )
+    (row,) = csv.DictReader(io.StringIO(done.stdout))
+    return {key: float(value) for key, value in row.items()}
 
 
 def digits(published: str, difference: Decimal) -> str:
@@ -69,8 +76,10 @@ def digits(published: str, difference: Decimal) -> str:
 
 
 def _quantity(name: str, truth: dict[str, float]) -> float:
-    """Return a column, or MRP of the attitude, or degrees, sine and cosine of a joint."""
+    """Return a column, or MRP of the attitude, degrees, sine and cosine of a joint, or a rate in degrees."""
     kind, _, part = name.partition("_")
+    if kind == "degs":
+        return math.degrees(truth[f"w{part}_body_rad_s"])
     if kind == "mrp":  # of the shorter set
         sign = math.copysign(1.0, truth["qw"])
         return sign * truth[f"q{part}"] / (1.0 + abs(truth["qw"]))

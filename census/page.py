@@ -142,7 +142,7 @@ def _body(one: Finding, *, links: bool) -> list[str]:
     if one.source:
         lines += [f"In the source: {_prose(one.source)}", ""]
     if links:
-        known = f"<{one.upstream}>" if one.is_public else one.upstream
+        known = f"<{one.upstream}>" if one.is_public else f"none found by a search for: {one.searched}"
         kind = f"{one.kind}: {KINDS[one.kind]}"
         lines += [f"Public issue or page: {known}. Kind: {kind}. Name: `{one.name}`.", ""]
     return lines

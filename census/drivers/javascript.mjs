@@ -118,12 +118,6 @@ const EXPERIMENTS = {
   async jolt_clamp() {
     return [(await joltSpin({}, [0, 0, 150], 1, 1e-4)).omega[2]];
   },
-  // the first diagonal entry of sScale of a vector (1, 2, 3), and of the number 2
-  async jolt_scale() {
-    const { Jolt } = await jolt({});
-    const of = (value) => Jolt.Mat44.prototype.sScale(value).GetDiagonal3().GetX();
-    return [of(new Jolt.Vec3(1, 2, 3)) === 1 ? 1 : 0, of(2)];
-  },
   // omega and speed after two steps of 1e-2 s of a body that starts with 400 rad/s and 1000 m/s
   async rapier_caps() {
     return await rapierBody(1e-2, 400, 1000);

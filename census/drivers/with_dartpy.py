@@ -80,11 +80,12 @@ def stale_acceleration() -> list[float]:
 
 
 def triangle() -> list[float]:
-    """Moments that a body holds after it was given 1, 2, 5 kg m^2, which no body has."""
+    """Whether verify calls 1, 2, 5 kg m^2 valid, which no body has (1: yes), and the moments then held."""
     skeleton = dart.dynamics.Skeleton()
     _, body = skeleton.createFreeJointAndBodyNodePair()
-    body.setInertia(dart.dynamics.Inertia(1.0, np.zeros(3), np.diag([1.0, 2.0, 5.0])))
-    return [float(moment) for moment in np.diag(np.array(body.getInertia().getMoment()))]
+    inertia = dart.dynamics.Inertia(1.0, np.zeros(3), np.diag([1.0, 2.0, 5.0]))
+    body.setInertia(inertia)
+    return [float(inertia.verify()), *map(float, np.diag(np.array(body.getInertia().getMoment())))]
 
 
 _HINGE = """<mujoco><compiler angle="degree"/><worldbody><body name="arm"><joint name="hinge" axis="0 1 0"
@@ -118,7 +119,10 @@ def mjcf_spring() -> list[float]:
 
 def sdf_limits() -> list[float]:
     """Limits that SdfParser holds of an effort of 5 N m and of 2 rad/s: 1e9 for infinite."""
-    link = "<link name='{}'><inertial><mass>1</mass></inertial></link>"
+    moments = "".join(
+        f"<i{axes}>{axes[0] == axes[1]:d}</i{axes}>" for axes in ("xx", "xy", "xz", "yy", "yz", "zz")
+    )
+    link = f"<link name='{{}}'><inertial><mass>1</mass><inertia>{moments}</inertia></inertial></link>"
     text = f"""<sdf version="1.6"><model name="m">{link.format("base")}{link.format("arm")}
     <joint name="hinge" type="revolute"><parent>base</parent><child>arm</child><axis><xyz>0 1 0</xyz>
     <limit><lower>-1</lower><upper>1</upper><effort>5</effort><velocity>2</velocity></limit></axis></joint>

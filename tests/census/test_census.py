@@ -6,6 +6,7 @@ import ast
 import random
 import re
 import shlex
+import tomllib
 from collections.abc import Iterator
 from dataclasses import replace
 from decimal import Decimal
@@ -57,7 +58,7 @@ def test_each_experiment_and_input_belongs_to_a_finding() -> None:
     """Every driver that a finding names exists, and nothing here is used by no finding and no number."""
     assert {one.driver for one in ALL.values() if one.driver} == set(experiments())
     used = {name for one in ALL.values() for name in one.inputs}
-    cases = {f"{name}.toml" for name in re.findall(r"^\[(.+)\]$", NUMBERS.read_text(), flags=re.MULTILINE)}
+    cases = {f"{name}.toml" for name in tomllib.loads(NUMBERS.read_text())}
     assert used | cases == {path.name for path in INPUTS.iterdir()}
 
 
