@@ -17,7 +17,7 @@ COMMAND = (
     "bodycheck run free-chain --engine mujoco,dart,pybullet,drake,newton,mujoco-warp,mjx,pinocchio "
     "--dt 1e-2 --no-speed"
 )
-HEADER = ("engine", "release", "method", "error of a joint, rad", "momentum gained", "one-step map")
+HEADER = ("engine", "release", "method", "error of a joint, rad", "change of momentum", "one-step map")
 
 
 def run_chains() -> None:

@@ -56,11 +56,14 @@ def write_imports(rows: Iterable[ImportCount]) -> None:
 
 def counted(package: str, version: str, audits: Iterable[Audit]) -> list[ImportCount]:
     """Return the counts of a package, ordered by importer, files before links before joints."""
-    files: dict[tuple[str, ...], list[str]] = defaultdict(list)
+    files: dict[tuple[str, str, str, str, str], list[str]] = defaultdict(list)
     for audit in audits:
         for key in _facts(audit):
             files[key].append(audit.file)
-    rows = [ImportCount(package, version, *key, len(in_), len(set(in_))) for key, in_ in files.items()]
+    rows = [
+        ImportCount(package, version, importer, release, what, state, cause, len(in_), len(set(in_)))
+        for (importer, release, what, state, cause), in_ in files.items()
+    ]
     order = ("file", "link", "joint")
     return sorted(
         rows,

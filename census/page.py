@@ -10,6 +10,7 @@ from pathlib import Path
 
 from bodycheck._util.files import write_file
 from census.finding import HERE, INPUTS, KINDS, Finding, engines_of, read_findings
+from census.imports import read_imports
 from census.models import read_errors
 from census.releases import changes, read_releases
 
@@ -159,7 +160,7 @@ def models_page() -> str:
     rows = Counter((one.package, one.version, one.rule) for one in errors)
     return "\n".join(
         [
-            "# Errors in published models",
+            "# Published models",
             "",
             f"{len(errors)} errors are certain and confirmed: numbers that no body has. "
             "`bodycheck audit FILE --lint` reports each; `python -m census models` installs them, and "
@@ -175,7 +176,50 @@ def models_page() -> str:
                 ),
             ),
             "",
+            "## What importers make of them",
+            "",
+            *_texts("imports")["text"],
+            "",
+            *_imports_by_package(),
+            "",
+            *_imports_by_cause(),
+            "",
         ]
+    )
+
+
+def _imports_by_package() -> list[str]:
+    """Return how many files, links and joints of each package each importer holds in which state."""
+    cells: dict[tuple[str, str], dict[str, list[str]]] = {}
+    for one in read_imports():
+        if not one.cause:
+            row = cells.setdefault((f"{one.package} {one.version}", f"{one.importer} {one.release}"), {})
+            row.setdefault(one.what, []).append(f"{one.count} {one.state}")
+    header = ("package", "importer", "files", "links", "joints")
+    return _table(
+        header,
+        (
+            (*key, *(", ".join(row.get(what, ())) for what in ("file", "link", "joint")))
+            for key, row in cells.items()
+        ),
+    )
+
+
+def _imports_by_cause() -> list[str]:
+    """Return how often each importer has each cause, over all packages, the most frequent first."""
+    counts: dict[tuple[str, str, str], list[int]] = {}
+    packages: dict[tuple[str, str, str], set[str]] = {}
+    for one in read_imports():
+        if one.cause:
+            key = (one.importer, one.what, one.cause)
+            sums = counts.setdefault(key, [0, 0])
+            sums[0] += one.count
+            sums[1] += one.files
+            packages.setdefault(key, set()).add(one.package)
+    rows = sorted(counts, key=lambda key: -counts[key][0])
+    return _table(
+        ("importer", "of a", "cause", "times", "files", "packages"),
+        ((*key, *counts[key], ", ".join(sorted(packages[key]))) for key in rows),
     )
 
 
