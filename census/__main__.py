@@ -60,7 +60,7 @@ def models(
         typer.Argument(help="Packages of census/packages.toml.", show_default="all", metavar="[PACKAGE]..."),
     ] = None,
 ) -> None:
-    """Audit the model files of packages, and write census/models.csv.
+    """Import and lint the model files of packages, and write census/imports.csv and census/models.csv.
 
     Each package is installed in a temporary folder, without what it requires. An error is kept only if exact
     arithmetic on the numbers of the file, without bodycheck's reader, confirms it.
@@ -92,9 +92,11 @@ def releases(
         list[str] | None,
         typer.Argument(help="Engines.", show_default="all with rows", metavar="[ENGINE]..."),
     ] = None,
-    since: Annotated[str | None, typer.Option(help="The first release of an engine without rows.")] = None,
+    since: Annotated[
+        str | None, typer.Option(help="The first release.", show_default="the last one with rows")
+    ] = None,
 ) -> None:
-    """Measure the releases that census/releases.csv does not have yet, add them, and print what changed."""
+    """Measure the releases that census/releases.csv does not have, add them, and print what changed."""
     from census.releases import add_new_releases
 
     print("\n".join(add_new_releases(engines or [], since)) or "nothing changed")

@@ -17,6 +17,7 @@ from census.finding import HERE, INPUTS
 MEASURED = HERE / "releases.csv"
 HEADER = ("engine", "release", "method", "map", "order", "error at 1e-3 s, rad", "verdict")
 _STEPS = "2e-2,1e-2,5e-3,2e-3,1e-3"
+_FAILED = "does not run"
 _CHANGING = ("map", "order", "verdict")
 """Columns whose change is a change; the error follows from map and order."""
 
@@ -30,20 +31,27 @@ def read_releases(path: Path = MEASURED) -> list[Row]:
 
 
 def add_new_releases(engines: list[str], since: str | None) -> list[str]:
-    """Measure what is newer than the last row of an engine, and add it; return the changes, as sentences."""
+    """Measure the releases of engines that have no rows, and add them; return the changes, as sentences.
+
+    since: the first release; without it, the last one with rows. If that one did not run it is tried again:
+    what it requires may be had by now.
+    """
     rows = read_releases() if MEASURED.exists() else []
-    known = {row["engine"]: row["release"] for row in rows}
     added = []
-    for engine in engines or list(known):
-        if not (first := known.get(engine, since)):
+    for engine in engines or dict.fromkeys(row["engine"] for row in rows):
+        own = [row for row in rows if row["engine"] == engine]
+        if not (first := since or (own[-1]["release"] if own else None)):
             raise InputError(f"{engine} has no rows in {MEASURED.name}: name its first release by --since")
-        for release in releases(engine, first, None):
-            if release == known.get(engine):
+        own = [row for row in own if row is not own[-1] or not row["verdict"].startswith(_FAILED)]
+        listed = releases(engine, first, None)
+        for release in listed:
+            if any(row["release"] == release for row in own):
                 continue
-            found = list(measure(engine, release))
+            own += (found := list(measure(engine, release)))
+            own.sort(key=lambda row: listed.index(row["release"]) if row["release"] in listed else -1)
             added.append((engine, release))
             print(f"{engine} {release}: {len(found)} methods", flush=True)
-            rows += found
+            rows = [*(row for row in rows if row["engine"] != engine), *own]
             _write(rows)
     return [one for engine, release, one in changes(rows) if (engine, release) in added]
 
@@ -72,8 +80,8 @@ def _why(path: Path, done: subprocess.CompletedProcess[str]) -> str:
     results = path.with_name("results.csv")
     rows = csv.DictReader(results.read_text(encoding="utf-8").splitlines()) if results.exists() else ()
     messages = [row["message"] for row in rows if row["message"]]
-    messages += [one for one in (done.stdout + done.stderr).splitlines() if "==" in one]
-    return f"does not run: {messages[0][:120]}" if messages else "does not run"
+    messages += [one for one in (done.stdout + done.stderr).splitlines() if "==" in one or "cannot" in one]
+    return f"{_FAILED}: {messages[0][:120]}" if messages else _FAILED
 
 
 def changes(rows: list[Row]) -> Iterator[tuple[str, str, str]]:

@@ -139,10 +139,7 @@ def _hinged(omega: float, tilt: float, dt: float) -> int:
 
 
 def hinge_moment() -> list[float]:
-    """Moment that the sensor of a hinge reads, and the exact one, of a link that turns steadily.
-
-    The centre of mass is on the hinge and nothing else acts, so the moment is omega x I omega.
-    """
+    """Moment read of a link that turns steadily and omega x I omega; force read in a chain and m a."""
     _client()
     tilt, omega = 0.5, 3.0
     body = _hinged(omega, tilt, 1e-5)
@@ -150,7 +147,39 @@ def hinge_moment() -> list[float]:
     read = np.array(p.getJointState(body, 0)[2][3:])
     along = np.array([0.0, math.sin(tilt), math.cos(tilt)]) * omega  # omega in the principal axes of the link
     exact = np.cross(along, np.array([1.0, 2.0, 2.5]) * along)
-    return [float(np.linalg.norm(read)), float(np.linalg.norm(exact))]
+    return [float(np.linalg.norm(read)), float(np.linalg.norm(exact)), *_chain_force(0.7, 2.0, 3.0)]
+
+
+def _chain_force(angle: float, first: float, second: float) -> list[float]:
+    """Force that the second joint of a planar double pendulum without gravity reads, and m a of its link.
+
+    Links of 1 m and 1 kg with equal moments of 0.1 kg m^2, their centres of mass in the middle.
+    """
+    p.resetSimulation()
+    p.setTimeStep(1e-6)
+    link = """<link name="{0}"><inertial><origin xyz="0.5 0 0"/><mass value="1"/><inertia ixx="0.1" iyy="0.1"
+    izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j{0}" type="continuous">
+    <parent link="{1}"/><child link="{0}"/><origin xyz="{2} 0 0"/><axis xyz="0 0 1"/></joint>"""
+    text = f'<robot name="r"><link name="o"/>{link.format("a", "o", 0)}{link.format("b", "a", 1)}</robot>'
+    body = _loaded(text, useFixedBase=1, flags=p.URDF_USE_INERTIA_FROM_FILE)
+    for joint, position, rate in ((0, 0.0, first), (1, angle, second)):
+        p.changeDynamics(body, joint, linearDamping=0, angularDamping=0, jointDamping=0)
+        p.setJointMotorControl2(body, joint, p.VELOCITY_CONTROL, force=0)
+        p.resetJointState(body, joint, position, rate)
+    p.enableJointForceTorqueSensor(body, 1)
+    p.stepSimulation()
+    read = float(np.linalg.norm(p.getJointState(body, 1)[2][:3]))
+    c, s, both = math.cos(angle), math.sin(angle), first + second
+    mass = np.array([[0.2 + 1.5 + c, 0.1 + 0.25 + 0.5 * c], [0.1 + 0.25 + 0.5 * c, 0.1 + 0.25]])
+    bias = 0.5 * s * np.array([first**2 - both**2, first**2])
+    alpha, beta = np.linalg.solve(mass, -bias)
+    force = np.array(
+        [
+            -(first**2) - 0.5 * (c * both**2 + s * (alpha + beta)),
+            alpha + 0.5 * (c * (alpha + beta) - s * both**2),
+        ]
+    )
+    return [read, float(np.linalg.norm(force))]
 
 
 def pendulum_force() -> list[float]:

@@ -19,11 +19,12 @@ from typer.main import get_command
 from bodycheck._util.errors import InputError
 from bodycheck.audit.audit import LintFinding
 from bodycheck.cli.commands import app
-from census.finding import DRIVERS, FINDINGS, INPUTS, NOT_FOUND, Finding, chosen, read_findings
-from census.models import confirmation, read_errors
+from census.finding import DRIVERS, FINDINGS, INPUTS, Finding, chosen, read_findings
+from census.imports import counted, kind_of_cause, kind_of_message, read_imports
+from census.models import audits_of, confirmation, read_errors
 from census.numbers import NUMBERS, digits
 from census.page import report_of, write_pages
-from census.releases import HEADER, changes, read_releases
+from census.releases import HEADER, add_new_releases, changes, read_releases
 from census.reproduce import Compared, looked_up, reproduce
 
 ALL = read_findings()
@@ -64,7 +65,14 @@ def test_each_experiment_and_input_belongs_to_a_finding() -> None:
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("kind", "bug"), ("expected", ""), ("figures", {}), ("driver", ""), ("inputs", ("absent.toml",))],
+    [
+        ("kind", "bug"),
+        ("expected", ""),
+        ("figures", {}),
+        ("driver", ""),
+        ("inputs", ("absent.toml",)),
+        ("upstream", "none found"),
+    ],
 )
 def test_incomplete_finding_is_refused(field: str, value: object) -> None:
     """An unknown kind, an empty field, a command without figures, one way alone, an absent input."""
@@ -75,13 +83,13 @@ def test_incomplete_finding_is_refused(field: str, value: object) -> None:
 
 def test_unknown_field_or_finding_is_refused(tmp_path: Path) -> None:
     """A table with a field that does not exist is refused with its file, and so is an unknown name."""
-    text = (FINDINGS / "ode.toml").read_text()
-    (tmp_path / "ode.toml").write_text(text.replace("kind =", "sort ="))
-    with pytest.raises(InputError, match=r"ode\.toml: ode-gyroscopic-error: .*sort"):
+    text = (FINDINGS / "pinocchio.toml").read_text()
+    (tmp_path / "pinocchio.toml").write_text(text.replace("kind =", "sort ="))
+    with pytest.raises(InputError, match=r"pinocchio\.toml: pinocchio-depth-first: .*sort"):
         read_findings(tmp_path)
     with pytest.raises(InputError, match="neither a finding nor an engine"):
         chosen(ALL, ["absent"])
-    assert {one.engine for one in chosen(ALL, ["ode", "dart-sdf-frame"])} == {"ode", "dart"}
+    assert {one.engine for one in chosen(ALL, ["pinocchio", "dart-sdf-frame"])} == {"pinocchio", "dart"}
 
 
 def test_figure_that_differs_is_not_reproduced() -> None:
@@ -142,6 +150,37 @@ def test_impossible_tensor_is_confirmed_exactly(tmp_path: Path) -> None:
         assert bool(confirmation(path, triangle)) == bool(k % 2)
 
 
+def test_imports_are_counted_by_state_and_cause(tmp_path: Path) -> None:
+    """A row without a cause counts all in a state; causes are counted without numbers, names and issues."""
+    link = (
+        '<link name="{}"><inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="{}" {}/></inertial></link>'
+    )
+    zeros = 'ixy="0" ixz="0" iyz="0"'
+    for name, moments in (("a", (1.0, 1.5)), ("b", (1.1,))):
+        links = "".join(link.format(f"l{k}", one, zeros) for k, one in enumerate(moments))
+        joint = '<joint name="j" type="fixed"><parent link="l0"/><child link="l1"/></joint>' * (
+            len(moments) - 1
+        )
+        (tmp_path / f"{name}.urdf").write_text(f'<robot name="r">{links}{joint}</robot>')
+    (tmp_path / "part.xml").write_text("<mujocoinclude/>")
+    rows = counted("p", "1", audits_of(tmp_path))
+    states = {
+        (one.what, one.state): (one.count, one.files)
+        for one in rows
+        if one.importer == "pybullet:default" and not one.cause
+    }
+    assert states == {("file", "read"): (2, 2), ("link", "differs"): (3, 2), ("joint", "agrees"): (1, 1)}
+    causes = {one.cause: one.count for one in rows if one.importer == "pybullet:default" and one.cause}
+    assert causes == {"tensor discarded": 3}
+    assert (
+        kind_of_cause("limits times 57.3, as degrees for radians: [1] held")
+        == "limits times N, as degrees for radians"
+    )
+    assert (
+        kind_of_message("ValueError: cannot open 'a/b.stl' Element 'x', line 3") == "ValueError: cannot open"
+    )
+
+
 def test_errors_in_models_are_of_known_packages() -> None:
     """Each row names package, version, file, line, link and rule, and why the numbers are impossible."""
     errors = read_errors()
@@ -179,6 +218,33 @@ def test_changed_release_is_named() -> None:
     assert read_releases()
 
 
+def test_release_is_measured_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """New and older releases are added in order; of those with rows, only the last that failed again."""
+    measured = []
+
+    def measure(engine: str, release: str) -> list[dict[str, str]]:
+        measured.append(release)
+        values = (engine, release, "a", "M1" if release < "3" else "M2", "1.0", "1e-3", "converges")
+        return [dict(zip(HEADER, values, strict=True))]
+
+    table = tmp_path / "releases.csv"
+    table.write_text(",".join(HEADER) + "\ne,2,,,,,does not run: no numpy\nother,1,a,M1,1.0,1e-3,converges\n")
+    monkeypatch.setattr("census.releases.MEASURED", table)
+    monkeypatch.setattr("census.releases.measure", measure)
+    monkeypatch.setattr(
+        "census.releases.releases", lambda _, since, __: [one for one in "1234" if one >= since]
+    )
+    monkeypatch.setattr("census.releases.read_releases", lambda: read_releases(table))
+    assert add_new_releases(["e"], None) == ["e 3, `a`: map M1 -> M2"]
+    assert measured == ["2", "3", "4"]
+    assert add_new_releases(["e"], "1") == []
+    assert measured == ["2", "3", "4", "1"]
+    rows = [row for row in read_releases(table) if row["engine"] == "e"]
+    assert [row["release"] for row in rows] == ["1", "2", "3", "4"]
+    with pytest.raises(InputError, match="absent has no rows"):
+        add_new_releases(["absent"], None)
+
+
 def plain(text: str) -> str:
     """Return Markdown without the escapes that keep elements and products as they are."""
     return text.replace("&lt;", "<").replace("\\*", "*")
@@ -196,4 +262,10 @@ def test_pages_have_every_finding(tmp_path: Path) -> None:
         report = plain(report_of(one))
         assert one.found in report
         assert all((INPUTS / name).read_text().rstrip() in report for name in one.inputs)
-        assert one.upstream == NOT_FOUND or f"<{one.upstream}>" in written[one.engine]
+        assert (
+            f"<{one.upstream}>" in written[one.engine]
+            if one.is_public
+            else one.searched in written[one.engine]
+        )
+    for one in read_imports():
+        assert one.cause in written["models"]
