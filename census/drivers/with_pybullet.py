@@ -138,7 +138,7 @@ def _hinged(omega: float, tilt: float, dt: float) -> int:
     return body
 
 
-def hinge_moment() -> list[float]:
+def joint_wrench() -> list[float]:
     """Moment read of a link that turns steadily and omega x I omega; force read in a chain and m a."""
     _client()
     tilt, omega = 0.5, 3.0
