@@ -129,3 +129,9 @@ def sdf_limits() -> list[float]:
     </model></sdf>"""
     joint = _read(text, ".sdf").getJoint("hinge")
     return [min(1e9, float(limit)) for limit in (joint.getForceUpperLimit(0), joint.getVelocityUpperLimit(0))]
+
+
+def no_inertial() -> list[float]:
+    """Mass and largest moment that DartLoader gives a URDF link that states no inertia."""
+    body = _read('<robot name="m"><link name="a"/></robot>', ".urdf").getBodyNode(0)
+    return [float(body.getMass()), float(np.max(np.array(body.getInertia().getMoment())))]

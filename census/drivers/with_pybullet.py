@@ -348,3 +348,11 @@ def mjcf_untyped() -> list[float]:
         kinds = [p.getJointInfo(body, k)[2] for k in range(p.getNumJoints(body))]
         found.append(float(kinds.count(p.JOINT_REVOLUTE)))
     return found
+
+
+def no_inertial() -> list[float]:
+    """Mass and largest moment that loadURDF gives a link that states no inertia."""
+    _client()
+    body = _loaded('<robot name="r"><link name="a"/></robot>', flags=p.URDF_USE_INERTIA_FROM_FILE)
+    mass, _, moments = p.getDynamicsInfo(body, -1)[:3]
+    return [mass, max(moments)]

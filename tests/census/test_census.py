@@ -228,7 +228,8 @@ def test_release_is_measured_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         return [dict(zip(HEADER, values, strict=True))]
 
     table = tmp_path / "releases.csv"
-    table.write_text(",".join(HEADER) + "\ne,2,,,,,does not run: no numpy\nother,1,a,M1,1.0,1e-3,converges\n")
+    header = ",".join(f'"{name}"' for name in HEADER)
+    table.write_text(f"{header}\ne,2,,,,,does not run: no numpy\nother,1,a,M1,1.0,1e-3,converges\n")
     monkeypatch.setattr("census.releases.MEASURED", table)
     monkeypatch.setattr("census.releases.measure", measure)
     monkeypatch.setattr(
@@ -267,5 +268,4 @@ def test_pages_have_every_finding(tmp_path: Path) -> None:
             if one.is_public
             else one.searched in written[one.engine]
         )
-    for one in read_imports():
-        assert one.cause in written["models"]
+    assert all(count.cause in written["models"] for count in read_imports())
