@@ -13,6 +13,7 @@ from bodycheck.audit.audit import Audit
 from census.finding import HERE
 
 IMPORTS = HERE / "imports.csv"
+WHAT = ("file", "link", "joint")
 _ISSUE = re.compile(r" \([\w.-]+/[\w.-]+#\d+\)")
 _NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
 _QUOTED = re.compile(r" '[^']*'|(Element| element|; its last output).*", re.DOTALL)
@@ -64,12 +65,11 @@ def counted(package: str, version: str, audits: Iterable[Audit]) -> list[ImportC
         ImportCount(package, version, importer, release, what, state, cause, len(in_), len(set(in_)))
         for (importer, release, what, state, cause), in_ in files.items()
     ]
-    order = ("file", "link", "joint")
     return sorted(
         rows,
         key=lambda one: (
             one.importer,
-            order.index(one.what),
+            WHAT.index(one.what),
             one.state,
             one.cause != "",
             -one.count,

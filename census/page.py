@@ -10,7 +10,7 @@ from pathlib import Path
 
 from bodycheck._util.files import write_file
 from census.finding import HERE, INPUTS, KINDS, Finding, engines_of, read_findings
-from census.imports import read_imports
+from census.imports import WHAT, read_imports
 from census.models import read_errors
 from census.releases import changes, read_releases
 
@@ -189,18 +189,18 @@ def models_page() -> str:
 
 
 def _imports_by_package() -> list[str]:
-    """Return how many files, links and joints of each package each importer holds in which state."""
-    cells: dict[tuple[str, str], dict[str, list[str]]] = {}
+    """Return how many files each importer reads of each package, and how many links and joints it holds."""
+    counts: dict[tuple[str, str], Counter[tuple[str, bool]]] = {}
     for one in read_imports():
-        if not one.cause:
-            row = cells.setdefault((f"{one.package} {one.version}", f"{one.importer} {one.release}"), {})
-            row.setdefault(one.what, []).append(f"{one.count} {one.state}")
-    header = ("package", "importer", "files", "links", "joints")
+        if not one.cause and one.state != "merged":
+            key = (f"{one.package} {one.version}", f"{one.importer} {one.release}")
+            held = one.state in ("read", "agrees", "rounded")
+            counts.setdefault(key, Counter())[one.what, held] += one.count
     return _table(
-        header,
+        ("package", "importer", "files read", "links held", "joints held"),
         (
-            (*key, *(", ".join(row.get(what, ())) for what in ("file", "link", "joint")))
-            for key, row in cells.items()
+            (*key, *(f"{of[what, True]} of {of[what, True] + of[what, False]}" for what in WHAT))
+            for key, of in counts.items()
         ),
     )
 
