@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import csv
 import tomllib
 from collections import Counter
@@ -9,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from bodycheck._util.files import write_file
-from census.finding import HERE, INPUTS, KINDS, Finding, engines_of, read_findings
+from census.finding import DRIVERS, HERE, INPUTS, KINDS, Finding, engines_of, read_findings
 from census.imports import WHAT, read_imports
 from census.models import read_errors
 from census.releases import changes, read_releases
@@ -140,12 +141,18 @@ def _body(one: Finding, *, links: bool) -> list[str]:
             f"[`drivers/{file}`]({_REPOSITORY}/drivers/{file})" if links else f"{_REPOSITORY}/drivers/{file}"
         )
         lines += [f"Without bodycheck: `{experiment}` in {place} prints {figures}.", ""]
+        if not links and file.endswith(".py"):
+            text = (DRIVERS / file).read_text(encoding="utf-8")
+            (body,) = (one for one in ast.parse(text).body if getattr(one, "name", "") == experiment)
+            lines += ["```python", ast.get_source_segment(text, body) or "", "```", ""]
     if one.source:
         lines += [f"In the source: {_prose(one.source)}", ""]
     if links:
         known = f"<{one.upstream}>" if one.is_public else f"none found by a search for: {one.searched}"
         kind = f"{one.kind}: {KINDS[one.kind]}"
         lines += [f"Public issue or page: {known}. Kind: {kind}. Name: `{one.name}`.", ""]
+    elif one.is_public:
+        lines += [f"This is public already: {one.upstream}", ""]
     return lines
 
 

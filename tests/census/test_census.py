@@ -262,6 +262,8 @@ def test_pages_have_every_finding(tmp_path: Path) -> None:
         assert one.expected in written[one.engine]
         report = plain(report_of(one))
         assert one.found in report
+        assert ".mjs " in one.driver or f"def {one.driver.partition(' ')[2]}()" in report
+        assert ("This is public already" in report) == one.is_public
         assert all((INPUTS / name).read_text().rstrip() in report for name in one.inputs)
         assert (
             f"<{one.upstream}>" in written[one.engine]
