@@ -56,7 +56,7 @@ def _by_bodycheck(finding: Finding) -> Iterator[Compared]:
         for name in finding.inputs:
             shutil.copy(INPUTS / name, folder)
         out = ["--out", "run"] if words[0] == "run" else []
-        done = _printed([sys.executable, "-m", "bodycheck", *words, *out, "--json", "--quiet"], folder, {})
+        done = _printed([sys.executable, "-m", "bodycheck", *words, *out, "--json"], folder, {})
         try:
             answer = json.loads(done)
         except ValueError:

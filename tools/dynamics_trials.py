@@ -2,11 +2,14 @@
 
     python tools/dynamics_trials.py faults [--trees 8] [NAME ...]
     python tools/dynamics_trials.py healthy [--trees 100] [ENGINE ...]
+    python tools/dynamics_trials.py conditions [ENGINE ...]
     python tools/dynamics_trials.py motions [NAME ...]
     python tools/dynamics_trials.py healthy-motions [--trees 50] [ENGINE[:METHOD] ...]
 
 faults: each fault of tests/helpers/faulty_tree_models.py on random trees; exit status 1 if one is not named
 first with its parameters within 5 %. healthy: mujoco, dart and pinocchio; exit status 1 if one is accused.
+conditions: the worst accelerations and wrenches, also over 10 + cond M, of the trees of
+tests/oracles/joints.json that bodies can have, and of 20 random ones.
 motions: each fault of tests/helpers/faulty_tree_motions.py on three trees; exit status 1 if fewer than 90 %
 are named first with their parameters within 5 %. healthy-motions: mujoco, dart, pybullet and reference on
 the built-in and on random trees, and how much farther than its map the next one is; exit status 1 if one has
@@ -18,6 +21,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import Counter
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +31,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from bodycheck.adapters.contract import Setting
 from bodycheck.adapters.execution import Case, record, refusal
 from bodycheck.adapters.registry import get_adapter, registered
+from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.examine.dynamics.dynamics_document import dynamics_document
 from bodycheck.examine.dynamics.engine_dynamics import EngineDynamics
 from bodycheck.examine.dynamics.tree_motion_diagnosis import diagnosed_tree
@@ -38,11 +43,13 @@ from bodycheck.reports.measurement.case import stable_motion
 from bodycheck.reports.measurement.compared_motion import EnergyAndMomentum
 from bodycheck.reports.measurement.scales import scene_scales
 from bodycheck.reports.measurement.tree_map_made import DISTANCE, NEXT, made_map
-from bodycheck.runs.dynamics_run import DynamicsOptions, dynamics
+from bodycheck.runs.dynamics_run import DynamicsOptions, _case, _random, _read, dynamics
 from bodycheck.scenarios.library import load_trees, tree_names
 from tests.helpers.faulty_tree_models import PLANTED, FaultyTrees, PlantedTreeFault
 from tests.helpers.faulty_tree_motions import FAULTS, TREES, diagnosed_fault, loaded_tree
 from tests.helpers.faulty_tree_motions import is_named as motion_is_named
+from tests.helpers.tree_oracles import TREES as HANDED
+from tests.helpers.tree_oracles import tree as handed_tree
 
 _MOVING = ("mujoco", "dart", "pybullet", "reference")
 _HEALTHY = ("mujoco", "dart", "pinocchio")
@@ -86,6 +93,31 @@ def healthy(names: list[str], trees: int) -> int:
         accused += len(found.wrong)
     print(f"{accused} readings of healthy engines accused")
     return accused
+
+
+def conditions(names: list[str]) -> int:
+    """Print the worst deviations of each engine, and those over 10 + cond M."""
+    seed = DynamicsOptions().seed
+    handed = [(name, handed_tree(name)) for name in HANDED if name != "physical-pendulum"]
+    sets = {"joints.json": handed, "random": [_random(seed, number) for number in range(20)]}
+    for engine in names or _HEALTHY:
+        with closing(EnginePool()) as pool:
+            for label, trees in sets.items():
+                cases = [_case(*named, np.random.default_rng([seed, k, 1])) for k, named in enumerate(trees)]
+                read = [_read(pool, engine, case, 60.0) for case in cases]
+                for name in ("accelerations", "wrenches"):
+                    found = [
+                        (one.case.deviation(name, one.readings.values[name]), one.case.largest_condition)
+                        for one in read
+                        if one.readings is not None and name in one.readings.values
+                    ]
+                    (worst, cond), shares = max(found), [one / (10.0 + cond) for one, cond in found]
+                    print(
+                        f"{engine} {label} {name}: {worst:.1e} at cond M = {cond:.0e}, "
+                        f"over 10 + cond M {max(shares):.1e}",
+                        flush=True,
+                    )
+    return 0
 
 
 def motions(names: list[str]) -> int:
@@ -150,12 +182,14 @@ def healthy_motions(names: list[str], trees: int) -> int:
 def main() -> int:
     """Run a trial."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("trial", choices=("faults", "healthy", "motions", "healthy-motions"))
+    parser.add_argument("trial", choices=("faults", "healthy", "conditions", "motions", "healthy-motions"))
     parser.add_argument("names", nargs="*")
     parser.add_argument("--trees", type=int)
     given = parser.parse_intermixed_args()
     if given.trial == "faults":
         return int(bool(faults(given.names, given.trees or 8)))
+    if given.trial == "conditions":
+        return conditions(given.names)
     if given.trial == "motions":
         return motions(given.names)
     if given.trial == "healthy-motions":
