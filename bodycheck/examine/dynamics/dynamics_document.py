@@ -78,7 +78,8 @@ def _parts(found: EngineDynamics) -> Iterator[Part]:
         elsewhere = " of the other trees" if any(reading in cause.readings for cause in found.causes) else ""
         yield Sentence(f"{LABELS[reading]}: no known fault explains those{elsewhere}", "open")
     if late := [LABELS[one.reading] for one in found.late]:
-        yield Sentence(f"read after a step, {names(late)} are of the state before it")
+        which = "all of them" if len(late) == len(measured) else names(late)
+        yield Sentence(f"read after a step, {which} are of the state before it")
     if found.no_step:
         yield Sentence(f"after a step: {found.no_step}")
     yield Table(_COLUMNS, tuple(map(_row, found.readings)), "Relative deviations from the exact values")
