@@ -78,7 +78,7 @@ def _parts(found: EngineDynamics) -> Iterator[Part]:
         elsewhere = " of the other trees" if any(reading in cause.readings for cause in found.causes) else ""
         yield Sentence(f"{LABELS[reading]}: no known fault explains those{elsewhere}", "open")
     if late := [LABELS[one.reading] for one in found.late]:
-        which = "all of them" if len(late) == len(measured) else names(late)
+        which = "all readings" if len(late) == sum(bool(one.stage) for one in measured) else names(late)
         yield Sentence(f"read after a step, {which} are of the state before it")
     if found.no_step:
         yield Sentence(f"after a step: {found.no_step}")
