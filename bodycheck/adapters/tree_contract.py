@@ -307,6 +307,22 @@ def link_poses(links: Sequence[JointedLink], places: Sequence[Array], rotations:
     return np.array([np.concatenate([x + R @ one.centre, matrix_to_quaternion(R)]) for one, x, R in rows])
 
 
+def link_momenta(
+    links: Sequence[JointedLink], rotations: Sequence[Array], places: Array, velocities: Array, omegas: Array
+) -> Array:
+    """Return P and L (6,) about the origin of bodies (n, 3) by their centres of mass, all in world axes."""
+    momenta = np.array([link.mass for link in links])[:, None] * velocities
+    spins = [R @ link.inertia @ R.T @ w for link, R, w in zip(links, rotations, omegas, strict=True)]
+    return np.concatenate([momenta.sum(axis=0), (np.cross(places, momenta) + spins).sum(axis=0)])
+
+
+def frame_about(axis: Array) -> Array:
+    """Return a rotation (3, 3) whose first column is a unit axis (3,), for joints that turn about their x."""
+    second = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    second /= np.linalg.norm(second)
+    return np.column_stack([axis, second, np.cross(axis, second)])
+
+
 @dataclass(frozen=True, eq=False)
 class HeldLoads:
     """The loads on a tree at one instant, for engines that accept them between steps only.
@@ -363,7 +379,7 @@ def joint_forces(
 
 
 class RateMap:
-    """Rates of an engine in its own order and axes: u_e = T u with an orthogonal T.
+    """Rates of an engine in its own order and axes: u_e = T u with an invertible T.
 
     starts: the index of each body's first rate in the engine's vector.
     """
@@ -371,24 +387,28 @@ class RateMap:
     def __init__(self, scene: TreeScene, starts: Sequence[int]) -> None:
         self._slices, self._starts = scene.rate_slices, starts
         self._kinds = [body.joint.kind for body in scene.bodies]
-        self.matrix = np.zeros((self._slices[-1].stop,) * 2)
+        self.matrix, self.inverse = np.zeros((2, *(self._slices[-1].stop,) * 2))
         self.drift = np.zeros(self._slices[-1].stop)
         for k, part in enumerate(self._slices):
             self.turn(k, np.eye(part.stop - part.start))
 
-    def turn(self, body: int, block: Array, drift: Array | float = 0.0) -> None:
-        """Set the block of T of a body, and (dT/dt) u of its rates in the engine's order."""
+    def turn(self, body: int, block: Array, drift: Array | float = 0.0, inverse: Array | None = None) -> None:
+        """Set the block of T of a body, and (dT/dt) u of its rates in the engine's order.
+
+        inverse: of a block that is not orthogonal.
+        """
         part, start = self._slices[body], self._starts[body]
         rows = slice(start, start + len(block))
         self.matrix[rows, part], self.drift[rows] = block, drift
+        self.inverse[part, rows] = block.T if inverse is None else inverse
 
     def rates(self, u: Array) -> Array:
         """T u."""
         return np.asarray(self.matrix @ u)
 
     def own_rates(self, rates: Array) -> Array:
-        """T^T u_e."""
-        return np.asarray(rates @ self.matrix)
+        """T^-1 u_e."""
+        return np.asarray(self.inverse @ rates)
 
     def mass_matrix(self, mass_matrix: Array) -> Array:
         """T^T M_e T."""
@@ -396,10 +416,10 @@ class RateMap:
 
     def bias(self, bias: Array, mass_matrix: Array | None = None) -> Array:
         """T^T (c_e + M_e (dT/dt) u); the matrix is only needed where T changes."""
-        return self.own_rates(bias if mass_matrix is None else bias + mass_matrix @ self.drift)
+        return np.asarray((bias if mass_matrix is None else bias + mass_matrix @ self.drift) @ self.matrix)
 
     def accelerations(self, accelerations: Array) -> Array:
-        """T^T (u_e' - (dT/dt) u)."""
+        """T^-1 (u_e' - (dT/dt) u)."""
         return self.own_rates(accelerations - self.drift)
 
 

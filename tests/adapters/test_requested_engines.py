@@ -39,6 +39,7 @@ from bodycheck.reference_impl.rotations import (
 from bodycheck.reference_impl.scene import RigidBody, Scene, State, Torque
 from bodycheck.reports.cache.answers import Answers
 from bodycheck.reports.run_files.method_words import NO_KNOWN_MAP, NOT_MEASURED
+from bodycheck.runs.dynamics_run import DynamicsOptions, dynamics
 from bodycheck.runs.engine_checks import check_adapter, fingerprints
 
 pytestmark = [pytest.mark.engines, pytest.mark.slow]
@@ -192,6 +193,52 @@ def test_sensors_of_drake_read_the_exact_specific_force(method: str) -> None:
     faulty = motion.specific_force_m_s2 - cross(motion.omega_body, true.velocity)
     named = imu_mistake(scene, replace(motion, specific_force_m_s2=faulty))
     assert named == "accelerometer: omega x v is missing"
+
+
+TREES = ["double-pendulum", "free-chain", "free-ball"]
+ALL = {"mass_matrix", "bias", "gravity_bias", "accelerations", "wrenches", "energy", "momenta", "poses"}
+REPORTED = {
+    "pinocchio": ALL,
+    "drake": ALL,
+    "exudyn": ALL - {"wrenches", "energy"},
+    "sapien": ALL - {"energy"},
+}
+
+
+@pytest.mark.parametrize("engine", REPORTED)
+def test_readings_of_trees_are_right(engine: str) -> None:
+    """What an engine reports of built-in and random trees agrees with the exact values."""
+    made_or_skipped(engine)
+    found = dynamics(engine, TREES, DynamicsOptions(random=3))
+    verdicts = {one.reading: one.verdict for one in found.readings}
+    assert {reading for reading, verdict in verdicts.items() if verdict == "right"} == REPORTED[engine]
+    assert not found.wrong
+
+
+@pytest.mark.parametrize(
+    ("engine", "method", "order", "trees"),
+    [
+        ("pinocchio", "rk4", 4.0, {"free-chain", "free-ball"}),
+        ("exudyn", "explicit-midpoint", 2.0, {"free-chain", "free-ball"}),
+        ("exudyn", "rk44", 4.0, {"free-chain", "free-ball"}),
+        ("exudyn", "trapezoidal-index2", 2.0, {"free-chain", "free-ball"}),
+        ("sapien", "physx", 1.0, {"free-chain"}),
+    ],
+)
+def test_motion_of_trees_is_of_the_order_of_the_method(
+    engine: str, method: str, order: float, trees: set[str]
+) -> None:
+    """Trees are built as stated and converge to the truth; joints that an engine lacks are refused."""
+    made_or_skipped(engine)
+    run = bodycheck.run(
+        ["free-chain", "free-ball"], engines=[f"{engine}:{method}"], dt_s=[1e-2, 5e-3, 2.5e-3], speed=False
+    )
+    assert {row.scenario for row in run.results.itertuples() if row.outcome == "ok"} == trees
+    assert set(run.results["outcome"]) <= {"ok", "unsupported"}
+    for scenario in trees:
+        errors = run.results[run.results["scenario"] == scenario].set_index("dt_s")["joint_error_rad"]
+        measured = np.log2(errors[1e-2] / errors[2.5e-3]) / 2.0
+        assert measured == pytest.approx(order, abs=0.25), scenario
 
 
 def test_trapezoidal_rule_of_jsbsim_errs_twice_as_much_as_its_default() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from bodycheck.adapters.contract import ReadBack, Reading, Stepping
 from bodycheck.adapters.engine_loads import StageLoads
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.imu import has_imu
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene, State
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
@@ -51,13 +52,16 @@ class SteppedBody(Protocol):
 class BetweenSteps:
     """A simulation of a body to which loads are passed between steps (zero-order hold).
 
-    Without loads all steps are made by one call of the body.
+    Without loads all steps are made by one call of the body. A body whose engine has sensors has
+    `imu(force, torque)`, which returns what they read under these loads, in body axes.
     """
 
     def __init__(self, scene: Scene, dt_s: float, body: SteppedBody) -> None:
         self._scene, self._dt_s, self._body = scene, dt_s, body
         self.stepping = body.stepping
         self._loads = StageLoads(replace(scene, gravity=_ZERO))  # the engine applies the weight
+        if has_imu(scene) and (sensors := getattr(body, "imu", None)) is not None:
+            self.imu = lambda: sensors(*self._present_loads())
         self.reset()
 
     def read_back(self) -> ReadBack:
@@ -83,13 +87,17 @@ class BetweenSteps:
             self._steps_made += steps
             return
         for _ in range(steps):
-            state = self._body.read()
-            rotation = rotation_of(state)
-            omega = state.omega_world if state.omega_body is None else rotation @ state.omega_body
-            t_s = self._steps_made * self._dt_s
-            force, torque = self._loads.at(t_s, state.position, rotation, state.velocity, omega)  # type: ignore[arg-type]
-            self._body.step(1, force, rotation @ torque)
+            self._body.step(1, *self._present_loads())
             self._steps_made += 1
+
+    def _present_loads(self) -> tuple[Array, Array]:
+        """Return force and torque (3,), both in world axes, at the present state."""
+        state = self._body.read()
+        rotation = rotation_of(state)
+        omega = state.omega_world if state.omega_body is None else rotation @ state.omega_body
+        t_s = self._steps_made * self._dt_s
+        force, torque = self._loads.at(t_s, state.position, rotation, state.velocity, omega)  # type: ignore[arg-type]
+        return force, rotation @ torque
 
     def read(self) -> Reading:
         """Return the engine's state."""

@@ -17,6 +17,7 @@ import numpy as np
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, Stepping
 from bodycheck.adapters.engine_loads import StageLoads
 from bodycheck.adapters.optional.between_steps import FreeBodiesOnly, array
+from bodycheck.adapters.tree_contract import TreeModel
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import log_quaternion
 from bodycheck.reference_impl.scene import Scene
@@ -33,7 +34,7 @@ class _Solver:
     formula: str
 
 
-_SOLVERS = {
+SOLVERS = {
     "explicit-euler": _Solver("ExplicitEuler", 1, 1, "M1, pose from the old omega"),
     "explicit-midpoint": _Solver("ExplicitMidpoint", 2, 2, "midpoint Munthe-Kaas"),
     "rk44": _Solver("RK44", 4, 4, "RK4 Munthe-Kaas"),
@@ -44,7 +45,7 @@ _SOLVERS = {
     ),
 }
 _NO_CONTROL = 1e30
-_ROUND_OFF = 64.0 * float(np.finfo(np.float64).eps)
+ROUND_OFF = 64.0 * float(np.finfo(np.float64).eps)
 _ITERATIONS = 50
 
 
@@ -70,7 +71,7 @@ class Exudyn(FreeBodiesOnly):
     name = "exudyn"
     distribution = "exudyn"
     requires = ("exudyn>=1.13.6",)
-    methods: Mapping[str, Method] = {name: _method_of(name, solver) for name, solver in _SOLVERS.items()}
+    methods: Mapping[str, Method] = {name: _method_of(name, solver) for name, solver in SOLVERS.items()}
 
     def __init__(self) -> None:
         import exudyn
@@ -78,9 +79,32 @@ class Exudyn(FreeBodiesOnly):
 
         self.version = version(self.distribution)
 
+    @property
+    def tree_model(self) -> type[TreeModel]:
+        """What builds trees."""
+        from bodycheck.adapters.optional.exudyn_tree import ExudynTree
+
+        return ExudynTree
+
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Build a system of one body."""
-        return ExudynSimulation(scene, _SOLVERS[method].called, dt_s)
+        return ExudynSimulation(scene, SOLVERS[method].called, dt_s)
+
+
+def fixed_steps() -> Any:
+    """Return settings of a solver without step control and output, whose iterations end at round-off."""
+    import exudyn
+
+    settings = exudyn.SimulationSettings()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        settings.solutionSettings.writeSolutionToFile = False
+    steps = settings.timeIntegration
+    steps.verboseMode, steps.automaticStepSize, steps.adaptiveStep = 0, False, False
+    steps.absoluteTolerance = _NO_CONTROL  # DOPRI5 controls its error whatever automaticStepSize is
+    steps.newton.useModifiedNewton = False
+    steps.newton.relativeTolerance, steps.newton.maxIterations = ROUND_OFF, _ITERATIONS
+    return settings
 
 
 class ExudynSimulation:
@@ -106,7 +130,7 @@ class ExudynSimulation:
         if scene.loads:
             self._add_loads()
         self._system.Assemble()
-        self._settings = self._settings_of()
+        self._settings = fixed_steps()
         self.reset()
 
     def _add_body(self) -> int:
@@ -133,18 +157,6 @@ class ExudynSimulation:
                     loadVectorUserFunction=lambda _, t_s, __, part=part: self._wrench(t_s)[part],
                 )
             )
-
-    def _settings_of(self) -> Any:
-        settings = self._exu.SimulationSettings()
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)
-            settings.solutionSettings.writeSolutionToFile = False
-        steps = settings.timeIntegration
-        steps.verboseMode, steps.automaticStepSize, steps.adaptiveStep = 0, False, False
-        steps.absoluteTolerance = _NO_CONTROL  # DOPRI5 controls its error whatever automaticStepSize is
-        steps.newton.useModifiedNewton = False
-        steps.newton.relativeTolerance, steps.newton.maxIterations = _ROUND_OFF, _ITERATIONS
-        return settings
 
     def _wrench(self, t_s: float) -> tuple[Array, Array]:
         """Return force and torque (3,) in world axes at the present stage."""
@@ -188,7 +200,7 @@ class ExudynSimulation:
         self._steps_made += steps
         times.endTime = self._steps_made * self._dt_s
         self._size = max(self._size, self._largest_force(times.startTime))
-        times.newton.absoluteTolerance = _ROUND_OFF * self._size
+        times.newton.absoluteTolerance = ROUND_OFF * self._size
         self._system.SolveDynamic(self._settings, solverType=self._solver, updateInitialValues=True)
 
     def read(self) -> Reading:

@@ -26,6 +26,7 @@ from bodycheck.adapters.optional.mujoco_warp import NO_DERIVATIVES
 from bodycheck.adapters.optional.newton_solvers import SOLVERS, NewtonSolver
 from bodycheck.adapters.tree_contract import UnreportedError
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.imu import has_imu, imu_point
 from bodycheck.reference_impl.scene import Scene, State
 from bodycheck.reference_impl.wrench import plan_steps
 
@@ -101,10 +102,17 @@ class Newton(FreeBodiesOnly):
         return _taped_gradients(self._newton, scene, solver, options, dt_s)
 
 
-def _model(newton: Any, scene: Scene, **options: bool) -> Any:
+_SHORT_S = 1e-6
+
+
+def _model(newton: Any, scene: Scene, site: Array | None = None, **options: bool) -> Any:
     builder = newton.ModelBuilder(gravity=tuple(scene.gravity))
     inertia = [float(value) for value in scene.body.inertia.ravel()]
-    builder.add_body(mass=scene.body.mass, inertia=inertia, lock_inertia=True)
+    body = builder.add_body(mass=scene.body.mass, inertia=inertia, lock_inertia=True)
+    if site is not None:
+        import warp
+
+        builder.add_site(body, xform=warp.transform(site.tolist(), warp.quat_identity()))
     return builder.finalize(device="cpu", skip_validation_inertia=True, **options)
 
 
@@ -113,11 +121,16 @@ class _Body:
 
     def __init__(self, newton: Any, scene: Scene, method: str, dt_s: float) -> None:
         self._newton, self._dt_s = newton, dt_s
-        self._model = _model(newton, scene)
         solver = SOLVERS[method.removesuffix(DEFAULTS)]
+        has_sensors = solver.name == "SolverMuJoCo" and has_imu(scene)  # the others store no accelerations
+        self._model = _model(newton, scene, site=imu_point(scene) if has_sensors else None)
         options = {} if method.endswith(DEFAULTS) else solver.options
         self._solver = getattr(newton.solvers, solver.name)(self._model, **options)
         self._now, self._next = self._model.state(), self._model.state()
+        if has_sensors:
+            self._sensor = newton.sensors.SensorIMU(self._model, sites="*", request_state_attributes=False)
+            self._observed = self._solver.observables(kinds=self._sensor.solver_observable_kinds)
+            self.imu = self._read_imu
 
     def model(self) -> tuple[float, Array, float, Array]:
         model = self._model
@@ -137,6 +150,15 @@ class _Body:
             if pushed:
                 self._now.body_f.zero_()
             self._now, self._next = self._next, self._now
+
+    def _read_imu(self, force: Array, torque: Array) -> tuple[Array, Array]:
+        """Read the sensors in the present state, for which a short step gives the accelerations."""
+        now = self._now
+        now.body_f.assign(np.concatenate([force, torque])[np.newaxis])
+        self._solver.step(now, self._next, None, None, _SHORT_S, observables=self._observed)
+        now.body_f.zero_()
+        self._sensor.update(now, observables=self._observed)
+        return array(self._sensor.accelerometer.numpy()[0]), array(self._sensor.gyroscope.numpy()[0])
 
     def read(self) -> Reading:
         pose, rates = array(self._now.body_q.numpy()[0]), array(self._now.body_qd.numpy()[0])

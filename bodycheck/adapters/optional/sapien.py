@@ -16,6 +16,7 @@ import numpy as np
 
 from bodycheck.adapters.contract import DEFAULTS, Method, Reading, Simulation, Stepping
 from bodycheck.adapters.optional.between_steps import BetweenSteps, FreeBodiesOnly, array
+from bodycheck.adapters.tree_contract import TreeModel
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.rotations import matrix_to_quaternion, quaternion_to_matrix
@@ -42,7 +43,7 @@ _DEFAULTS = replace(
     changed_defaults=(),
     snippet="system.timestep = {dt_s}",
 )
-_UNLIMITED = 1e15
+UNLIMITED = 1e15
 
 
 class Sapien(FreeBodiesOnly):
@@ -60,9 +61,26 @@ class Sapien(FreeBodiesOnly):
 
         self.version = version(self.distribution)
 
+    @property
+    def tree_model(self) -> type[TreeModel]:
+        """What builds trees."""
+        from bodycheck.adapters.optional.sapien_tree import SapienTree
+
+        return SapienTree
+
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Build a scene of one entity."""
         return BetweenSteps(scene, dt_s, _Body(scene, dt_s, fair=method == _PHYSX.name))
+
+
+def physx_system(gravity: Array) -> Any:
+    """Return a system of PhysX on the CPU."""
+    from sapien import physx
+
+    settings = physx.PhysxSceneConfig()
+    settings.gravity = gravity
+    physx.set_scene_config(settings)
+    return physx.PhysxCpuSystem()
 
 
 class _Body:
@@ -73,10 +91,7 @@ class _Body:
         from sapien import physx
 
         self._pose: Any = sapien.Pose
-        settings = physx.PhysxSceneConfig()
-        settings.gravity = scene.gravity
-        physx.set_scene_config(settings)
-        self._system = physx.PhysxCpuSystem()
+        self._system = physx_system(scene.gravity)
         self._system.timestep = dt_s
         self._scene, self._entity = sapien.Scene([self._system]), sapien.Entity()
         moments, axes = diagonalised(scene.body.inertia)
@@ -86,7 +101,7 @@ class _Body:
         self._body.cmass_local_pose = self._pose(np.zeros(3), matrix_to_quaternion(axes))
         if fair:
             self._body.linear_damping = self._body.angular_damping = self._body.sleep_threshold = 0.0
-            self._body.max_linear_velocity = self._body.max_angular_velocity = _UNLIMITED
+            self._body.max_linear_velocity = self._body.max_angular_velocity = UNLIMITED
         self._entity.add_component(self._body)
         self._scene.add_entity(self._entity)
 
