@@ -18,6 +18,7 @@ from bodycheck.adapters import registry
 from bodycheck.adapters.contract import Control, Engine, Method
 from bodycheck.adapters.versions import environments, uv
 from bodycheck.adapters.versions.uv import releases
+from bodycheck.adapters.workers.engine_pool import announced
 from bodycheck.reports.comparison.compare import renamed
 from bodycheck.reports.comparison.release_results import Found
 from bodycheck.reports.run_files.run_tables import Tables
@@ -146,6 +147,12 @@ def test_speeds_are_measured_in_the_versions_environment() -> None:
     run = bodycheck.run(["intermediate-axis"], engines=["toy==1.0"], dt_s=[1e-2])
     assert (run.results["cpu_s"] > 0.0).all()
     assert run.results["engine"].tolist() == ["toy==1.0"]
+
+
+@pytest.mark.usefixtures("toy")
+def test_zeros_at_the_end_of_a_version_do_not_matter() -> None:
+    """2.0.0 is the release that announces 2.0."""
+    assert announced(["toy==2.0.0"])["toy==2.0.0"].name == "toy==2.0.0"
 
 
 @pytest.mark.usefixtures("toy")

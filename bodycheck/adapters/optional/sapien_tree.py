@@ -31,6 +31,7 @@ from bodycheck.reference_impl.trees.tree_scene import TreeLoad, TreeScene
 
 _KINDS = {"hinge": "revolute_unwrapped", "slide": "prismatic"}
 _SHORT_S = 1e-7
+_NO_BALLS = "joints of SAPIEN are hinges and slides"
 
 
 class SapienTree(TreeModel):
@@ -55,7 +56,7 @@ class SapienTree(TreeModel):
         self._scene, self._links = scene, jointed_links(scene)
         self._frames = [frame_about(link.axis) if link.kind in _KINDS else np.eye(3) for link in self._links]
         if any(link.kind == "ball" for link in self._links):
-            raise UnreportedError("joints of SAPIEN are hinges and slides")
+            raise UnreportedError(_NO_BALLS)
         self._build(jointed_links(scene, masses_were), defaults=False)
         if masses_were != 1.0:
             for link, own in zip(self._links, self._own, strict=True):
@@ -229,8 +230,8 @@ class SapienTree(TreeModel):
 
     @classmethod
     def unmoved(cls, scene: TreeScene, method: str) -> str | None:  # noqa: ARG003
-        """Move all that can be built."""
-        return None
+        """Refuse balls."""
+        return _NO_BALLS if any(body.joint.kind == "ball" for body in scene.bodies) else None
 
     def push(self, loads: Sequence[tuple[TreeLoad, float]]) -> None:
         """Keep the loads, which every step sets anew."""

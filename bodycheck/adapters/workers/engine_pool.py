@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -87,6 +88,11 @@ def announcing(engines: Sequence[str]) -> Iterator[Announcement]:
         engine_pool.close()
 
 
+def _without_zeros(version: str) -> str:
+    """4.6.0 -> 4.6, the same release."""
+    return re.sub(r"(\.0)+$", "", version)
+
+
 def _announced(engine_pool: EnginePool, name: str) -> Engine | str:
     """Return the engine, started once more if its worker was killed from outside, or why there is none."""
     try:
@@ -110,7 +116,7 @@ def _announced(engine_pool: EnginePool, name: str) -> Engine | str:
         return f"{name} announces itself as {engine.name!r}"
     if pin is None:
         return engine
-    if engine.version != pin.version:
+    if _without_zeros(engine.version) != _without_zeros(pin.version):
         return f"{name} announces version {engine.version}; request {engine.name}=={engine.version}"
     return replace(engine, name=name)
 
