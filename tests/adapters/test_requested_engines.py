@@ -224,6 +224,7 @@ REPORTED = {
     "drake": ALL,
     "exudyn": ALL - {"wrenches", "energy"},
     "sapien": ALL - {"energy"},
+    "rapier": {"accelerations", "energy", "momenta", "poses"},
 }
 
 
@@ -244,6 +245,7 @@ def test_readings_of_trees_are_right(engine: str) -> None:
         ("exudyn", "rk44", 4.0, {"free-chain", "free-ball"}),
         ("exudyn", "trapezoidal-index2", 2.0, {"free-chain", "free-ball"}),
         ("sapien", "physx", 1.0, {"free-chain"}),
+        ("rapier", "semi-implicit", 1.0, {"free-chain", "free-ball"}),
     ],
 )
 def test_motion_of_trees_is_of_the_order_of_the_method(

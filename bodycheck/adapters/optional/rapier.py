@@ -15,6 +15,7 @@ import numpy as np
 
 from bodycheck.adapters.contract import DEFAULTS, Method, Reading, Simulation, Stepping
 from bodycheck.adapters.optional.between_steps import BetweenSteps, FreeBodiesOnly, array
+from bodycheck.adapters.tree_contract import TreeModel
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.rotations import matrix_to_quaternion, quaternion_to_matrix
@@ -55,6 +56,13 @@ class Rapier(FreeBodiesOnly):
 
         self.version = version(self.distribution)
 
+    @property
+    def tree_model(self) -> type[TreeModel]:
+        """What builds trees."""
+        from bodycheck.adapters.optional.rapier_tree import RapierTree
+
+        return RapierTree
+
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Build a world of one body."""
         return BetweenSteps(scene, dt_s, _Body(scene, dt_s, fair=method == _STEP.name))
@@ -66,39 +74,24 @@ class _Body:
     def __init__(self, scene: Scene, dt_s: float, *, fair: bool) -> None:
         import rapier3d
 
-        self._r: Any = rapier3d
-        self._world = rapier3d.PhysicsWorld(gravity=self._vector(scene.gravity))
+        self._world = rapier3d.PhysicsWorld(gravity=vector(scene.gravity))
         self._world.integration_parameters.dt = dt_s
-        moments, axes = diagonalised(scene.body.inertia)
-        frame = rapier3d.Rotation3(*matrix_to_quaternion(axes))
-        solid = rapier3d.MassProperties(
-            self._vector(np.zeros(3)), scene.body.mass, self._vector(moments), frame
-        )
+        solid = mass_properties(scene.body.mass, scene.body.inertia, np.zeros(3))
         built = rapier3d.RigidBody.dynamic().additional_mass_properties(solid)
         if fair:
-            self._world.integration_parameters.normalized_max_linear_velocity = float(
-                np.finfo(np.float32).max
-            )
-            built = built.can_sleep(False).gyroscopic_forces(True).allow_fast_rotation(True)
+            built = unlimited(self._world, built)
         self._body = self._world.rigid_bodies[self._world.add_body(built)]
         self._body.recompute_mass_properties_from_colliders(self._world.colliders)
         self._is_pushed = False
 
-    def _vector(self, values: Array) -> Any:
-        return self._r.Vec3(*(float(value) for value in values))
-
     def model(self) -> tuple[float, Array, float, Array]:
-        solid = self._body.mass_properties
-        rotation = quaternion_to_matrix(_quaternion(solid.principal_inertia_local_frame))
-        inertia = rotation @ np.diag(array(solid.principal_inertia.to_tuple())) @ rotation.T
-        world = self._world
+        world, inertia = self._world, tensor_of(self._body.mass_properties)
         return self._body.mass, inertia, world.integration_parameters.dt, array(world.gravity.to_tuple())
 
     def set_state(self, state: State) -> None:
-        rotation = self._r.Rotation3(*(float(value) for value in state.quaternion))
-        self._body.position = self._r.Isometry3(self._vector(state.position), rotation)
-        self._body.linvel = self._vector(state.velocity)
-        self._body.angvel = self._vector(state.omega_world)
+        self._body.position = isometry(state.position, state.quaternion)
+        self._body.linvel = vector(state.velocity)
+        self._body.angvel = vector(state.omega_world)
 
     def step(self, steps: int, force: Array, torque: Array) -> None:
         if self._is_pushed:
@@ -106,8 +99,8 @@ class _Body:
             self._body.reset_torques()
         self._is_pushed = bool(np.any(force) or np.any(torque))
         if self._is_pushed:
-            self._body.add_force(self._vector(force))
-            self._body.add_torque(self._vector(torque))
+            self._body.add_force(vector(force))
+            self._body.add_torque(vector(torque))
         for _ in range(steps):
             self._world.step()
 
@@ -116,10 +109,45 @@ class _Body:
         return Reading(
             array(body.translation.to_tuple()),
             array(body.linvel.to_tuple()),
-            quaternion=_quaternion(body.rotation),
+            quaternion=quaternion_of(body.rotation),
             omega_world=array(body.angvel.to_tuple()),
         )
 
 
-def _quaternion(rotation: Any) -> Array:
+def vector(values: Array) -> Any:
+    """(3,) -> Vec3."""
+    from rapier3d import Vec3
+
+    return Vec3(*(float(value) for value in values))
+
+
+def isometry(place: Array, quaternion: Array) -> Any:
+    """Return the pose of (3,) and (4,)."""
+    from rapier3d import Isometry3, Rotation3
+
+    return Isometry3(vector(place), Rotation3(*(float(value) for value in quaternion)))
+
+
+def mass_properties(mass: float, inertia: Array, centre: Array) -> Any:
+    """Return the MassProperties of an inertia (3, 3) about a centre (3,)."""
+    from rapier3d import MassProperties, Rotation3
+
+    moments, axes = diagonalised(inertia)
+    return MassProperties(vector(centre), mass, vector(moments), Rotation3(*matrix_to_quaternion(axes)))
+
+
+def unlimited(world: Any, built: Any) -> Any:
+    """Return a body under construction that neither sleeps nor has a limit of its velocities."""
+    world.integration_parameters.normalized_max_linear_velocity = float(np.finfo(np.float32).max)
+    return built.can_sleep(False).gyroscopic_forces(True).allow_fast_rotation(True)
+
+
+def tensor_of(solid: Any) -> Array:
+    """Return the inertia (3, 3) of MassProperties."""
+    rotation = quaternion_to_matrix(quaternion_of(solid.principal_inertia_local_frame))
+    return np.asarray(rotation @ np.diag(array(solid.principal_inertia.to_tuple())) @ rotation.T)
+
+
+def quaternion_of(rotation: Any) -> Array:
+    """Return (4,) of a Rotation3."""
     return array((rotation.w, rotation.i, rotation.j, rotation.k))
