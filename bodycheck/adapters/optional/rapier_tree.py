@@ -115,21 +115,17 @@ class RapierTree(TreeModel):
         joints = self._world.multibody_joints
         places = [joints.rigid_body_link(handle) for handle in self._handles]
         keys = [(place.multibody.index, place.multibody.generation) for place in places]
-        numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
-        own = {
-            numbers[key]: joints.get_multibody(place.multibody)
-            for key, place in zip(keys, places, strict=True)
-        }
-        self._trees = [own[number] for number in range(len(own))]
+        own = {key: joints.get_multibody(place.multibody) for key, place in zip(keys, places, strict=True)}
+        self._trees = list(own.values())
         for tree in self._trees:
             tree.forward_kinematics(self._world.rigid_bodies, True)  # a fixed root loses its rates here
         self._offsets = np.cumsum([0, *(tree.ndofs for tree in self._trees)])
-        found = [
-            self._trees[numbers[key]].get_link(place.id) for key, place in zip(keys, places, strict=True)
+        firsts = dict(zip(own, self._offsets[:-1].tolist(), strict=True))
+        self._where = [(own[key], place.id) for key, place in zip(keys, places, strict=True)]
+        self._starts = [
+            firsts[key] + tree.get_link(number).assembly_id
+            for key, (tree, number) in zip(keys, self._where, strict=True)
         ]
-        offsets = [int(self._offsets[numbers[key]]) for key in keys]
-        self._starts = [first + link.assembly_id for first, link in zip(offsets, found, strict=True)]
-        self._where = [(numbers[key], place.id) for key, place in zip(keys, places, strict=True)]
         self._map = RateMap(self._scene, self._starts)
 
     def _pass(self, call: str, values: Array) -> None:
@@ -245,7 +241,7 @@ class RapierTree(TreeModel):
         """Return coords and joint_rot of each link, the position of free bodies, and generalized_velocity."""
         parts = []
         for link, body, (tree, number) in zip(self._links, self._bodies, self._where, strict=True):
-            held = self._trees[tree].get_link(number)
+            held = tree.get_link(number)
             if link.kind == "free":
                 part = np.concatenate([array(body.translation.to_tuple()), quaternion_of(body.rotation)])
             elif link.kind == "ball":
