@@ -2,7 +2,7 @@
 
 Joints turn about and move along x of their frames. The rates of a ball are in the frame of its joint in the
 parent, those of a free root in world axes, the velocity first. A multibody has no call that sets coordinates,
-only one that adds to them, so each state is set in a world that is built anew.
+only one that adds to them, so each state is set in a new world.
 """
 
 from __future__ import annotations

@@ -222,7 +222,7 @@ class SapienTree(TreeModel):
     # --------------------------------------------------------------------------------------------- motion
 
     def start(self, method: str, dt_s: float) -> None:
-        """Build the articulations anew, and set the start."""
+        """Build the articulations again, and set the start."""
         self._build(self._links, defaults=method.endswith(DEFAULTS))
         self._system.timestep = dt_s
         self._steps = 0
@@ -234,7 +234,7 @@ class SapienTree(TreeModel):
         return _NO_BALLS if any(body.joint.kind == "ball" for body in scene.bodies) else None
 
     def push(self, loads: Sequence[tuple[TreeLoad, float]]) -> None:
-        """Keep the loads, which every step sets anew."""
+        """Keep the loads, which every step sets again."""
         self._loads = tuple(loads)
 
     def _set_loads(self) -> None:
