@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
 
@@ -17,6 +17,7 @@ import numpy as np
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, Stepping
 from bodycheck.adapters.engine_loads import StageLoads
 from bodycheck.adapters.optional.between_steps import FreeBodiesOnly, array
+from bodycheck.adapters.optional.exudyn_solvers import ROUND_OFF, SOLVERS, ExudynSolver, fixed_steps
 from bodycheck.adapters.tree_contract import TreeModel
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import log_quaternion
@@ -24,32 +25,7 @@ from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 
 
-@dataclass(frozen=True)
-class _Solver:
-    """A member of DynamicSolverType, its order, its evaluations per step and its formula."""
-
-    called: str
-    order: int
-    evaluations: int | None
-    formula: str
-
-
-SOLVERS = {
-    "explicit-euler": _Solver("ExplicitEuler", 1, 1, "M1, pose from the old omega"),
-    "explicit-midpoint": _Solver("ExplicitMidpoint", 2, 2, "midpoint Munthe-Kaas"),
-    "rk44": _Solver("RK44", 4, 4, "RK4 Munthe-Kaas"),
-    "dopri5": _Solver("DOPRI5", 5, 7, "RK5 (Dormand-Prince) Munthe-Kaas"),
-    "rk67": _Solver("RK67", 6, 7, "explicit Runge-Kutta of order 6 with 7 stages on the rotation group"),
-    "trapezoidal-index2": _Solver(
-        "TrapezoidalIndex2", 2, None, "implicit trapezoidal rule (Newmark, beta 1/4, gamma 1/2)"
-    ),
-}
-_NO_CONTROL = 1e30
-ROUND_OFF = 64.0 * float(np.finfo(np.float64).eps)
-_ITERATIONS = 50
-
-
-def _method_of(name: str, solver: _Solver) -> Method:
+def _method_of(name: str, solver: ExudynSolver) -> Method:
     return Method(
         name=name,
         formula=solver.formula,
@@ -89,22 +65,6 @@ class Exudyn(FreeBodiesOnly):
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Build a system of one body."""
         return ExudynSimulation(scene, SOLVERS[method].called, dt_s)
-
-
-def fixed_steps() -> Any:
-    """Return settings of a solver without step control and output, whose iterations end at round-off."""
-    import exudyn
-
-    settings = exudyn.SimulationSettings()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)
-        settings.solutionSettings.writeSolutionToFile = False
-    steps = settings.timeIntegration
-    steps.verboseMode, steps.automaticStepSize, steps.adaptiveStep = 0, False, False
-    steps.absoluteTolerance = _NO_CONTROL  # DOPRI5 controls its error whatever automaticStepSize is
-    steps.newton.useModifiedNewton = False
-    steps.newton.relativeTolerance, steps.newton.maxIterations = ROUND_OFF, _ITERATIONS
-    return settings
 
 
 class ExudynSimulation:

@@ -14,7 +14,7 @@ import numpy as np
 
 from bodycheck.adapters.contract import TreeReadBack
 from bodycheck.adapters.optional.between_steps import array
-from bodycheck.adapters.optional.exudyn import ROUND_OFF, SOLVERS, fixed_steps
+from bodycheck.adapters.optional.exudyn_solvers import ROUND_OFF, SOLVERS, fixed_steps
 from bodycheck.adapters.tree_contract import (
     JointedLink,
     RateMap,

@@ -9,16 +9,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from importlib.metadata import version
-from typing import Any
 
 import numpy as np
 
 from bodycheck.adapters.contract import DEFAULTS, Method, Reading, Simulation, Stepping
 from bodycheck.adapters.optional.between_steps import BetweenSteps, FreeBodiesOnly, array
-from bodycheck.adapters.tree_contract import TreeModel
+from bodycheck.adapters.optional.rapier_tree import (
+    RapierTree,
+    isometry,
+    mass_properties,
+    quaternion_of,
+    tensor_of,
+    unlimited,
+    vector,
+)
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.dynamics import diagonalised
-from bodycheck.reference_impl.rotations import matrix_to_quaternion, quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene, State
 
 _STEP = Method(
@@ -50,18 +55,12 @@ class Rapier(FreeBodiesOnly):
     distribution = "rapier3d"
     requires = ("rapier3d>=0.36",)
     methods: Mapping[str, Method] = {method.name: method for method in (_STEP, _DEFAULTS)}
+    tree_model = RapierTree
 
     def __init__(self) -> None:
         import rapier3d  # noqa: F401 - fails here where it is missing
 
         self.version = version(self.distribution)
-
-    @property
-    def tree_model(self) -> type[TreeModel]:
-        """What builds trees."""
-        from bodycheck.adapters.optional.rapier_tree import RapierTree
-
-        return RapierTree
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Build a world of one body."""
@@ -112,42 +111,3 @@ class _Body:
             quaternion=quaternion_of(body.rotation),
             omega_world=array(body.angvel.to_tuple()),
         )
-
-
-def vector(values: Array) -> Any:
-    """(3,) -> Vec3."""
-    from rapier3d import Vec3
-
-    return Vec3(*(float(value) for value in values))
-
-
-def isometry(place: Array, quaternion: Array) -> Any:
-    """Return the pose of (3,) and (4,)."""
-    from rapier3d import Isometry3, Rotation3
-
-    return Isometry3(vector(place), Rotation3(*(float(value) for value in quaternion)))
-
-
-def mass_properties(mass: float, inertia: Array, centre: Array) -> Any:
-    """Return the MassProperties of an inertia (3, 3) about a centre (3,)."""
-    from rapier3d import MassProperties, Rotation3
-
-    moments, axes = diagonalised(inertia)
-    return MassProperties(vector(centre), mass, vector(moments), Rotation3(*matrix_to_quaternion(axes)))
-
-
-def unlimited(world: Any, built: Any) -> Any:
-    """Return a body under construction that neither sleeps nor has a limit of its velocities."""
-    world.integration_parameters.normalized_max_linear_velocity = float(np.finfo(np.float32).max)
-    return built.can_sleep(False).gyroscopic_forces(True).allow_fast_rotation(True)
-
-
-def tensor_of(solid: Any) -> Array:
-    """Return the inertia (3, 3) of MassProperties."""
-    rotation = quaternion_to_matrix(quaternion_of(solid.principal_inertia_local_frame))
-    return np.asarray(rotation @ np.diag(array(solid.principal_inertia.to_tuple())) @ rotation.T)
-
-
-def quaternion_of(rotation: Any) -> Array:
-    """Return (4,) of a Rotation3."""
-    return array((rotation.w, rotation.i, rotation.j, rotation.k))

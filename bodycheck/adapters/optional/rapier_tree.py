@@ -14,14 +14,6 @@ import numpy as np
 
 from bodycheck.adapters.contract import DEFAULTS, TreeReadBack
 from bodycheck.adapters.optional.between_steps import array
-from bodycheck.adapters.optional.rapier import (
-    isometry,
-    mass_properties,
-    quaternion_of,
-    tensor_of,
-    unlimited,
-    vector,
-)
 from bodycheck.adapters.tree_contract import (
     JointedLink,
     RateMap,
@@ -33,6 +25,7 @@ from bodycheck.adapters.tree_contract import (
     link_poses,
 )
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.rotations import log_quaternion, matrix_to_quaternion, quaternion_to_matrix
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
 
@@ -286,3 +279,42 @@ class RapierTree(TreeModel):
         stored = {name: np.array(values, dtype=np.float64) for name, values in numbers.items()}
         stored["gravity"] = array(self._world.gravity.to_tuple())
         return TreeReadBack(self._world.integration_parameters.dt, stored | {"q": q, "u": u})
+
+
+def vector(values: Array) -> Any:
+    """(3,) -> Vec3."""
+    from rapier3d import Vec3
+
+    return Vec3(*(float(value) for value in values))
+
+
+def isometry(place: Array, quaternion: Array) -> Any:
+    """Return the pose of (3,) and (4,)."""
+    from rapier3d import Isometry3, Rotation3
+
+    return Isometry3(vector(place), Rotation3(*(float(value) for value in quaternion)))
+
+
+def mass_properties(mass: float, inertia: Array, centre: Array) -> Any:
+    """Return the MassProperties of an inertia (3, 3) about a centre (3,)."""
+    from rapier3d import MassProperties, Rotation3
+
+    moments, axes = diagonalised(inertia)
+    return MassProperties(vector(centre), mass, vector(moments), Rotation3(*matrix_to_quaternion(axes)))
+
+
+def unlimited(world: Any, built: Any) -> Any:
+    """Return a body under construction that neither sleeps nor has a limit of its velocities."""
+    world.integration_parameters.normalized_max_linear_velocity = float(np.finfo(np.float32).max)
+    return built.can_sleep(False).gyroscopic_forces(True).allow_fast_rotation(True)
+
+
+def tensor_of(solid: Any) -> Array:
+    """Return the inertia (3, 3) of MassProperties."""
+    rotation = quaternion_to_matrix(quaternion_of(solid.principal_inertia_local_frame))
+    return np.asarray(rotation @ np.diag(array(solid.principal_inertia.to_tuple())) @ rotation.T)
+
+
+def quaternion_of(rotation: Any) -> Array:
+    """Return (4,) of a Rotation3."""
+    return array((rotation.w, rotation.i, rotation.j, rotation.k))

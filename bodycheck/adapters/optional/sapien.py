@@ -16,7 +16,7 @@ import numpy as np
 
 from bodycheck.adapters.contract import DEFAULTS, Method, Reading, Simulation, Stepping
 from bodycheck.adapters.optional.between_steps import BetweenSteps, FreeBodiesOnly, array
-from bodycheck.adapters.tree_contract import TreeModel
+from bodycheck.adapters.optional.sapien_tree import UNLIMITED, SapienTree, physx_system
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.rotations import matrix_to_quaternion, quaternion_to_matrix
@@ -43,7 +43,6 @@ _DEFAULTS = replace(
     changed_defaults=(),
     snippet="system.timestep = {dt_s}",
 )
-UNLIMITED = 1e15
 
 
 class Sapien(FreeBodiesOnly):
@@ -53,6 +52,7 @@ class Sapien(FreeBodiesOnly):
     distribution = "sapien"
     requires = ("sapien>=3.0.3",)
     methods: Mapping[str, Method] = {method.name: method for method in (_PHYSX, _DEFAULTS)}
+    tree_model = SapienTree
 
     def __init__(self) -> None:
         with warnings.catch_warnings():
@@ -61,26 +61,9 @@ class Sapien(FreeBodiesOnly):
 
         self.version = version(self.distribution)
 
-    @property
-    def tree_model(self) -> type[TreeModel]:
-        """What builds trees."""
-        from bodycheck.adapters.optional.sapien_tree import SapienTree
-
-        return SapienTree
-
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Build a scene of one entity."""
         return BetweenSteps(scene, dt_s, _Body(scene, dt_s, fair=method == _PHYSX.name))
-
-
-def physx_system(gravity: Array) -> Any:
-    """Return a system of PhysX on the CPU."""
-    from sapien import physx
-
-    settings = physx.PhysxSceneConfig()
-    settings.gravity = gravity
-    physx.set_scene_config(settings)
-    return physx.PhysxCpuSystem()
 
 
 class _Body:

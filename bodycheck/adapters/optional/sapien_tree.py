@@ -13,7 +13,6 @@ import numpy as np
 
 from bodycheck.adapters.contract import DEFAULTS, TreeReadBack
 from bodycheck.adapters.optional.between_steps import array
-from bodycheck.adapters.optional.sapien import UNLIMITED, physx_system
 from bodycheck.adapters.tree_contract import (
     JointedLink,
     TreeModel,
@@ -31,7 +30,18 @@ from bodycheck.reference_impl.trees.tree_scene import TreeLoad, TreeScene
 
 _KINDS = {"hinge": "revolute_unwrapped", "slide": "prismatic"}
 _SHORT_S = 1e-7
+UNLIMITED = 1e15
 _NO_BALLS = "joints of SAPIEN are hinges and slides"
+
+
+def physx_system(gravity: Array) -> Any:
+    """Return a system of PhysX on the CPU."""
+    from sapien import physx
+
+    settings = physx.PhysxSceneConfig()
+    settings.gravity = gravity
+    physx.set_scene_config(settings)
+    return physx.PhysxCpuSystem()
 
 
 class SapienTree(TreeModel):

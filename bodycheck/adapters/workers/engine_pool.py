@@ -88,9 +88,9 @@ def announcing(engines: Sequence[str]) -> Iterator[Announcement]:
         engine_pool.close()
 
 
-def _without_zeros(version: str) -> str:
+def _without_zeros(version: str | None) -> str:
     """4.6.0 -> 4.6, the same release."""
-    return re.sub(r"(\.0)+$", "", version)
+    return re.sub(r"(\.0)+$", "", version or "")
 
 
 def _announced(engine_pool: EnginePool, name: str) -> Engine | str:
