@@ -7,12 +7,17 @@ import sys
 from importlib.metadata import version as version_of
 from pathlib import Path
 
+from sphinx.search.en import SearchEnglish
+
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]  # extensions, census
 os.environ["NUMBA_DISABLE_JIT"] = "1"  # kernels are then plain functions, whose signatures autodoc can read
 
 project = "bodycheck"
 author = "The bodycheck developers"
+project_copyright = f"2026, {author}"
 version = release = version_of("bodycheck")
+
+SearchEnglish.stopwords |= {"s"}  # the unit of options such as --timeout-s, which every page has
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "formulas", "generated_pages", "plain_docstrings"]
 html_math_renderer = "mathml"
@@ -23,6 +28,8 @@ exclude_patterns = ["_build"]
 
 html_theme = "furo"
 html_title = "bodycheck"
+html_static_path = ["static"]
+html_css_files = ["site.css"]
 
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"

@@ -42,6 +42,7 @@ _PARAMETER_COST = 0.1  # decades of the cost that a further parameter must gain
 _BETTER = 10.0  # a pair must reduce the cost of a single that explains the motion by this factor
 _PAIRED = 8
 _NEIGHBOURS = 8  # maps of the library that are tried with a fault
+_NO_NEARER = 0.99  # of what the faults of a map leave, which no other map is then expected to reduce
 _SETTLED, _SETTLED_PAIRS = 10, 4  # fits of a whole log that are fitted to the end, single and in pairs
 _NEAR = 3.0  # multiples of the limit, within which a fit is weighed by its own derivatives
 _INVOLVED = 1e-3  # length of the part of a direction that counts
@@ -395,6 +396,8 @@ class Search:
             starts = [(fit.faults, tuple(fit.values)) for fit in fits]
             here = _healthy(self._subset(base, _FIRST_LOOK), base)
             left = np.min([_left(sound + (fit.remaining - here), fit.slopes) for fit in fits], axis=0)
+            if np.min(left) > _NO_NEARER * min(float(np.linalg.norm(fit.remaining)) for fit in fits):
+                return None
             nearer = (maps[k] for k in np.argsort(left) if maps[k].name not in tried)
             base = next(nearer)
             tried.add(base.name)

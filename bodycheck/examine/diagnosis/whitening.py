@@ -19,6 +19,7 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 
 _GROWN = 1e8  # of the variance of a state relative to that of a row: the filter then begins again
+_STEEPEST = 1e5  # of a derivative, in units of the spreads: doubles hold the sum with the variance of a row
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +45,8 @@ class Whitening:
         count, size = derivatives.shape[:2]
         kept, roots = np.empty((2, count, size, size))
         begins = np.empty(count, dtype=bool)
+        steepest = _STEEPEST * np.outer(spread, 1.0 / spread)
+        derivatives = np.clip(np.nan_to_num(derivatives), -steepest, steepest)
         recorded, added, unit = np.diag(spread**2), np.diag(noise**2), np.eye(size)
         variance, scale = recorded, 1.0 / spread
         for k, derivative in enumerate(derivatives):
@@ -57,6 +60,7 @@ class Whitening:
             gain = predicted @ inverse
             kept[k] = unit - gain
             variance = kept[k] @ predicted @ kept[k].T + gain @ recorded @ gain.T
+            variance = 0.5 * (variance + variance.T)  # an asymmetric part of round-off would grow
             roots[k] = np.linalg.inv(np.linalg.cholesky(scale[:, None] * total * scale)) * scale
         return cls(derivatives, kept, roots, begins)
 
