@@ -21,8 +21,8 @@ def number(value: float | None, digits: int = 4) -> str:
 
 
 def scientific(value: float) -> str:
-    """Return value as 2.78e-2, or as 0.315 or 2.78 near 1."""
-    return number(value, 3) if 0.1 <= value < 1000.0 else _short_exponent(f"{value:.2e}")
+    """Return value as 2.78e-2, or as 0, 0.315 or 2.78 near 1."""
+    return number(value, 3) if value == 0.0 or 0.1 <= value < 1000.0 else _short_exponent(f"{value:.2e}")
 
 
 def _short_exponent(text: str) -> str:

@@ -342,9 +342,7 @@ def judge(
     if cases:
         from bodycheck.examine.explanation.explanation_document import explanation_data
 
-        sentences = [
-            conclusion(motion, case).text for motion, case in zip(ranking.motions, cases, strict=True)
-        ]
+        sentences = [conclusion(motion, case) for motion, case in zip(ranking.motions, cases, strict=True)]
         data = {"conclusions": sentences, **data, "explanations": explanation_data(cases)}
     answer(document, data, as_json=json)
     if html is not None and not json:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -35,7 +35,7 @@ from bodycheck.reference_impl.rotations import (
     quaternion_product,
     quaternion_to_matrix,
 )
-from bodycheck.reports.run_files.trajectory_files import COLUMNS, checked_arrays
+from bodycheck.reports.run_files.trajectory_files import COLUMNS, SENSORS, checked_arrays
 
 ACCEPTED = "t_s, x_m, y_m, z_m, qw, qx, qy, qz, r00 to r22, vx_m_s ..., wx_body_rad_s ..., wx_world_rad_s ..."
 """The columns that need no map."""
@@ -51,7 +51,7 @@ _LARGEST_SLOPES = {"euler": 0.5, "rodrigues": 1.0, "modified_rodrigues": 2.0, "v
 """Quantity -> the largest change of what is computed from it per change of one of its components."""
 
 _MAX_NAMED = 4
-_IGNORED = ("bound_rad",)  # the last column of `bodycheck truth`
+_IGNORED = ("bound_rad", *SENSORS)  # the last column of `bodycheck truth`, and sensors in stored motions
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -64,6 +64,7 @@ class RecordedMotion:
     (4,) for a quaternion, (3, 3) for a matrix. computed: the arrays that the file has in another form.
     has_derived_omega: whether omega is the derivative of the attitudes, as the file has none.
     has_unused_position: whether a position was left out, as the file has no velocity with which it starts.
+    assumed: the option with the map that was not given, but is confirmed by the file; "" if there is none.
     """
 
     arrays: dict[str, Array]
@@ -71,6 +72,7 @@ class RecordedMotion:
     computed: frozenset[str] = frozenset()
     has_derived_omega: bool = False
     has_unused_position: bool = False
+    assumed: str = ""
 
     def with_omega(self) -> RecordedMotion | None:
         """Return the recording with omega derived from its attitudes; None where it has too few."""
@@ -84,14 +86,15 @@ class RecordedMotion:
         if derived is None:
             return None
         arrays["omega_body_rad_s"], spacings["omega_body_rad_s"] = derived[0], np.full(3, derived[1])
-        return RecordedMotion(arrays, spacings, self.computed, has_derived_omega=True)
+        return replace(self, arrays=arrays, resolution=spacings, has_derived_omega=True)
 
 
 def recorded_motion(path: Path, column_map: ColumnMap, dt_s: float | None = None) -> RecordedMotion:
     """Return the quantities of a recording, and their resolution.
 
-    dt_s: the interval between two rows of a file without times. Raises InputError with one line that names
-    the file and the fault, and the map that would do, if one is found.
+    dt_s: the interval between two rows of a file without times. A map that is missing is assumed if the file
+    confirms it. Raises InputError with one line that names the file and the fault, and the map that would do,
+    if one is found.
     """
     recording = read_recording(path, column_map.topic)
     try:
@@ -101,7 +104,10 @@ def recorded_motion(path: Path, column_map: ColumnMap, dt_s: float | None = None
         def arrays(proposed: ColumnMap, interval_s: float | None) -> dict[str, Array]:
             return _converted(recording, proposed, interval_s or dt_s).arrays
 
-        raise InputError(f"{error}{proposal(recording, column_map, arrays)}") from None
+        option, confirmed = proposal(recording, column_map, arrays)
+        if confirmed is not None:
+            return replace(_converted(recording, confirmed, dt_s), assumed=option)
+        raise InputError(f"{error}; try {option}" if option else str(error)) from None
 
 
 def _converted(recording: Recording, column_map: ColumnMap, dt_s: float | None) -> RecordedMotion:
@@ -248,7 +254,7 @@ def _targets(recording: Recording, column_map: ColumnMap, dt_s: float | None) ->
         for name in recording.names
         if name not in used
         and name not in KINDS
-        and name not in _IGNORED
+        and name.partition("[")[0] not in _IGNORED
         and name not in recording.metadata
         and name.partition("[")[0] not in COLUMNS
         and not column_map.ignores(name)

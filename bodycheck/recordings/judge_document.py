@@ -24,21 +24,30 @@ _FEWEST_STEPS = 4
 _ENERGIES = ("rotational_energy_drift", "energy_drift")
 
 
-def conclusion(motion: JudgedMotion, case: ExplainedCase | None) -> Sentence:
-    """Return what was found about one recording in a few sentences; case: None where it is not diagnosed."""
+def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Sentence]:
+    """Return what was found about one recording: its error, the cause, what is conserved, what was assumed.
+
+    case: None where it is not diagnosed.
+    """
     diagnosis, dt_s = (None, None) if case is None else (case.diagnosis, case.case.dt_s)
     if not motion.case.ok:
-        return Sentence(f"{motion.path.name} is unstable: {motion.row['message']}.", "bad", strong=True)
+        return [Sentence(f"{motion.path.name} is unstable: {motion.row['message']}.", "bad", strong=True)]
     is_noisy = diagnosis is not None and diagnosis.is_within_noise
-    conserved = () if is_noisy else _conservation(motion)  # it differs by the noise alone
-    parts = [*_derived(motion), *conserved, *_distance(motion), *_cause(motion, diagnosis, dt_s)]
-    if is_noisy:
-        parts = parts[::-1]
+    parts = [*_distance(motion), *_cause(motion, diagnosis, dt_s)]
+    parts = parts[::-1] if is_noisy else [*parts, *_conservation(motion)]  # which the noise alone changes
+    parts += _derived(motion)
     if motion.has_unused_position:
         parts.append("The position is not compared, as the file has no velocity with which it starts.")
+    if motion.assumed:
+        parts.append(f"Read with {motion.assumed}: under this map omega is the rate of the attitude.")
     is_wrong = diagnosis is not None and diagnosis.verdict == "explained"
     tint = "bad" if is_wrong else "good" if is_noisy or is_true(motion) else "open"
-    return Sentence(" ".join(parts), tint, strong=True)
+    return [Sentence(text, tint if k == 0 else "none", strong=k == 0) for k, text in enumerate(parts)]
+
+
+def conclusion(motion: JudgedMotion, case: ExplainedCase | None) -> str:
+    """Return the conclusions as one text."""
+    return " ".join(sentence.text for sentence in conclusions(motion, case))
 
 
 def _derived(motion: JudgedMotion) -> Iterator[str]:
@@ -103,7 +112,7 @@ def _distance(motion: JudgedMotion) -> Iterator[str]:
             floor = number(motion.floors[ORIENTATION], 2)
             yield f"The attitude is the true one for {until} s, to what the file resolves ({floor} rad)."
             return
-        before = "" if final > 0.9 * largest else f", {_angle(largest)} at most before"
+        before = "" if final > 0.9 * largest else f", {number(largest, _DIGITS)} rad at most before"
         yield f"The attitude is {_angle(final)} from the truth after {until} s{before}."
     elif "omega_error" in row:
         if _is_at_floor(motion, "omega_error"):
@@ -153,12 +162,13 @@ def judgement_document(
     cases: the diagnoses, in the order of the ranking. evidence: whether what they rest on is shown.
     """
     if len(ranking.rows) == 1:
-        parts: list[Part] = [conclusion(ranking.motions[0], next(iter(cases), None)), _measure_table(ranking)]
+        found = conclusions(ranking.motions[0], next(iter(cases), None))
+        parts: list[Part] = [*found, _measure_table(ranking)]
     else:
         parts = [*_ranking_parts(ranking)]
         if cases:
             parts += [
-                Sentence(f"{motion.path.name}: {conclusion(motion, case).text}")
+                Sentence(f"{motion.path.name}: {conclusion(motion, case)}")
                 for motion, case in zip(ranking.motions, cases, strict=True)
             ]
     if evidence:

@@ -69,7 +69,7 @@ class JudgedMotion:
     momentum: its largest changes, None where the file has no attitude or omega. energy: the largest change of
     the rotational energy since the first row, with its sign, over the largest, None without omega. floors:
     measure -> what the truth and the digits of the file leave open, relative as the measure is.
-    start: where the truth starts. has_derived_omega, has_unused_position: of the recording.
+    start: where the truth starts. has_derived_omega, has_unused_position, assumed: of the recording.
     """
 
     path: Path
@@ -84,6 +84,7 @@ class JudgedMotion:
     start: Start
     has_derived_omega: bool = False
     has_unused_position: bool = False
+    assumed: str = ""
 
 
 def judged_motion(
@@ -163,6 +164,7 @@ def judged_motion(
         start,
         recorded.has_derived_omega,
         recorded.has_unused_position,
+        recorded.assumed,
     )
 
 

@@ -1,4 +1,7 @@
-"""The map that a message proposes for a file: guessed from names and values, tried before it is printed."""
+"""The map that is proposed for a file, guessed from names and values; it is tried before it is printed.
+
+A map under which omega is the rate of the attitude is confirmed by the file itself.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ import numpy as np
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import nearest
 from bodycheck._util.untrusted import shell_quote
+from bodycheck.examine.diagnosis.attitude_readings import derived_rates
 from bodycheck.recordings.column_map import (
     ATTITUDES,
     EULER,
@@ -68,6 +72,7 @@ _MAX_IGNORED = 2
 _SINCE_1970 = (("ns", 1e17), ("us", 1e14), ("ms", 1e11))  # the smallest stamp of this century in each unit
 _LARGEST_ANGLE_RAD = 7.0
 _DEGREES = (20.0, 160.0)  # a rate in degrees is 57 times that of the attitude in radians, or so
+_CONFIRMED = 0.02  # of omega
 _KITTI_DT_S = 0.1
 _UNIT_ERROR = 0.01
 _FEWEST_COLUMNS = 4  # of a known source: a time and a vector
@@ -76,24 +81,39 @@ Trial = Callable[[ColumnMap, float | None], Mapping[str, Array]]
 """Map and interval between rows in s -> the arrays of the motion; raises InputError."""
 
 
-def proposal(recording: Recording, known: ColumnMap, trial: Trial) -> str:
-    """Return "; try --map ..." or "; try --like ..." for a file, "" where nothing that was tried works.
+def proposal(recording: Recording, known: ColumnMap, trial: Trial) -> tuple[str, ColumnMap | None]:
+    """Return "--map ..." or "--like ..." for a file, and the map where the file confirms it.
 
-    known: the map that was given, whose keys are not proposed again.
+    The option is "" where nothing that was tried works. known: the map that was given, whose keys are not
+    proposed again.
     """
     if not known.products:
         for name in source_names():
             if _is_of(name, recording, trial):
-                return f"; try --like {name}" + f" --dt {_KITTI_DT_S} (the time between two rows in s)" * (
-                    name == "kitti"
-                )
+                dt = f" --dt {_KITTI_DT_S} (the time between two rows in s)" if name == "kitti" else ""
+                return f"--like {name}{dt}", None
     pairs = _pairs(recording, known)
     arrays = _tried(known, pairs, trial)
     if arrays is not None and (scale := _rate_over_attitude(arrays)) and _DEGREES[0] < scale < _DEGREES[1]:
         rates = VECTORS["omega_body_rad_s"]
         pairs = {target: text + "*deg" * (target in rates) for target, text in pairs.items()}
         arrays = _tried(known, pairs, trial)
-    return "" if arrays is None else f"; try --map {shell_quote(_text(pairs))}"
+    if arrays is None:
+        return "", None
+    text = _text(pairs)
+    return f"--map {shell_quote(text)}", changed_map(known, [text]) if _is_confirmed(arrays) else None
+
+
+def _is_confirmed(arrays: Mapping[str, Array]) -> bool:
+    """Whether omega is the rate of the attitude, which settles columns, axes, units and Euler sequence."""
+    if not {"quaternion", "omega_body_rad_s"} <= set(arrays):
+        return False
+    omega = arrays["omega_body_rad_s"]
+    derived = derived_rates(arrays["t_s"], arrays["quaternion"], 0.0)
+    if derived is None or not np.isfinite(omega).all():
+        return False
+    largest = _CONFIRMED * float(np.median(np.linalg.norm(omega, axis=-1)))
+    return float(np.median(np.linalg.norm(omega - derived[0], axis=-1))) < largest
 
 
 def _is_of(name: str, recording: Recording, trial: Trial) -> bool:

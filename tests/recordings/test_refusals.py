@@ -156,11 +156,6 @@ FILES: dict[str, tuple[str, str, str]] = {
         "stamp,gyro_x,gyro_y,gyro_z,acc_x,pos_x\n1403715524907143168,1,2,3,4,5\n1403715525007143168,1,2,3,4,5\n",
         "",
     ),
-    "angles and rates in degrees without units": (
-        "log.csv",
-        "time,gx,gy,gz,roll,pitch,yaw\n0,0,0,90,0,0,0\n0.1,0,0,90,0,0,9\n0.2,0,0,90,0,0,18\n",
-        "",
-    ),
     "a quaternion and angles": (
         "log.txt",
         "time;q0;q1;q2;q3;roll;pitch;yaw\n0;1;0;0;0;0;0;0\n0,1;1;0;0;0;0;0;0\n",
@@ -226,8 +221,44 @@ def test_proposed_options_read_the_file(key: str, tmp_path: Path) -> None:
     assert len(arrays) >= 2
     if "omega_body_rad_s" in arrays and what in ("unknown columns", "units in brackets"):
         assert arrays["omega_body_rad_s"][0, 2] == pytest.approx(np.deg2rad(3.0), rel=1e-15)
-    if what == "angles and rates in degrees without units":
-        np.testing.assert_allclose(arrays["omega_body_rad_s"][:, 2], np.pi / 2, rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("yaw", "rate", "is_assumed"),
+    [
+        ((0.0, 9.0, 18.0), 90.0, True),  # degrees, as the ratio of both says
+        ((0.0, 0.15, 0.3), 1.5, True),
+        ((0.0, 9.0, 18.0), 80.0, False),  # what is judged may be this very difference
+        ((0.0, 9.0, 18.0), -90.0, False),
+        ((0.0, 9.0, 18.0), 0.0, False),
+    ],
+)
+def test_a_map_that_the_file_confirms_is_assumed(
+    yaw: tuple[float, ...], rate: float, is_assumed: bool, tmp_path: Path
+) -> None:
+    """Where omega is the rate of the attitude, columns, axes and units are settled; else one is proposed."""
+    path = tmp_path / "log.csv"
+    rows = "".join(f"{0.1 * k},0,0,{rate},0,0,{angle}\n" for k, angle in enumerate(yaw))
+    path.write_text(f"time,gx,gy,gz,roll,pitch,yaw\n{rows}")
+    if not is_assumed:
+        with pytest.raises(bodycheck.InputError, match="; try --map"):
+            recorded_motion(path, read_map([]))
+        return
+    found = recorded_motion(path, read_map([]))
+    unit = np.pi / 180.0 if yaw[-1] > 1.0 else 1.0
+    np.testing.assert_allclose(found.arrays["omega_body_rad_s"][:, 2], rate * unit, rtol=1e-15)
+    map_text = shlex.split(found.assumed)[1]
+    given = recorded_motion(path, read_map([map_text]))
+    assert not given.assumed
+    assert all(np.array_equal(given.arrays[name], array) for name, array in found.arrays.items())
+
+
+def test_the_sensors_of_a_stored_motion_are_not_compared(tmp_path: Path) -> None:
+    """The npz of a case has what an engine's accelerometer and gyro read besides the motion."""
+    n = np.zeros((3, 3))
+    path = tmp_path / "case.npz"
+    np.savez(path, t_s=np.arange(3.0), omega_body_rad_s=n, specific_force_m_s2=n, gyro_rad_s=n)
+    assert set(recorded_motion(path, read_map([])).arrays) == {"t_s", "omega_body_rad_s"}
 
 
 def test_every_proposal_of_the_tests_is_run() -> None:

@@ -105,10 +105,50 @@ def test_a_label_replaces_the_name_of_a_method(run: Run) -> None:
     """It stands in the legend, with the observed order, and at the end of the line."""
     axes = figure_of(run, "order", Appearance(engines=("reference:rk4",), labels={"reference:rk4": "ours"}))
     assert axes is not None
-    assert [text.get_text() for text in axes.texts] == ["ours"]
+    assert [text.get_text() for text in axes.texts if "slope" not in text.get_text()] == ["ours"]
     (legend,) = axes.figure.legends
     (text,) = legend.get_texts()
     assert re.fullmatch(r"ours: order [34]\.\d\d", text.get_text())
+
+
+def test_the_slope_of_each_whole_order_is_drawn(run: Run) -> None:
+    """The line of a method of order p has slope p over the step, in logarithms, and its number beside it."""
+    axes = figure_of(run, "order", Appearance(engines=("reference:m1", "reference:rk4")))
+    assert axes is not None
+    slopes = []
+    for line in axes.lines:
+        if line.get_label() == "_slope":
+            (x0, y0), (x1, y1) = np.log(np.asarray(line.get_xydata()))
+            slopes.append((y1 - y0) / (x1 - x0))
+    np.testing.assert_allclose(sorted(slopes), [1.0, 4.0], rtol=1e-12)
+    noted = [text.get_text() for text in axes.texts if "slope" in text.get_text()]
+    assert sorted(noted) == ["slope 1", "slope 4"]
+
+
+def test_a_legend_has_twelve_entries_at_most(run: Run) -> None:
+    """The other lines are grey, and are one entry; names at line ends stay within the axes and apart."""
+    rk4 = [case for case in run.cases if case.columns["method"] == "rk4" and case.ok]
+    scaled = [
+        replace(
+            case,
+            columns={
+                **case.columns,
+                "method": f"rk4-{k}",
+                "orientation_error_rad": 2.0**k * case.columns["orientation_error_rad"],
+            },
+        )
+        for k in range(15)
+        for case in rk4
+    ]
+    axes = figure_of(replace(run, cases=tuple(scaled)), "order", Appearance())
+    assert axes is not None
+    texts = [text.get_text() for text in axes.figure.legends[0].get_texts()]
+    assert len(texts) == 13
+    assert texts[-1].startswith("3 more")
+    heights = [text.get_position()[1] for text in axes.texts if "rk4-" in text.get_text()]
+    assert len(heights) == 12
+    assert max(heights) <= 1.0
+    assert np.diff(heights).min() > 0.05
 
 
 @pytest.mark.parametrize("measure", ["quaternion_norm_error", "orthogonality_error", "determinant_error"])
@@ -207,6 +247,7 @@ def test_every_case_that_ended_well_is_a_point(figure: str, column: str, run: Ru
         for axes in (figure_of(run, figure, Appearance(engines=(":".join(key),))),)
         if axes is not None
         for line in axes.lines
+        if line.get_label() != "_slope"
         for point in np.asarray(line.get_xydata()).tolist()
     )
     rows = [case.columns for case in run.cases if case.ok and case.columns["scenario"] == "free"]
@@ -232,6 +273,16 @@ def test_the_largest_stable_step_of_each_method_is_drawn(run: Run) -> None:
     names = [label.get_text() for label in axes.get_yticklabels()]
     assert names[0] == "reference:m1"
     assert names[-1] == "failing:m1 (failed)"
+
+
+def test_methods_with_one_stable_step_are_one_row(run: Run) -> None:
+    """Twins have one row with all names; two steps that differ, or ends of different kinds, have two."""
+    rows = run.stability[run.stability["scenario"] == "free"].head(3).copy()
+    rows["dt_stable_s"], rows["dt_unstable_s"] = [0.1, 0.1, 0.1], [0.11, 0.11, np.nan]
+    (axes,) = drawn_figure(with_tables(run, stability=rows), STABILITY, "free", "").axes
+    names = [" ".join(label.get_text().split()) for label in axes.get_yticklabels()]
+    keys = [":".join(key) for key in zip(rows["engine"], rows["method"], strict=True)]
+    assert names == [f"{keys[0]} = {keys[1]}", keys[2]]
 
 
 def test_a_picture_for_a_page_is_png(run: Run) -> None:

@@ -11,9 +11,9 @@ from bodycheck.reports.document import Column, Document, Part, Sentence, Span, T
 
 _TINTS = {"right": "good", "wrong": "bad", "failed": "bad", "unsupported": "open"}
 _AFTER = {
-    "start": "late",
-    "one step before": "2 steps late",
-    "end": "in time",
+    "start": "its start",
+    "one step before": "the step before",
+    "end": "its end",
     "unclear": "unclear",
     "": "",
 }
@@ -25,7 +25,7 @@ _COLUMNS = (
     Column("worst", "number"),
     Column("worst tree", "name"),
     Column("right", "number"),
-    Column("after a step", "fixed"),
+    Column("of the step", "fixed"),
     Column("call, axes and order of the engine", only=("markdown", "page")),
 )
 
@@ -79,7 +79,7 @@ def _parts(found: EngineDynamics) -> Iterator[Part]:
         yield Sentence(f"{LABELS[reading]}: no known fault explains those{elsewhere}", "open")
     if late := [LABELS[one.reading] for one in found.late]:
         which = "all readings" if len(late) == sum(bool(one.stage) for one in measured) else names(late)
-        yield Sentence(f"read after a step, {which} are of the state before it")
+        yield Sentence(f"no fault: after a step, {which} describe the state at its start")
     if found.no_step:
         yield Sentence(f"after a step: {found.no_step}")
     yield Table(_COLUMNS, tuple(map(_row, found.readings)), "Relative deviations from the exact values")

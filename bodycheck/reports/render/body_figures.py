@@ -29,7 +29,7 @@ FRAMES = 6
 GHOST = "#8c8c8c"
 """The colour of the truth."""
 
-_ROW_IN = 1.1
+_ROW_IN = 0.75  # of a row of frames
 _FEW_FACES = 30  # beyond that the edges of all faces would hide them
 
 
@@ -64,6 +64,7 @@ def _polhodes(page: Figure, problem: Problem, cases_drawn: Sequence[CaseResult])
     moments, _ = diagonalised(inertia)
     semiaxes = 1.0 / np.sqrt(moments)
     truth = problem.truth.trajectory
+    page.set_figheight(page.get_figwidth() / max(len(cases_drawn), 2) + 0.3)
     u, v = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 25), np.linspace(0.0, np.pi, 13))
     sphere = np.array([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)])
     for index, case in enumerate(cases_drawn):

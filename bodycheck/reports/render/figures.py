@@ -49,6 +49,9 @@ WIDTHS_IN = {1: 3.5, 2: 7.2}
 _HEIGHT_IN = 2.4
 _LEGEND_LINE_IN = 0.115  # of a line of a legend of 6 points
 _LABEL_LETTERS = 52  # of a line of the legend, so that it fits one column
+_NAME_LETTERS = 36  # of a line of names beside the axes
+_MOST_ENTRIES = 12  # of a legend; the other lines are grey
+_OTHERS = "#b5b5b5"
 _DOTS_PER_INCH = 300
 _MARKERS = {
     "circle": "o",
@@ -208,7 +211,10 @@ def drawn_figure(
         why = _why_nothing(run, figure, cases, quantity)
         raise InputError(f"--figure {figure}: nothing to draw for {scenario}: {why}")
     if figure != STABILITY:
-        _legend(page, axes, appearance, _orders(run, scenario, quantity))
+        orders = _orders(run, scenario, quantity)
+        _legend(page, axes, appearance, orders)
+        if figure != "drift":
+            _slopes(axes, orders, 1.0 if figure == "order" else -1.0)
         if appearance.tolerance is not None:
             _tolerance(axes, run, figure, scenario, quantity, appearance)
         _end_labels(axes, appearance)
@@ -240,29 +246,91 @@ def _tolerance(
     if figure == "drift" or x is None:
         return
     best = options[0]
-    axes.plot([x], [best.error], marker="*", markersize=9, color="#c44e00", linestyle="none", zorder=5)
+    is_measured = best.basis == "measured"
+    axes.plot(
+        [x],
+        [best.error],
+        marker="*",
+        markersize=9,
+        color="#c44e00",
+        fillstyle="full" if is_measured else "none",
+        linestyle="none",
+        label="_point",
+        zorder=5,
+    )
     text = f"{appearance.labels.get(best.name, best.name)}, {setting(best.control, best.setting)}"
-    axes.annotate(text, (x, best.error), (4, -9), textcoords="offset points", fontsize=6)
+    text += "" if is_measured else f" ({best.basis})"
+    is_right = _within(axes, np.array([[x, best.error]]))[0, 0] > 0.5
+    side, offset = ("right", -6) if is_right else ("left", 6)
+    axes.annotate(
+        text, (x, best.error), (offset, -2), textcoords="offset points", fontsize=6, ha=side, va="top"
+    )
+
+
+def _within(axes: Axes, points: Array) -> Array:
+    """Return points (n, 2) as fractions of the axes."""
+    axes.get_xlim()  # settles the limits
+    return np.asarray((axes.transScale + axes.transLimits).transform(points))
+
+
+_SAME_SLOPE = 0.15
+
+
+def _slopes(axes: Axes, orders: Mapping[str, float], sign: float) -> None:
+    """Draw the slope of each whole order below the first line that has it, with its number.
+
+    sign: 1 where the abscissa is the step, -1 where it is a time, which falls with the step.
+    """
+    drawn: set[int] = set()
+    for line in list(axes.lines):
+        order = orders.get(str(line.get_label()).split(" = ")[0].partition(" (")[0])
+        xy = np.asarray(line.get_xydata())
+        whole = 0 if order is None else round(order)
+        if order is None or whole < 1 or abs(order - whole) > _SAME_SLOPE or whole in drawn or len(xy) < 2:
+            continue
+        drawn.add(whole)
+        x = np.geomspace(xy[:, 0].min(), xy[:, 0].max(), 4)[1:3]  # the middle third
+        middle = np.sqrt(x[0] * x[1])
+        by_x = xy[np.argsort(xy[:, 0])]
+        level = np.exp(np.interp(np.log(middle), *np.log(by_x).T))
+        y = 0.15 * level * (x / middle) ** (sign * whole)
+        axes.plot(x, y, color="#666666", linewidth=0.7, label="_slope")
+        axes.annotate(
+            f"slope {sign * whole:g}",
+            (middle, 0.15 * level),
+            (3 * sign, -3),  # away from the line
+            textcoords="offset points",
+            fontsize=5.5,
+            color="#444444",
+            ha="left" if sign > 0 else "right",
+            va="top",
+        )
 
 
 _LABEL_GAP = 0.055  # of the height of the axes
 
 
 def _end_labels(axes: Axes, appearance: Appearance) -> None:
-    """Write the name of each line beside its right end, the names apart from each other."""
-    axes.set(xlim=axes.get_xlim(), ylim=axes.get_ylim())  # settles the limits of the axes
+    """Write the name of each line of the legend beside its right end, the names apart from each other."""
     ends: list[tuple[float, str, Any]] = []
     for line in axes.lines:
         label, xy = str(line.get_label()), np.asarray(line.get_xydata())
         if not label.startswith("_") and len(xy):
-            at = (axes.transScale + axes.transLimits).transform(xy[np.argmax(xy[:, 0])])
             first, *others = label.split(" = ")
-            name = appearance.labels.get(first, first)
-            ends.append((float(at[1]), name + (f" +{len(others)}" if others else ""), line.get_color()))
-    y = -np.inf
-    for height, name, colour in sorted(ends, key=lambda end: end[0]):
-        y = max(height, y + _LABEL_GAP)
-        place: Any = axes.transAxes
+            height = _within(axes, xy[[np.argmax(xy[:, 0])]])[0, 1]
+            name = appearance.labels.get(first, first) + (f" +{len(others)}" if others else "")
+            ends.append((height, name, line.get_color()))
+    ends.sort(key=lambda end: end[0])
+    gap = min(_LABEL_GAP, 1.0 / max(len(ends), 1))
+    heights = [height for height, _, _ in ends]
+    for k in range(1, len(ends)):
+        heights[k] = max(heights[k], heights[k - 1] + gap)
+    top = 1.0
+    for k in reversed(range(len(ends))):  # what was pushed out at the top goes down again
+        heights[k] = min(heights[k], top)
+        top = heights[k] - gap
+    place: Any = axes.transAxes
+    for y, (_, name, colour) in zip(heights, ends, strict=True):
         axes.text(1.01, y, name, transform=place, fontsize=5.5, color=colour, va="center")
 
 
@@ -289,8 +357,14 @@ def _legend(page: Figure, axes: Axes, appearance: Appearance, orders: Mapping[st
             groups[-1].append(line)
         else:
             groups.append([line])
-    handles: Any = [tuple(group) for group in groups]  # drawn on top of each other
-    labels = (_legend_text(str(group[0].get_label()), appearance, orders) for group in groups)
+    named, others = groups[:_MOST_ENTRIES], groups[_MOST_ENTRIES:]
+    labels = [_legend_text(str(group[0].get_label()), appearance, orders) for group in named]
+    if others:
+        for line in (line for group in others for line in group):
+            line.set(color=_OTHERS, linewidth=0.6, marker="", zorder=1, label="_other")
+        named.append(others[0][:1])
+        labels.append(f"{len(others)} more: --engine selects")
+    handles: Any = [tuple(group) for group in named]  # drawn on top of each other
     wrapped = ["\n  ".join(textwrap.wrap(text, _LABEL_LETTERS, break_on_hyphens=False)) for text in labels]
     columns = appearance.columns
     heights = sum(1 + label.count("\n") for label in wrapped) / columns
@@ -394,26 +468,42 @@ NEED_MOTIONS = ("drift", *BODIES)
 def _stability(axes: Axes, rows: pd.DataFrame, drawn: Mapping[MethodKey, Style]) -> None:
     """Draw the largest stable step of each method; an open marker if it is only the end of the search.
 
-    A method without one has the reason next to its name.
+    Methods with equal steps have one row; a method without a step has the reason next to its name.
     """
-    axes.set(xscale="log", xlabel="largest stable step, s; open: lower bound")
-    axes.invert_yaxis()
-    for row in rows.to_dict("records"):
-        style, stable = drawn[row["engine"], row["method"]], row["dt_stable_s"]
-        none = np.isnan(stable)
-        why = f" ({'none' if row['outcome'] == 'ok' else row['outcome']})" if none else ""
-        axes.plot(
-            [stable],
-            [f"{style.name}{why}"],
-            color=COLOURS[style.colour],
-            marker=_MARKERS[style.marker],
-            markersize=4,
-            fillstyle="none" if np.isnan(row["dt_unstable_s"]) else "full",
-            linestyle="none",
-        )
+    axes.set(xscale="log")
+    axes.set_xlabel("largest stable step, s; open: lower bound", loc="right")
+    found = {(row["engine"], row["method"]): row for row in rows.to_dict("records")}
+    ends = {key: (row["dt_stable_s"], row["dt_unstable_s"]) for key, row in found.items()}
+    alike = {
+        key: (np.array([float(np.isnan(unstable))]), np.array([stable]))
+        for key, (stable, unstable) in ends.items()
+        if not np.isnan(stable)
+    }
+    groups = [*merged(alike), *([key] for key in found if key not in alike)]
+    most_lines = 1
+    for group in sorted(groups, key=lambda group: [*found].index(group[0])):
+        row, engines = found[group[0]], _one_per_engine(group)
+        why = "" if group[0] in alike else f" ({'none' if row['outcome'] == 'ok' else row['outcome']})"
+        text = " = ".join(drawn[key].name for key in group) + why
+        label = "\n".join(textwrap.wrap(text, _NAME_LETTERS, break_on_hyphens=False))
+        is_open = bool(np.isnan(row["dt_unstable_s"]))
+        most_lines = max(most_lines, label.count("\n") + 1)
+        for rank, key in [*enumerate(engines)][::-1]:  # the first engine is on top
+            axes.plot(
+                [row["dt_stable_s"]],
+                [label],
+                color=COLOURS[drawn[key].colour],
+                marker=_MARKERS[drawn[key].marker],
+                markersize=4 + 2 * rank,
+                fillstyle="none" if is_open else "full",
+                linestyle="none",
+            )
+    axes.figure.set_figheight(0.8 + max(1.0, len(groups) * most_lines * _LEGEND_LINE_IN))  # type: ignore[union-attr]
+    axes.set_ylim(max(len(groups), 1) - 0.5, -0.5)
     stable = rows["dt_stable_s"].dropna()
     if len(stable):  # to whole decades, because only these have tick labels
-        axes.set_xlim(10.0 ** np.floor(np.log10(stable.min())), 10.0 ** np.ceil(np.log10(stable.max())))
+        low, high = np.floor(np.log10(stable.min())), np.ceil(np.log10(stable.max()))
+        axes.set_xlim(10.0**low, 10.0 ** max(high, low + 1))
     axes.xaxis.set_minor_formatter("")
     axes.tick_params(axis="y", labelsize=6)
 
@@ -462,7 +552,7 @@ def _draw(
     names = [_label(drawn[key], [case for case in cases if key_of(case.columns) == key]) for key in group]
     if not len(points[0]) and names == [drawn[key].name for key in group]:
         return
-    by_engine = list({key[0]: key for key in reversed(group)}.values())[::-1]
+    by_engine = _one_per_engine(group)
     for rank, key in enumerate(by_engine):
         style, below = drawn[key], len(by_engine) - 1 - rank
         solid = style.dash == "solid" or len(by_engine) > 1
@@ -477,6 +567,11 @@ def _draw(
             linewidth=0.8 + 1.4 * below,
             linestyle="solid" if solid else (0, tuple(map(float, style.dash.split()))),
         )
+
+
+def _one_per_engine(group: Sequence[MethodKey]) -> list[MethodKey]:
+    """Return the first method of each engine, in order."""
+    return list({key[0]: key for key in reversed(group)}.values())[::-1]
 
 
 def _label(style: Style, cases: Sequence[CaseResult]) -> str:

@@ -127,12 +127,13 @@ COLUMNS = {
     "rotation": tuple(f"r{i}{j}" for i in range(3) for j in range(3)),
 }
 """Array of the npz -> its columns in the CSV."""
-_ARRAYS = {
-    **COLUMNS,
+SENSORS = {
     "specific_force_m_s2": ("ax_m_s2", "ay_m_s2", "az_m_s2"),
     "gyro_rad_s": ("gx_rad_s", "gy_rad_s", "gz_rad_s"),
 }
-"""The arrays of the npz, with those of an engine's sensors."""
+"""Array of the npz that an engine's sensors read -> its columns."""
+
+_ARRAYS = {**COLUMNS, **SENSORS}
 
 _OF_TREES = ("q", "u")
 """Arrays of a tree; its others have an axis for bodies after that of samples."""
