@@ -66,7 +66,8 @@ class Summary:
         )
         if not found:
             on = f" on {len(self.cells)} scenarios" if len(self.cells) > 1 else ""
-            return f"No findings in {count(len(methods), 'method')}{on}: {others}."
+            what = "No findings" if states["unsupported"] < len(methods) else "Nothing was measured"
+            return f"{what} in {count(len(methods), 'method')}{on}: {others}."
         listed = names(found if len(found) <= _NAMED else [*found[:_NAMED], f"{len(found) - _NAMED} more"])
         rest = f"; {others}" if others else ""
         return f"Findings in {len(found)} of {count(len(methods), 'method')}: {listed}{rest}."
