@@ -1,0 +1,69 @@
+"""axe finds nothing on the pages of any command, in light and in dark."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser
+
+from tests.helpers.in_process_cli import run_bodycheck
+
+pytestmark = pytest.mark.nightly
+
+ROBOT = """<robot name="arm"><link name="base"><inertial><mass value="2"/>
+<inertia ixx="1" ixy="0" ixz="0" iyy="2" iyz="0" izz="2.5"/></inertial></link></robot>
+"""
+CASE = "run/trajectories/free-flight/reference_m1_0.005.npz"
+COMMANDS = {
+    "run free-flight --engine reference:m1 --dt 0.01,0.005 --no-speed --out run": "run/report.html",
+    "compare run run --html compare.html": "compare.html",
+    "explain run --case free-flight,reference:m1 --html explain.html": "explain.html",
+    f"judge {CASE} --scenario free-flight --html judge.html": "judge.html",
+    "audit arm.urdf --html audit.html": "audit.html",
+    "dynamics reference cart-pole --random 1 --html dynamics.html": "dynamics.html",
+    "nightly free-flight --engine reference:rk4 --no-speed --history nights": "nights/*/night.html",
+    "ensemble intermediate-axis --n 20 --engine reference:rk4 --out bodies": "bodies/report.html",
+}
+"""Command -> the page that it writes."""
+
+
+@pytest.fixture(scope="module")
+def axe(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Return the script of axe-core; without npm the test is skipped."""
+    npm, folder = shutil.which("npm"), tmp_path_factory.mktemp("axe")
+    if npm is None:
+        pytest.skip("no npm on the path")
+    subprocess.run([npm, "install", "--silent", "--prefix", str(folder), "axe-core@4.14.1"], check=True)
+    return (folder / "node_modules/axe-core/axe.min.js").read_text()
+
+
+def violations(chromium: Browser, axe: str, path: Path, width: int, scheme: str) -> list[str]:
+    """Return the rules of axe that a page breaks."""
+    page = chromium.new_page(viewport={"width": width, "height": 1000}, color_scheme=scheme)  # type: ignore[arg-type]
+    page.goto(path.as_uri())
+    page.wait_for_timeout(500)
+    page.evaluate(axe)
+    found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
+    overflow = page.evaluate("document.documentElement.scrollWidth") > width
+    page.close()
+    return [f"{one['id']}: {one['nodes'][0]['html'][:200]}" for one in found] + ["overflow"] * overflow
+
+
+def test_axe_finds_nothing_on_any_page(chromium: Browser, axe: str, tmp_path: Path) -> None:
+    """No page breaks a rule of axe or is wider than its window; a page without a language does."""
+    (tmp_path / "arm.urdf").write_text(ROBOT)
+    for command, pattern in COMMANDS.items():
+        done = run_bodycheck(tmp_path, *command.split())
+        (page, *_) = sorted(tmp_path.glob(pattern)) or [None]
+        assert page is not None, f"{command}: {done.stderr}"
+        for width in (1440, 390):
+            for scheme in ("light", "dark"):
+                assert violations(chromium, axe, page, width, scheme) == [], (command, width, scheme)
+    planted = tmp_path / "planted.html"
+    planted.write_text("<html><title>t</title><body><main><h1>t</h1></main></body></html>")
+    assert [one.partition(":")[0] for one in violations(chromium, axe, planted, 390, "light")] == [
+        "html-has-lang"
+    ]
