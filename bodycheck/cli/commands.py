@@ -327,8 +327,9 @@ def judge(
             body=body,
             allow_code=allow_code,
         )
-        is_alone = len(ranking.motions) == 1 and not is_true(ranking.motions[0])
-        diagnosed = explain or html is not None or is_alone
+    is_alone = len(ranking.motions) == 1 and not is_true(ranking.motions[0])
+    diagnosed = explain or html is not None or is_alone
+    with status_line("searching for what made the motion"):
         cases = [
             explained_motion(motion, row.get("dt_s"), resolution)
             for motion, row in zip(ranking.motions if diagnosed else (), ranking.rows, strict=False)

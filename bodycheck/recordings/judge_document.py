@@ -34,7 +34,12 @@ def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Senten
         return [Sentence(f"{motion.path.name} is unstable: {motion.row['message']}.", "bad", strong=True)]
     is_noisy = diagnosis is not None and diagnosis.is_within_noise
     parts = [*_distance(motion), *_cause(motion, diagnosis, dt_s)]
-    parts = parts[::-1] if is_noisy else [*parts, *_conservation(motion)]  # which the noise alone changes
+    if not is_noisy:  # which alone changes what is conserved
+        parts += _conservation(motion)
+    else:
+        parts.reverse()
+        if motion.start == "first-sample":
+            parts.append("The truth starts at the first row, whose noise makes that difference.")
     parts += _derived(motion)
     if motion.has_unused_position:
         parts.append("The position is not compared, as the file has no velocity with which it starts.")
