@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 from unittest import mock
 
 import numpy as np
@@ -153,6 +153,10 @@ def _with_all_axes(reading: Reading) -> Reading:
     return replace(reading, rotation=rotation, omega_world=rotation @ reading.omega_body)
 
 
+Turned: TypeAlias = Callable[[Array, Array], Array]
+"""(R, load in body axes) -> the load that an engine applies in its place, in body axes."""
+
+
 class Altered:
     """A simulation of the reference of which a reading or a load is altered."""
 
@@ -166,17 +170,19 @@ class Altered:
         stale: tuple[str, ...] = (),
         single: bool = False,
         all_axes: bool = False,
+        turned: Turned | None = None,
     ) -> None:
         """late: a load acts one step later; stale: read one step late; single: the state is float32.
 
-        all_axes: the matrix and omega in world axes are read too.
+        all_axes: the matrix and omega in world axes are read too. turned: rotates loads in body axes.
         """
         self._inner: Any = inner
         self._reading, self._late, self._stale, self._single = reading, late, stale, single
-        self._all_axes = all_axes
+        self._all_axes, self._turned = all_axes, turned
         self.close, self.read_back = inner.close, inner.read_back
         self._before = inner.read()
         self._wrench: Wrench | None = None
+        self._given: Wrench | None = None
         self.steps = 0
 
     def reset(self) -> None:
@@ -186,6 +192,7 @@ class Altered:
 
     def apply(self, wrench: Wrench) -> None:
         """Apply the load, now or after the next step."""
+        self._given = wrench
         if self._late:
             self._wrench = wrench
         else:
@@ -195,6 +202,10 @@ class Altered:
         """Make the steps one by one."""
         for _ in range(steps):
             self._before = self._inner.read()
+            if self._turned is not None and self._given is not None:
+                turn = partial(self._turned, quaternion_to_matrix(self._before.quaternion))
+                force, torque = turn(self._given.force_body), turn(self._given.torque_body)
+                self._inner.apply(replace(self._given, force_body=force, torque_body=torque))
             self._inner.advance(1)
             self.steps += 1
             if self._single:
@@ -445,6 +456,23 @@ def test_round_off_is_measured_through_kinks_and_outliers() -> None:
     smooth[100] += 1.0
     found = noise(smooth + 1e-7 * draw.normal(size=smooth.shape))
     assert 0.3e-7 < found < 3e-7  # a median of |x| is 0.67 sigma
+
+
+@pytest.mark.parametrize(
+    ("turned", "how"),
+    [
+        (lambda rotation, load: rotation.T @ rotation.T @ load, "rotated by the transpose"),
+        (lambda rotation, load: rotation @ load, "rotated twice"),
+        (lambda rotation, load: rotation.T @ load, "acts in world axes"),
+    ],
+)
+def test_load_that_is_rotated_wrongly_is_named(turned: Turned, how: str) -> None:
+    """A load in body axes that acts as R^T F, R R F or F in world axes."""
+    rows = probed(Altering(turned=turned), "rk4")
+    assert {"body_force_response", "body_torque_response"} <= accused(rows)
+    for kind in ("force", "torque"):
+        assert f"the body {kind} " in rows[f"body_{kind}_response"]["message"]
+        assert how in rows[f"body_{kind}_response"]["message"]
 
 
 def test_doubled_torque_is_reported_alone() -> None:

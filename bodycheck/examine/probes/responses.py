@@ -228,6 +228,12 @@ def _mistaken_rates(load: ConstantLoad, rotation: Array, part: int) -> Iterator[
         kind = "torque" if part else "force"
         yield f"the {load.axes} {kind} acts in {other} axes", swapped[part]
         yield f"the {load.axes} {kind} has the opposite sign", -right[part]
+        transposed = np.einsum("nji,j->ni", rotation, load.value)
+        yield f"the {load.axes} {kind} is rotated by the transpose: it acts as R^T", transposed
+        yield (
+            f"the {load.axes} {kind} is rotated twice",
+            np.einsum("nij,njk,k->ni", rotation, rotation, load.value),
+        )
         return
     arm = np.broadcast_to(load.at, right[0].shape)
     yield f"the moment of the {load.axes} force is F x r instead of r x F", -right[1]
