@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -62,12 +63,24 @@ def diagnosed_recording(
         return None
     at_start = trajectory.t_s[0] == 0.0
     start = start_difference(scene, trajectory, known, resolution, {}) if at_start else None
-    if known >= {"attitude", "omega"}:
-        misread = _of_misread_omega(
-            scene, trajectory, truth, scales, dt_s, known, resolution, from_first_row=from_first_row
+
+    def with_omega_of(right: Trajectory) -> Diagnosis | None:
+        initial = replace(scene.initial, omega_body=right.omega_body[0])
+        finer = float(np.linalg.norm(right.omega_body) / np.linalg.norm(trajectory.omega_body))
+        return diagnosed_recording(
+            replace(scene, initial=initial) if from_first_row else scene,
+            right,
+            truth,
+            scales,
+            dt_s,
+            known=known,
+            resolution=replace(resolution, omega=resolution.omega * finer),
+            from_first_row=from_first_row,
         )
-        if misread is not None:
-            return replace(misread, start=start)
+
+    misread = _of_misread_omega(trajectory, with_omega_of) if known >= {"attitude", "omega"} else None
+    if misread is not None:
+        return replace(misread, start=start)
     step = dt_s
     is_even = len(trajectory.t_s) == scene.samples and trajectory.t_s[-1] == scene.duration_s
     if is_even:  # the samples are then where the scene has them, whatever the stamps are rounded to
@@ -96,36 +109,16 @@ def diagnosed_recording(
 
 
 def _of_misread_omega(
-    scene: Scene,
-    trajectory: Trajectory,
-    truth: Trajectory,
-    scales: Scales,
-    dt_s: float | None,
-    known: frozenset[str],
-    resolution: Resolution,
-    *,
-    from_first_row: bool,
+    trajectory: Trajectory, of_right: Callable[[Trajectory], Diagnosis | None]
 ) -> Diagnosis | None:
     """Return the diagnosis of a recording that has no other fault than a wrong reading of omega, or None.
 
     An omega in degrees per second turns the body by many radians between two samples, which the steps of the
-    search would have to follow.
+    search would have to follow. of_right: the diagnosis of the recording with another omega.
     """
     found = []
     for one in _far_readings(trajectory):
-        right = _undone(one, trajectory)
-        initial = replace(scene.initial, omega_body=right.omega_body[0])
-        finer = float(np.linalg.norm(right.omega_body) / np.linalg.norm(trajectory.omega_body))
-        diagnosis = diagnosed_recording(
-            replace(scene, initial=initial) if from_first_row else scene,
-            right,
-            truth,
-            scales,
-            dt_s,
-            known=known,
-            resolution=replace(resolution, omega=resolution.omega * finer),
-            from_first_row=from_first_row,
-        )
+        diagnosis = of_right(_undone(one, trajectory))
         if diagnosis is not None and diagnosis.verdict == "healthy":
             found.append((one, diagnosis))
     if not found:
