@@ -30,8 +30,8 @@ ANSWERS = {
 
 
 def commands_of(row: str) -> list[str]:
-    """Return the commands of a row, those that it needs before first."""
-    return [found.removeprefix("bodycheck ") for found in re.findall(r"`(bodycheck [^`]+)`", row)][::-1]
+    """Return the commands of a row."""
+    return [found.removeprefix("bodycheck ") for found in re.findall(r"`(bodycheck [^`]+)`", row)]
 
 
 def test_the_table_has_six_rows_with_a_command_and_a_page() -> None:

@@ -105,6 +105,9 @@ def _momentum_sentence(change: MomentumChange, floor: float, *, free: bool) -> s
         return f"Angular momentum is off the truth by {sizes}."
     if largest < _CONSERVED:
         return f"Angular momentum is conserved to {number(largest, 2)}."
+    if change.size < _CONSERVED:
+        turn = number(change.direction_rad, _DIGITS)
+        return f"Angular momentum is not conserved: its direction turns by {turn} rad; its size is constant."
     return f"Angular momentum is not conserved: {sizes}."
 
 

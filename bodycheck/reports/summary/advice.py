@@ -300,7 +300,7 @@ def _why_none(curve: ErrorCurve, error: float | None) -> str:
     if error is not None and error <= curve.floor:
         return f"below the floor of round-off and of the truth, {curve.floor:.2g}"
     if not curve.is_predictable:
-        return "the measured steps do not determine it"
+        return "the errors at the measured steps follow no order, so that none is predicted"
     return f"needs more than {number(MAX_STEPS)} steps"
 
 

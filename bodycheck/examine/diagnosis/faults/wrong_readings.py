@@ -62,7 +62,7 @@ def wrong_readings(quantities: str = "xvqw") -> tuple[WrongReading, ...]:
         if isinstance(plant, Misread) and plant.as_set is None
         for values, text in fault.particular
     )
-    return tuple(one for one in every if one.quantity in quantities)
+    return tuple(one for one in every if one.quantity and one.quantity in quantities)
 
 
 def quaternions_as_set() -> Iterator[tuple[str, Callable[[Array], Array]]]:
