@@ -470,14 +470,14 @@ def test_the_map_of_each_method_is_printed(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_broken_law_is_printed_with_its_size_and_ends_with_status_1(tmp_path: Path) -> None:
-    """PyBullet's defaults, damping of 0.04 / s among them, break four laws; without them all laws hold."""
+    """PyBullet's defaults, damping of 0.04 / s among them, break five laws; without them all laws hold."""
     words = ("laws", "pybullet:multibody@defaults,pybullet:multibody", "--quiet")
     printed, rows = (run_bodycheck(tmp_path, *words, *more) for more in ((), ("--json",)))
     assert printed.returncode == rows.returncode == 1, printed.stderr + rows.stderr
     broken = {(row["method"], row["law"]) for row in json.loads(rows.stdout) if row["verdict"] == "broken"}
-    laws = ("boost", "scale-time", "tree-boost", "tree-order")
+    laws = ("boost", "scale-time", "tree-boost", "tree-divide", "tree-order")
     assert broken == {("multibody@defaults", law) for law in laws}
-    assert printed.stdout.splitlines()[-1] == "4 broken"
+    assert printed.stdout.splitlines()[-1] == "5 broken"
     assert run_bodycheck(tmp_path, "laws", "reference:rk4", "--quiet").returncode == 0
 
 
