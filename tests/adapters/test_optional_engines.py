@@ -45,7 +45,7 @@ from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.local_package_index import write_needed, write_wheel
 
 ROOT = Path(__file__).parents[2]
-NODE = ROOT / "bodycheck/adapters/optional/node"
+NODE = Path(registry.__file__).parent / "optional/node"  # of the package that is tested, which may be a wheel
 INERTIA = np.array([[1.0, 0.1, -0.2], [0.1, 1.6, 0.3], [-0.2, 0.3, 2.1]])
 START = State(
     np.array([0.1, -0.2, 0.3]),
