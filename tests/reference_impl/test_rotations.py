@@ -492,12 +492,16 @@ def is_rotation(matrix: Array) -> bool:
 @law
 @given(quaternions, st.lists(components, min_size=9, max_size=9), st.floats(-16.0, 0.5))
 def test_projection_is_a_rotation_and_a_critical_point(q: Array, noise: list[float], exponent: float) -> None:
-    """The result is a rotation and R^T M is symmetric, as at every critical point of |M - R|."""
+    """The result is a rotation and R^T M is symmetric, as at every critical point of |M - R|.
+
+    To 2 (16 + 2 * 3) eps |M|: an R that is orthogonal to 16 eps, and two products of three terms. Of 200,000
+    random matrices, 6 exceed 32 eps |M| and none 36 eps |M|.
+    """
     matrix = quaternion_to_matrix(q) + 10.0**exponent * np.array(noise).reshape(3, 3)
     nearest = project_to_so3(matrix)
     assert is_rotation(nearest)
     stretch = nearest.T @ matrix
-    assert np.max(np.abs(stretch - stretch.T)) <= 32 * EPS * max(1.0, float(np.linalg.norm(matrix)))
+    assert np.max(np.abs(stretch - stretch.T)) <= 44 * EPS * max(1.0, float(np.linalg.norm(matrix)))
 
 
 @pytest.mark.parametrize("seed", range(20))
