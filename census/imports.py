@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass, fields
-from pathlib import Path
+from dataclasses import dataclass
 
 from bodycheck.audit.audit import Audit
+from census.csv_rows import read_rows
 from census.finding import HERE
 
 IMPORTS = HERE / "imports.csv"
@@ -38,21 +37,9 @@ class ImportCount:
     files: int
 
 
-def read_imports(path: Path = IMPORTS) -> list[ImportCount]:
+def read_imports() -> list[ImportCount]:
     """Return the rows of imports.csv."""
-    with path.open(newline="", encoding="utf-8") as file:
-        return [
-            ImportCount(**{**row, "count": int(row["count"]), "files": int(row["files"])})  # type: ignore[arg-type]
-            for row in csv.DictReader(file)
-        ]
-
-
-def write_imports(rows: Iterable[ImportCount]) -> None:
-    """Write imports.csv."""
-    with IMPORTS.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [one.name for one in fields(ImportCount)], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(asdict(one) for one in rows)
+    return read_rows(IMPORTS, ImportCount)
 
 
 def counted(package: str, version: str, audits: Iterable[Audit]) -> list[ImportCount]:

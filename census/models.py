@@ -5,13 +5,12 @@ The confirmation has a reader of its own: the numbers of the element in the line
 
 from __future__ import annotations
 
-import csv
 import math
 import tempfile
 import tomllib
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
@@ -25,8 +24,9 @@ from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.audit.audit import Audit, LintFinding
 from bodycheck.audit.audit_run import AuditOptions, checked_engines, imported_audit
 from bodycheck.scenarios.model_files import read_model
+from census.csv_rows import read_rows, write_rows
 from census.finding import HERE
-from census.imports import counted, read_imports, write_imports
+from census.imports import IMPORTS, ImportCount, counted, read_imports
 
 PACKAGES, ERRORS = HERE / "packages.toml", HERE / "models.csv"
 _SUFFIXES = (".urdf", ".xml", ".sdf", ".world")
@@ -54,10 +54,9 @@ class ModelError:
     confirmed: str
 
 
-def read_errors(path: Path = ERRORS) -> list[ModelError]:
+def read_errors() -> list[ModelError]:
     """Return the errors of models.csv."""
-    with path.open(newline="", encoding="utf-8") as file:
-        return [ModelError(**{**row, "line": int(row["line"])}) for row in csv.DictReader(file)]  # type: ignore[arg-type]
+    return read_rows(ERRORS, ModelError)
 
 
 def audit_packages(names: list[str]) -> None:
@@ -73,18 +72,11 @@ def audit_packages(names: list[str]) -> None:
                 one for audit in audits for one in confirmed_errors(audit, Path(folder), name, versions[name])
             ]
         print(f"{name} {versions[name]}: {len(audits)} files, {len(errors)} confirmed errors", flush=True)
-        write_imports(
-            [*(one for one in read_imports() if one.package != name), *counted(name, versions[name], audits)]
-        )
-        _write_errors([*(one for one in read_errors() if one.package != name), *errors])
-
-
-def _write_errors(rows: list[ModelError]) -> None:
-    rows.sort(key=lambda one: (one.package, one.file, one.line))
-    with ERRORS.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [one.name for one in fields(ModelError)], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(asdict(one) for one in rows)
+        imports = [one for one in read_imports() if one.package != name]
+        write_rows(IMPORTS, ImportCount, [*imports, *counted(name, versions[name], audits)])
+        errors += (one for one in read_errors() if one.package != name)
+        errors.sort(key=lambda one: (one.package, one.file, one.line))
+        write_rows(ERRORS, ModelError, errors)
 
 
 def audits_of(folder: Path) -> Iterator[Audit]:

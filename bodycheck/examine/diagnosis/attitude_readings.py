@@ -25,9 +25,10 @@ from bodycheck.reference_impl.rotations import (
 
 _HALF_WIDTHS = (2, 3, 4, 6, 8, 12, 16, 24, 32)  # samples on each side
 _DEGREES = (4, 6)
-_LARGEST_TURN_RAD = 2.5  # within a window: beyond pi, rotation vectors are ambiguous
 _FEWEST = 3
 _DECIMALS = 12
+LARGEST_TURN_RAD = 2.5
+"""The largest turn between attitudes that is used: beyond pi, rotation vectors are ambiguous."""
 
 
 def derived_rates(t_s: Array, attitude: Array, resolution_rad: float) -> tuple[Array, float] | None:
@@ -49,7 +50,7 @@ def derived_rates(t_s: Array, attitude: Array, resolution_rad: float) -> tuple[A
         first = np.clip(np.arange(n) - half, 0, n - width)
         window = first[:, None] + np.arange(width)
         turned = log_quaternion(quaternion_product(conjugate(q)[:, None], q[window]))
-        if best is not None and np.max(np.linalg.norm(turned, axis=-1)) > _LARGEST_TURN_RAD:
+        if best is not None and np.max(np.linalg.norm(turned, axis=-1)) > LARGEST_TURN_RAD:
             break
         away_s = t_s[window] - t_s[:, None]
         low, high = (min(degree, width - 2 + index) for index, degree in enumerate(_DEGREES))

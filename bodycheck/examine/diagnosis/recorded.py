@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bodycheck.examine.diagnosis.attitude_readings import attitude_diagnosis
+from bodycheck.examine.diagnosis.attitude_readings import LARGEST_TURN_RAD, attitude_diagnosis
 from bodycheck.examine.diagnosis.candidate_maps import COMMON, EXACT, Base
 from bodycheck.examine.diagnosis.diagnosis import (
     LIBRARY_STEPS,
@@ -35,7 +35,6 @@ from bodycheck.reports.measurement.scales import Scales
 
 _ALIKE = 0.9  # correlation of errors that one map makes, in one step and in several
 _FAR, _NEAR = 0.5, 0.2  # relative distance of omega from the turns between the attitudes: misread, meant
-_LARGEST_TURN_RAD = 2.5  # between two attitudes: beyond pi, rotation vectors are ambiguous
 
 
 def diagnosed_recording(
@@ -143,7 +142,7 @@ def _far_readings(trajectory: Trajectory) -> list[WrongReading]:
     """Return the wrong readings of omega that bring it to the turns between the attitudes, far from these."""
     attitude = normalised(trajectory.attitude)
     turns = log_quaternion(quaternion_product(conjugate(attitude[:-1]), attitude[1:]))
-    some = np.linalg.norm(turns, axis=-1) < _LARGEST_TURN_RAD
+    some = np.linalg.norm(turns, axis=-1) < LARGEST_TURN_RAD
     size, interval_s = np.linalg.norm(turns[some]), np.diff(trajectory.t_s)[:, None]
 
     def distance(omega: Array) -> float:
