@@ -27,7 +27,7 @@ from bodycheck.reports.run_files.method_words import identified
 from bodycheck.reports.run_files.run_reader import read_manifest, read_run
 from bodycheck.reports.run_files.run_tables import Run, key_of, study_key
 from bodycheck.reports.run_files.sentinels import machine_facts
-from bodycheck.reports.run_files.tables import TABLES, Row
+from bodycheck.reports.run_files.tables import SPEEDS, TABLES, Row
 from bodycheck.runs.directory import partial_of
 from bodycheck.runs.manifest import Identity
 from bodycheck.runs.request import undivided
@@ -36,7 +36,6 @@ from bodycheck.runs.shards import StoredShard, all_shards, machine_findings
 
 _REQUESTED = ("dt_s", "tolerances", "speed")
 _MACHINE = ("cpu", "cores", "system", "platform", "python", "bodycheck", "libraries", "jobs", "speed_core")
-_SPEEDS = ("cpu_s", "cpu_s_low", "cpu_s_high", "ns_per_step", "relative_cpu")
 _SECONDS = ("compile_s", "truths_s", "motions_s", "speeds_s", "run_s")
 
 
@@ -181,7 +180,7 @@ def _has(part: _Part, engine: str, method: str) -> bool:
 
 
 def _untimed(case: CaseResult) -> CaseResult:
-    return replace(case, columns={k: v for k, v in case.columns.items() if k not in _SPEEDS})
+    return replace(case, columns={k: v for k, v in case.columns.items() if k not in SPEEDS})
 
 
 def _timed_on(parts: Sequence[_Part]) -> str:

@@ -65,12 +65,12 @@ def _text(name: str, change: Callable[[str], str]) -> Callable[[Path], None]:
     return damage
 
 
-def _without(column: str) -> Callable[[Path], None]:
-    """Empty a column of methods.csv."""
+def _judged(column: str, cell: str = "") -> Callable[[Path], None]:
+    """Write a cell into each row of methods.csv that has an order."""
 
     def damage(folder: Path) -> None:
         table = pd.read_csv(folder / "methods.csv", dtype=str)
-        table[column] = ""
+        table.loc[table["order"].notna(), column] = cell
         table.to_csv(folder / "methods.csv", index=False)
 
     return damage
@@ -153,7 +153,12 @@ DAMAGES: dict[str, tuple[Callable[[Path], None], str]] = {
         _text("methods.csv", lambda text: text.replace(",converges,", ",ok,")),
         "unknown verdict 'ok'",
     ),
-    "an order without interval": (_without("order_low"), "without order_low"),
+    "an order without interval": (_judged("order_low"), "without order_low"),
+    "an order outside of its interval": (
+        _judged("order_low", "9.5"),
+        "is not between order_low 9.5 and",
+    ),
+    "a negative time": (_measured("relative_cpu", "-0.01"), "relative_cpu is -0.01, not a finite number"),
     "a column more": (
         _text("methods.csv", lambda text: text.replace("verdict", "judgement")),
         "missing column",

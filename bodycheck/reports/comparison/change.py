@@ -322,7 +322,7 @@ def ratio(before: Mapping[str, Any], after: Mapping[str, Any], *, same_machine: 
     """
     if not min(before.get("cpu_s_low", 0.0), after.get("cpu_s_low", 0.0)) > 0.0:
         return None
-    if "relative_cpu" in before and "relative_cpu" in after:
+    if min(before.get("relative_cpu", 0.0), after.get("relative_cpu", 0.0)) > 0.0:
         scales = [row["relative_cpu"] / row["cpu_s"] for row in (before, after)]
     elif same_machine:
         scales = [1.0, 1.0]

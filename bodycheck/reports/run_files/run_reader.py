@@ -37,7 +37,7 @@ from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, SIGNED
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.removed_motions import motion_again
 from bodycheck.reports.run_files.run_tables import Run, Tables, announced_of, case_of, study_key
-from bodycheck.reports.run_files.tables import TABLES, Row, TableKind, read_rows
+from bodycheck.reports.run_files.tables import SPEEDS, TABLES, Row, TableKind, read_rows
 from bodycheck.reports.run_files.trajectory_files import read_arrays
 from bodycheck.reports.run_files.writer import file_name, trajectory_file
 from bodycheck.scenarios.library import scenario_names
@@ -62,6 +62,7 @@ def read_tables(folder: Path) -> Tables:
     results, methods = tables["results"], tables["methods"]
     _check_settings(folder / "results.csv", results)
     _check_measures(folder / "results.csv", results)
+    _check_speeds(folder / "results.csv", results)
     run_id = manifest["run_id"]
     if others := {row["run_id"] for rows in tables.values() for row in rows} - {run_id}:
         raise InputError(f"{folder}: manifest.json is of run {run_id}, but the tables of {', '.join(others)}")
@@ -141,11 +142,22 @@ def _check_choices(path: Path, rows: Iterable[dict[str, Any]], column: str, know
 
 
 def _check_intervals(path: Path, rows: Iterable[dict[str, Any]], column: str) -> None:
-    """Raise InputError where an estimate lacks an end of its interval."""
+    """Raise InputError where an estimate lacks an end of its interval, or lies outside."""
     low, high = f"{column}_low", f"{column}_high"
     for row in rows:
         if column in row and not {low, high} <= row.keys():
             raise InputError(f"{path}: {column} {row[column]:g} without {low} and {high}")
+        if column in row and not row[low] <= row[column] <= row[high]:
+            ends = f"{low} {row[low]:g} and {high} {row[high]:g}"
+            raise InputError(f"{path}: {column} {row[column]:g} is not between {ends}")
+
+
+def _check_speeds(path: Path, rows: Iterable[dict[str, Any]]) -> None:
+    """Raise InputError where a time, or a ratio of times, is negative or not finite."""
+    for row in rows:
+        for column in SPEEDS:
+            if column in row and not 0.0 <= row[column] < math.inf:
+                raise InputError(f"{path}: {column} is {row[column]!r}, not a finite number from 0 on")
 
 
 def _check_settings(path: Path, rows: Iterable[dict[str, Any]]) -> None:

@@ -59,15 +59,8 @@ _TRUTH = (
     "compared_until_s",
     "horizon_s",
 )
-_SPEED = (
-    "cpu_s",
-    "cpu_s_low",
-    "cpu_s_high",
-    "ns_per_step",
-    "relative_cpu",
-    "rhs_evaluations",
-    "stepping",
-)
+SPEEDS = ("cpu_s", "cpu_s_low", "cpu_s_high", "ns_per_step", "relative_cpu")
+"""The columns of results that are measured times, or ratios of them."""
 
 
 Row: TypeAlias = dict[str, Any]
@@ -134,7 +127,8 @@ _ALL = (
             *(column for measure in MEASURES.values() for column in measure.columns),
             *("invariant", "worst_body", MAP, DISTANCE, NEXT, "successive_difference_rad"),
             *_TRUTH,
-            *_SPEED,
+            *SPEEDS,
+            *("rhs_evaluations", "stepping"),
         ),
         needed=(*_OF_STUDY, "control", "outcome", "reproduce"),
         words=("precision", "invariant", "worst_body", MAP, "truth", "stepping"),
