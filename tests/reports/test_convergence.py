@@ -58,6 +58,16 @@ def test_coarse_steps_that_are_not_asymptotic_are_left_out() -> None:
     assert (round(found.order or 0.0), found.points) == (3, 4)
 
 
+def test_a_motion_that_is_far_off_shows_no_order() -> None:
+    """However small its error, and whatever the power of the step, until the motion is near the truth."""
+    law = power_law(1.0, 0.1)
+    far = [replace(point, is_far=True) for point in law]
+    found = convergence_of(far, CRITERIA)
+    assert (found.verdict, found.order, found.points) == ("pre-asymptotic", None, 0)
+    near = convergence_of([*far[:1], *law[1:]], CRITERIA)
+    assert (near.verdict, near.points) == ("converges", len(law) - 1)
+
+
 def test_fine_steps_on_the_round_off_floor_are_left_out() -> None:
     """Errors that no longer shrink because of rounding define the floor and do not bend the order."""
     points = power_law(4.0, 1e-8, (5e-2, 2e-2, 1e-2, 5e-3))

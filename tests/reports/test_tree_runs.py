@@ -141,6 +141,16 @@ def test_the_truth_of_a_tree_balances_its_energy(name: str) -> None:
         assert np.max(np.abs(balance[0])) <= max(10.0 * balance[1], 1e-12 * problem.scales.energy_scale_j)
 
 
+def test_a_tree_that_is_far_from_the_truth_shows_no_order() -> None:
+    """Where the attitudes of the arm are radians off, neither its other errors nor its drifts have an order."""
+    steps = [3.125e-3, 1.5625e-3, 7.8125e-4, 3.90625e-4]
+    run = bodycheck.run(["arm"], engines=["reference:m1"], dt_s=steps, speed=False, laws=False)
+    assert all(row["orientation_error_rad"] > 1.0 for row in run.rows("results"))
+    undecided = [row for row in run.rows("methods") if row["verdict"] != "at-floor"]
+    assert undecided
+    assert {(row["verdict"], row["points"]) for row in undecided} == {("pre-asymptotic", 0)}
+
+
 def test_scales_of_a_tree_are_finite(chain: Run) -> None:
     """No scale of a moving tree vanishes."""
     assert all(math.isfinite(scale) and scale > 0.0 for scale in vars(chain.problems[0].scales).values())

@@ -37,13 +37,20 @@ class Point:
 
     error: None where the case did not end well. motion (samples, k): the departure over the scale [default:
     the error itself, which serves as the motion while it is small]. round_off: the error that the method's
-    arithmetic alone is predicted to make at this step, where that is coarser than double precision.
+    arithmetic alone is predicted to make at this step, where that is coarser than double precision. is_far:
+    whether the whole motion is so far from the truth that no error of it shows an order.
     """
 
     dt_s: float
     error: float | None
     motion: Array | None = None
     round_off: float = 0.0
+    is_far: bool = False
+
+    @property
+    def is_saturated(self) -> bool:
+        """Whether the error is too large to show an order."""
+        return self.is_far or (self.error is not None and self.error >= LARGEST_ERROR)
 
     def is_above(self, floor: float) -> bool:
         """Whether the error is well above the floor and above round-off."""
@@ -103,7 +110,7 @@ class Convergence:
 
 
 def usable(points: Sequence[Point], floor: float) -> list[Point]:
-    """Return the points usable for an order, coarsest first: 10 floor < error < 0.3.
+    """Return the points usable for an order, coarsest first: 10 floor < error < 0.3, not far.
 
     Where the arithmetic is coarser than double precision, steps finer than the best one are not usable.
     """
@@ -113,7 +120,7 @@ def usable(points: Sequence[Point], floor: float) -> list[Point]:
         for p in sorted(points, key=lambda p: -p.dt_s)
         if p.error is not None
         and p.is_above(floor)
-        and p.error < LARGEST_ERROR
+        and not p.is_saturated
         and (p.round_off == 0.0 or best is None or p.dt_s >= best.dt_s)
     ]
 
@@ -197,7 +204,7 @@ def _convergence_of(points: tuple[Point, ...], criteria: Criteria) -> Convergenc
         return replace(found, verdict="converges")
     if reaches_round_off(ended):
         return replace(found, verdict="at-precision-floor")
-    all_usable = len(ended) == len(points) and max(errors) < LARGEST_ERROR
+    all_usable = len(ended) == len(points) and not any(p.is_saturated for p in ended)
     return replace(found, verdict="too-few-points") if all_usable and len(fit) < MIN_POINTS else found
 
 
@@ -207,7 +214,7 @@ def _excluded(ended: Sequence[Point], floor: float, criteria: Criteria) -> tuple
     The round-off of a finest step could explain its error; finer steps that fit exclude that.
     """
     above = [p for p in ended if p.is_above(floor)]
-    series = list(dropwhile(lambda p: (p.error or 0.0) >= LARGEST_ERROR, above))
+    series = list(dropwhile(lambda p: p.is_saturated, above))
     found = exclusion_of(
         tuple(p.dt_s for p in series), tuple(p.error for p in series if p.error is not None), floor
     )
@@ -223,7 +230,7 @@ def _grows(ended: Sequence[Point], floor: float, criteria: Criteria) -> bool:
 
     Errors that accumulate are irregular: most pairs of them must rise, and the finest must be far above.
     """
-    errors = [p.error for p in ended if p.error is not None and p.error < LARGEST_ERROR]
+    errors = [p.error for p in ended if p.error is not None and not p.is_saturated]
     rising = errors[int(np.argmin(errors)) if errors else 0 :]
     rising = [error for error in rising if error > ABOVE_FLOOR * floor]
     if criteria.judged != "limit" or len(rising) < _RISING_POINTS:
@@ -240,7 +247,7 @@ def _usable_step(order: Order, points: Sequence[Point], fit: Sequence[Point], fl
     for point in points:
         if point.dt_s <= used[0].dt_s:
             continue
-        if point.error is None or point.error >= LARGEST_ERROR:
+        if point.error is None or point.is_saturated:
             return used[0].dt_s
         expected = predicted_error([p.dt_s for p in used], errors, floor, point.dt_s)
         if point.error > FACTOR * expected.high:
@@ -284,9 +291,9 @@ def _limit(ended: Sequence[Point], criteria: Criteria) -> Limit | None:
 
 def _motion_of(point: Point) -> Array | None:
     """Return the motion of a case, or else its error, unless that is saturated and so cannot change."""
-    if point.motion is None and point.error is not None and point.error < LARGEST_ERROR:
+    if point.motion is None and point.error is not None and not point.is_saturated:
         return np.array([[point.error]])
-    return point.motion
+    return None if point.is_far else point.motion
 
 
 def tolerance_convergence(points: Sequence[Point], criteria: Criteria) -> Convergence:
@@ -397,7 +404,7 @@ def _too_fine(points: Sequence[Point], floor: float, *, reached: bool) -> bool:
     reached: whether finer steps have reached the floor of the method's arithmetic.
     """
     coarsest = max(points, key=lambda p: p.dt_s)
-    small = coarsest.error is not None and coarsest.error < LARGEST_ERROR
+    small = coarsest.error is not None and not coarsest.is_saturated
     flat = not reached and _is_flat(points, floor)
     return small and len(usable(points, floor)) < MIN_POINTS and not flat
 

@@ -19,6 +19,7 @@ from bodycheck.adapters.workers.protocol import packed, unpacked
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reports.measurement.case import (
     SWITCH_NOTE,
     CaseResult,
@@ -263,9 +264,19 @@ def _arithmetic(problem: Problem, quantity: str, method: Method) -> RoundOff:
 def _points(
     cases: tuple[CaseResult, ...], problem: Problem, method: Method, quantity: str
 ) -> tuple[Point, ...]:
-    """Return the cases as points of error against step; the error is None where one did not end well."""
+    """Return the cases as points of error against step; the error is None where one did not end well.
+
+    The motions of bodies on joints depend on all attitudes, so that none of their errors shows an order
+    where an attitude is far off.
+    """
+    coupled = isinstance(problem.scenario.scene, TreeScene)
     points = tuple(
-        Point(_fineness(case), case.columns.get(quantity) if case.ok else None, case.departures.get(quantity))
+        Point(
+            _fineness(case),
+            case.columns.get(quantity) if case.ok else None,
+            case.departures.get(quantity),
+            is_far=coupled and (case.columns.get(ORIENTATION) or 0.0) >= LARGEST_ERROR,
+        )
         for case in cases
     )
     if method.precision == "float64" or method.control != "dt":
