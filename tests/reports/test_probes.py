@@ -18,6 +18,7 @@ import bodycheck
 from bodycheck.adapters.contract import Adapter, Engine, Method, Precision, ReadBack, Reading, Simulation
 from bodycheck.adapters.execution import Answer, Case, record
 from bodycheck.adapters.reference import Reference
+from bodycheck.examine.diagnosis.faults import FAULTS
 from bodycheck.examine.probes import probe
 from bodycheck.examine.probes.finding import limit, noise
 from bodycheck.examine.probes.probe import built_in_probes, probe_rows
@@ -28,6 +29,7 @@ from bodycheck.reference_impl.scene import RigidBody, Scene, Torque
 from bodycheck.reference_impl.wrench import Wrench
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.tables import TABLES
+from tests.helpers.planted_faults import Faulty
 
 ENGINES = {"reference": "Reference", "mujoco": "MuJoCo", "pybullet": "PyBullet", "dart": "Dart"}
 DAMPED = "pybullet:multibody@defaults"
@@ -458,21 +460,85 @@ def test_round_off_is_measured_through_kinks_and_outliers() -> None:
     assert 0.3e-7 < found < 3e-7  # a median of |x| is 0.67 sigma
 
 
+def _sentence(name: str, *values: float) -> str:
+    return next(fault for fault in FAULTS if fault.name == name).text(values)
+
+
 @pytest.mark.parametrize(
-    ("turned", "how"),
+    ("turned", "force", "torque"),
     [
-        (lambda rotation, load: rotation.T @ rotation.T @ load, "rotated by the transpose"),
-        (lambda rotation, load: rotation @ load, "rotated twice"),
-        (lambda rotation, load: rotation.T @ load, "acts in world axes"),
+        (
+            lambda rotation, load: rotation.T @ rotation.T @ load,
+            "wrench-body-by-transpose",
+            "torque-body-rotated-twice",
+        ),
+        (lambda rotation, load: rotation @ load, "wrench-body-rotated-twice", "torque-body-rotated"),
+        (lambda rotation, load: rotation.T @ load, "wrench-body-as-world", "torque-body-as-world"),
     ],
 )
-def test_load_that_is_rotated_wrongly_is_named(turned: Turned, how: str) -> None:
-    """A load in body axes that acts as R^T F, R R F or F in world axes."""
+def test_load_that_is_rotated_wrongly_is_named(turned: Turned, force: str, torque: str) -> None:
+    """A load in body axes that acts as R^T F, R R F or F in world axes has the sentence of the catalogue."""
     rows = probed(Altering(turned=turned), "rk4")
-    assert {"body_force_response", "body_torque_response"} <= accused(rows)
-    for kind in ("force", "torque"):
-        assert f"the body {kind} " in rows[f"body_{kind}_response"]["message"]
-        assert how in rows[f"body_{kind}_response"]["message"]
+    wrong = {
+        "body_force_response": force,
+        "body_force_moment_response": force,
+        "body_torque_response": torque,
+    }
+    assert set(wrong) <= accused(rows)
+    for check, fault in wrong.items():
+        assert rows[check]["message"].startswith(f"{_sentence(fault)}: ")
+
+
+NAMED = {
+    "gravity-doubled": {"gravity_response": ("gravity", 2.0)},
+    "gravity-reversed": {"gravity_response": ("gravity", -1.0)},
+    "gravity-axes": {"gravity_response": ("gravity-axes-xzy",)},
+    "gravity-in-body-axes": {"gravity_response": ("gravity-in-body-axes",)},
+    "torque-body-as-world": {
+        "body_torque_response": ("torque-body-as-world",),
+        "body_force_moment_response": ("applied-torque-body-as-world",),
+    },
+    "torque-world-as-body": {"world_torque_response": ("torque-world-as-body",)},
+    "torque-missing": {
+        "body_torque_response": ("torque", 0.0),
+        "world_torque_response": ("torque", 0.0),
+        "body_force_moment_response": ("moment", 0.0),
+    },
+    "torque-frozen": {
+        "body_torque_response": ("torque-frozen",),
+        "body_force_moment_response": ("applied-torque-frozen",),
+    },
+    "force-at-centre": {
+        "body_force_moment_response": ("moment", 0.0),
+        "world_force_moment_response": ("moment", 0.0),
+    },
+    "lever-in-world-axes": {"world_force_moment_response": ("arm-rotated",)},
+    "moment-reversed": {
+        "body_force_moment_response": ("moment", -1.0),
+        "world_force_moment_response": ("moment", -1.0),
+    },
+    "force-missing": {
+        "body_force_response": ("force-without-moment", 0.0),
+        "world_force_response": ("force", 0.0),
+        "world_force_moment_response": ("force", 0.0),
+    },
+    "force-axes-exchanged": {
+        "body_force_response": ("force-body-as-world",),
+        "world_force_response": ("force-world-as-body",),
+    },
+}
+"""A planted fault -> its checks, each with the fault of the catalogue that is named."""
+
+
+@pytest.mark.parametrize("fault", NAMED)
+def test_fault_of_a_load_has_the_sentence_of_the_catalogue(fault: str) -> None:
+    """A wrong load is named as a diagnosis names it, in each check that it fails, whatever the map is."""
+    rows = probed(Faulty("rk4"), fault)
+    for check, named in NAMED[fault].items():
+        assert rows[check]["message"].startswith(f"{_sentence(*named)}: ")
+        assert check in accused(rows)
+    others = (rows[check]["message"] for check in accused(rows) - NAMED[fault].keys())
+    assert all(message.startswith("the momentum gained") or "while" in message for message in others)
 
 
 def test_doubled_torque_is_reported_alone() -> None:
@@ -487,4 +553,4 @@ def test_doubled_torque_is_reported_alone() -> None:
     rows = {row["check"]: row for row in probe_rows(engine_of(sound), sound.methods["rk4"], twice)}
     assert accused(rows) == {"body_torque_response"}
     assert rows["body_torque_response"]["measured"] == pytest.approx(2.0)
-    assert rows["body_torque_response"]["message"] == "the momentum gained is 2 times the impulse"
+    assert rows["body_torque_response"]["message"].endswith(": the momentum gained is 2 times the impulse")

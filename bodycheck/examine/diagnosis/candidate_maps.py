@@ -201,6 +201,11 @@ class Flow:
         factor[self._ramps] = 1.0 + self._first_step + step
         return [part * factor for part in parts]
 
+    def wrench(self, y: States) -> tuple[Array, Array]:
+        """Return force and torque about the centre of mass in world axes, (3, c, s), in each first step."""
+        acceleration, torque, _ = self._forces(y, self._loads(0), self._start_s)
+        return self._numbers("mass")[:, None] * acceleration, times(matrix_of(y.q), torque)
+
     def of_map(self, base: Base) -> Flow:
         """Return the same candidates, each without a fault, with another map."""
         _ = self._solid, self._features, self._again  # made once for all maps
@@ -412,7 +417,7 @@ class Flow:
         """
         w = self._stage_omega(y.w)
         features = self._features
-        force_body, force_world, torque_body, torque_world, moment = loads
+        force_body, force_world, torque_body, torque_world, moment, lever = loads
         gyroscopic = cross(w, times(self._inertia, w))
         if self._gyro is not None:
             gyroscopic = self._gyro * gyroscopic
@@ -435,8 +440,10 @@ class Flow:
             turned = self._rotated("torque_world_by", rotation, torque_world, transposed_times)
             torque = torque + turned
         if self._needs[4]:
-            m = np.einsum("ab...,bc...->ac...", moment, self._moment_rotation(rotation))
-            torque = torque + np.stack([m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0]])
+            turned = np.einsum("ab...,bc...->ac...", moment, self._moment_rotation(rotation))
+            torque = torque + _moment_of(turned)
+        if self._needs[5]:
+            torque = torque + _moment_of(np.einsum("ba...,bc...->ac...", rotation, lever))
         if continuous:
             force, turning = self._continuous_loads(y, rotation, t)
             acceleration, torque = acceleration + force, torque + transposed_times(rotation, turning)
@@ -569,6 +576,11 @@ _WRONGLY = {
     "torque_world_by": (times, transposed_times),
 }
 """Load -> how a candidate rotates it once, and the rotation that another one makes twice."""
+
+
+def _moment_of(m: Array) -> Array:
+    """Return the sum of a x F (3, ...) of the sum m of a F^T (3, 3, ...)."""
+    return np.stack([m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0]])
 
 
 def _inverses(inertia: Array) -> Array:

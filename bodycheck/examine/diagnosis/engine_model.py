@@ -91,8 +91,8 @@ def rotation_vector(q: Array) -> Array:
 class Loads:
     """The constant loads of each segment (p, ...) between switches; the last row is the absence of loads.
 
-    force_body, force_world: (p, 3) in N. torque_body, torque_world: (p, 3) in N m. lever: (p, 3), the moments
-    of body forces in body axes. moment: (p, 3, 3), sum of a F^T of world forces at points a in body axes.
+    force_body, force_world: (p, 3) in N. torque_body, torque_world: (p, 3) in N m. lever, moment: (p, 3, 3),
+    sums of a F^T of body and of world forces at points a in body axes.
     """
 
     force_body: Array
@@ -106,14 +106,14 @@ class Loads:
     def of(cls, spans: Sequence[Sequence[tuple[Any, float]]]) -> Loads:
         """Sum the loads of each segment, each multiplied by its share of the time."""
         p = len(spans) + 1
-        a, b, c, d, e = np.zeros((5, p, 3))
-        loads = cls(a, b, c, d, e, np.zeros((p, 3, 3)))
+        a, b, c, d = np.zeros((4, p, 3))
+        loads = cls(a, b, c, d, *np.zeros((2, p, 3, 3)))
         for row, span in enumerate(spans):
             for load, share in span:
                 value = share * load.value
                 if isinstance(load, PointForce) and load.axes == "body":
                     loads.force_body[row] += value
-                    loads.lever[row] += np.cross(load.at, value)
+                    loads.lever[row] += np.outer(load.at, value)
                 elif isinstance(load, PointForce):
                     loads.force_world[row] += value
                     loads.moment[row] += np.outer(load.at, value)
@@ -124,7 +124,13 @@ class Loads:
     @property
     def kinds(self) -> frozenset[str]:
         """The names of the parts that act at some time."""
-        return frozenset(name for name, value in vars(self).items() if np.any(value))
+        acting = vars(self) | {"lever": self.lever_torque}
+        return frozenset(name for name, value in acting.items() if np.any(value))
+
+    @property
+    def lever_torque(self) -> Array:
+        """The moments (p, 3) of body forces in body axes: sums of a x F."""
+        return -2.0 * vee(self.lever)
 
 
 @dataclass
@@ -150,7 +156,8 @@ class Model:
     """One candidate: the constants of its motion. A fault assigns new values and changes none in place.
 
     timeline: (steps,) the row of `loads` that acts in each step. arm_in_world: 1 where the arms of world
-    forces are taken in world axes, 2 where they keep their initial direction. stale: the quantities of
+    forces are taken in world axes, 2 where they keep their initial direction. body_arm_in_world: 1 where the
+    arms of body forces are taken in world axes. stale: the quantities of
     x, v, q, w that are read `lateness` steps late. largest_turn, asleep: 0 where there is no such limit.
     clamped_first: whether limits of velocities apply before the pose is updated. slowed_v, slowed_w: rates
     by which velocities are damped after the kick, or after the step where slowed_late. turn_factor: of the
@@ -192,6 +199,7 @@ class Model:
     single_state: float = 0.0
     ramp: float = 0.0
     arm_in_world: float = 0.0
+    body_arm_in_world: float = 0.0
     step_factor: float = 1.0
     repeats: float = 0.0
     force_body_by: float = 0.0
@@ -217,15 +225,19 @@ class Model:
             return self.inertia
         return self.inertia + self.mass * parallel_axis_tensor(self.pivot)
 
-    def packed_loads(self) -> tuple[Array, Array, Array, Array, Array]:
+    def packed_loads(self) -> tuple[Array, Array, Array, Array, Array, Array]:
         """Return the accelerations of forces in body and world axes, the torques, and the moments, (p, ...).
+
+        The last are those of world forces, and of body forces whose arms are taken in world axes.
 
         About a pivot, which carries all forces, these have moments only.
         """
         loads, weight = self.loads, self.mass * self.gravity
         body_weight = self.mass * self.gravity_body
-        torque = loads.torque_body + loads.lever + self.spurious_torque_body
-        moment = loads.moment
+        torque = loads.torque_body + self.spurious_torque_body
+        moment, lever = loads.moment, self.body_arm_in_world * loads.lever
+        if not self.body_arm_in_world:
+            torque = torque + loads.lever_torque
         force_body = loads.force_body + body_weight + self.spurious_force_body
         force_world = loads.force_world + weight + self.spurious_force_world
         if self.pivot is not None:
@@ -239,7 +251,7 @@ class Model:
             turned = np.einsum("ij,pjk->pik", turn, moment)
             torque_world = torque_world - 2.0 * vee(turned)
             moment = 0.0 * moment
-        return force_body / self.mass, force_world / self.mass, torque, torque_world, moment
+        return force_body / self.mass, force_world / self.mass, torque, torque_world, moment, lever
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from bodycheck.examine.probes.finding import Finding, FindingLimit, Sampled, lim
 from bodycheck.examine.probes.probe import Probe, arithmetic_eps, built_in_probes, motions_of
 from bodycheck.examine.probes.reading_mistakes import Mistake, part_of, read_back_mistake, reading_mistake
 from bodycheck.examine.probes.readings import reading_findings
-from bodycheck.examine.probes.responses import integral, response_findings
+from bodycheck.examine.probes.responses import response_findings
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum, linear_momentum
 from bodycheck.reference_impl.loads import load_kinds
@@ -350,7 +350,7 @@ def _balance(motion: Sampled) -> tuple[Array, Array]:
     at = Instants(path.t_s, path.position_m, path.rotation_matrices, path.velocity_m_s, path.omega_world)
     wrenches = [load.wrench(scene, at) for load in scene.continuous_loads]
     rates = [sum(part) for part in zip(*wrenches, strict=True)]
-    integrals = [integral(rate, motion.dt_s) for rate in rates]
+    integrals = [np.trapezoid(rate, dx=motion.dt_s, axis=0) for rate in rates]
     return np.array([momentum[-1] - momentum[0] for momentum in _momenta(motion)]), np.array(integrals)
 
 

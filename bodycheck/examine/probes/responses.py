@@ -5,23 +5,23 @@ A difference is due to the load's size, axes or point, the effective mass or ine
 window of n steps under a constant load, any consistent method gives n h F. One that responds k steps late
 gives (n - k) h F, and one that releases the load k steps late gives k h F after the window.
 
-The mistakes that are tried have impulses in closed form, whatever the map of an engine is. The faults of the
-diagnosis change the steps of a known map, which an engine behind a new adapter need not make.
+A wrong response is explained by a fault of the catalogue that gives all the momenta that were gained.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bodycheck.examine.probes.finding import Finding, FindingLimit, Sampled, delay_finding, limit, noise
+from bodycheck.examine.probes.load_mistakes import mistaken_impulses
+from bodycheck.examine.probes.reading_mistakes import part_of
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum, linear_momentum
-from bodycheck.reference_impl.scene import Axes, ConstantLoad, PointForce, Scene, Torque
+from bodycheck.reference_impl.scene import ConstantLoad, PointForce, Scene, Torque
 
-_MIN_SIZE = 1e-3  # of the impulse; a mistake that gives less is not distinguished from no response
 _MIN_ALONG = 1e-2  # of an excess moment; a moment with such a part along the force is that of no arm
 _SMALLEST_RESPONSE = 0.1  # a smaller response is too small to measure a delay
 
@@ -50,48 +50,34 @@ class _Window:
 
     gained, impulse: (3,) for each of the steps. push: the impulse of the force (3,) at the finest step, where
     this is the angular momentum of a force. carried: (3,) for each step, gained between the end of the load
-    and the next load; empty for gravity, which does not end. round_off: of the gained momentum. mistaken: the
-    impulses that frequent mistakes of an adapter would give, by their descriptions.
+    and the next load; empty for gravity, which does not end. round_off: of the gained momentum. part: 0 of
+    linear, 1 of angular momentum.
     """
 
     name: str
+    part: int
     gained: tuple[Array, ...]
     impulse: tuple[Array, ...]
     steps: tuple[int, ...]
     round_off: float
     push: Array | None = None
     carried: tuple[Array, ...] = ()
-    mistaken: Mapping[str, tuple[Array, ...]] = field(default_factory=dict)
 
     @property
     def size(self) -> float:
         """The magnitude of the impulse."""
         return _norm(self.impulse[-1])
 
-    @property
-    def excess(self) -> list[Array]:
+    def excess(self, impulse: Sequence[Array]) -> list[Array]:
         """(gained - impulse) / size for each step, (1, 3)."""
-        pairs = zip(self.gained, self.impulse, strict=True)
-        return [(gained - impulse)[np.newaxis] / self.size for gained, impulse in pairs]
+        pairs = zip(self.gained, impulse, strict=True)
+        return [(gained - other)[np.newaxis] / self.size for gained, other in pairs]
 
-    def limit(self, steps_s: Sequence[float]) -> FindingLimit:
-        """Return the excess in the limit h -> 0."""
-        return limit(steps_s, self.excess, self.round_off / self.size)
+    def limit(self, steps_s: Sequence[float], impulse: Sequence[Array] = ()) -> FindingLimit:
+        """Return the excess over this impulse, by default the right one, in the limit h -> 0."""
+        return limit(steps_s, self.excess(impulse or self.impulse), self.round_off / self.size)
 
-    def mistake(self, steps_s: Sequence[float], *, without_effect: bool) -> str:
-        """Return the description of the mistake that explains the gained momentum; "" if none does."""
-        if without_effect:
-            load = self.name.replace("_", " ")
-            force = load.removesuffix(" moment")
-            at_centre = f"the {force} acts at the centre of mass, not at its point"
-            return f"the {load} has no effect" if load == force else at_centre
-        for mistake, impulse in self.mistaken.items():
-            found = replace(self, impulse=impulse)
-            if found.size > _MIN_SIZE * self.size and found.limit(steps_s).is_zero:
-                return mistake
-        return self._displacement(steps_s)
-
-    def _displacement(self, steps_s: Sequence[float]) -> str:
+    def displacement(self, steps_s: Sequence[float]) -> str:
         """Return how far from its point a force acts that explains the excess moment d x F; "" if none does.
 
         An excess along the moment itself would also be that of a scaled force.
@@ -123,20 +109,27 @@ def response_findings(motions: Sequence[Sampled], resolution: float) -> Iterator
     motions: of one scene from rest, coarsest step first. resolution: relative, of the states after all steps.
     """
     steps_s = [motion.dt_s for motion in motions]
+    yield from _gravity_responses(motions, resolution)
     weight = _gravity(motions, resolution)
-    yield from _response(weight, steps_s)
     gravity = (
         weight.limit(steps_s).value[0] * weight.size / motions[0].scene.body.mass / _alone_until(motions)
     )
     momenta = [_Momenta.of(motion, motion.scene.gravity + gravity) for motion in motions]
-    for window in _loads(motions, momenta, resolution):
-        yield from _response(window, steps_s)
+    for load, pause_ends in zip(*_loads_and_ends(motions[0].scene), strict=True):
+        windows = list(_windows(load, pause_ends, motions, momenta, resolution))
+        alone = replace(motions[0].scene, loads=(load,), gravity=np.zeros(3))
+        yield from _responses(windows, motions, (load.from_s, load.until_s), alone)
     yield _unloaded(motions, momenta, resolution)
 
 
 def gravity_finding(motions: Sequence[Sampled], resolution: float) -> Finding:
     """Return the response to gravity over a motion without other loads."""
-    return next(_response(_gravity(motions, resolution), [motion.dt_s for motion in motions]))
+    return next(_gravity_responses(motions, resolution))
+
+
+def _gravity_responses(motions: Sequence[Sampled], resolution: float) -> Iterator[Finding]:
+    span, alone = (0.0, _alone_until(motions)), replace(motions[0].scene, loads=())
+    yield from _responses([_gravity(motions, resolution)], motions, span, alone)
 
 
 def _alone_until(motions: Sequence[Sampled]) -> float:
@@ -150,36 +143,31 @@ def _gravity(motions: Sequence[Sampled], resolution: float) -> _Window:
     scene, until = motions[0].scene, _alone_until(motions)
     momenta = [linear_momentum(scene.body.mass, motion.trajectory.velocity_m_s) for motion in motions]
     ends = [motion.index(until) for motion in motions]
-    weight = scene.body.mass * scene.gravity
-    turned = [
-        motion.trajectory.rotation_matrices[: end + 1] @ weight
-        for motion, end in zip(motions, ends, strict=True)
-    ]
-    in_body_axes = tuple(integral(rate, motion.dt_s) for rate, motion in zip(turned, motions, strict=True))
     return _Window(
         "gravity",
+        0,
         tuple(momentum[end] - momentum[0] for momentum, end in zip(momenta, ends, strict=True)),
-        (weight * until,) * len(motions),
+        (scene.body.mass * scene.gravity * until,) * len(motions),
         tuple(ends),
         _round_off(momenta, scene.body.mass, motions, resolution),
-        mistaken={
-            "gravity acts in body axes": in_body_axes,
-            "gravity has the opposite sign": (-weight * until,) * len(motions),
-        },
     )
 
 
-def _loads(motions: Sequence[Sampled], momenta: Sequence[_Momenta], resolution: float) -> Iterator[_Window]:
-    for load, pause_ends in zip(*_loads_and_ends(motions[0].scene), strict=True):
-        name = f"{load.axes}_{'torque' if isinstance(load, Torque) else 'force'}"
-        if isinstance(load, PointForce):
-            yield _window(
-                name, load, pause_ends, motions, [momentum.linear for momentum in momenta], 0, resolution
-            )
-            name = f"{name}_moment"
-        yield _window(
-            name, load, pause_ends, motions, [momentum.angular for momentum in momenta], 1, resolution
-        )
+def _windows(
+    load: ConstantLoad,
+    pause_ends_s: float,
+    motions: Sequence[Sampled],
+    momenta: Sequence[_Momenta],
+    resolution: float,
+) -> Iterator[_Window]:
+    """Yield the effect of a load on the linear momentum, if it is a force, and on the angular momentum."""
+    linear = [momentum.linear for momentum in momenta]
+    angular = [momentum.angular for momentum in momenta]
+    name = f"{load.axes}_{'torque' if isinstance(load, Torque) else 'force'}"
+    if isinstance(load, PointForce):
+        yield _window(name, load, pause_ends_s, motions, linear, 0, resolution)
+        name = f"{name}_moment"
+    yield _window(name, load, pause_ends_s, motions, angular, 1, resolution)
 
 
 def _loads_and_ends(scene: Scene) -> tuple[list[ConstantLoad], list[float]]:
@@ -199,49 +187,20 @@ def _window(
 ) -> _Window:
     """Return the effect of a load on one of the momenta, series; part: 0 for force, 1 for torque."""
     gained, impulse, carried, steps, push = [], [], [], [], None
-    mistaken: dict[str, list[Array]] = {}
     for motion, values in zip(motions, series, strict=True):
         first, last, end = (motion.index(t) for t in (load.from_s, load.until_s, pause_ends_s))
         rotation = motion.trajectory.rotation_matrices[first : last + 1]
         gained.append(values[last] - values[first])
-        impulse.append(integral(_rates(load, rotation)[part], motion.dt_s))
-        for mistake, rate in _mistaken_rates(load, rotation, part):
-            mistaken.setdefault(mistake, []).append(integral(rate, motion.dt_s))
+        rates = np.array(_rates(load, rotation))
+        force, torque = np.asarray(np.trapezoid(rates, dx=motion.dt_s, axis=1))
+        impulse.append(torque if part else force)
         carried.append(values[end] - values[last])
         steps.append(last - first)
         if part and isinstance(load, PointForce):
-            push = integral(_rates(load, rotation)[0], motion.dt_s)
+            push = force
     mass = 0.0 if part else motions[0].scene.body.mass
     round_off = _round_off(series, mass, motions, resolution)
-    by_mistake = {mistake: tuple(impulses) for mistake, impulses in mistaken.items()}
-    return _Window(
-        name, tuple(gained), tuple(impulse), tuple(steps), round_off, push, tuple(carried), by_mistake
-    )
-
-
-def _mistaken_rates(load: ConstantLoad, rotation: Array, part: int) -> Iterator[tuple[str, Array]]:
-    """Yield force or torque (n, 3) in world axes as frequent mistakes give it, with their descriptions."""
-    right = _rates(load, rotation)
-    other: Axes = "world" if load.axes == "body" else "body"
-    swapped = _rates(replace(load, axes=other), rotation)
-    if isinstance(load, Torque) or part == 0:
-        kind = "torque" if part else "force"
-        yield f"the {load.axes} {kind} acts in {other} axes", swapped[part]
-        yield f"the {load.axes} {kind} has the opposite sign", -right[part]
-        transposed = np.einsum("nji,j->ni", rotation, load.value)
-        yield f"the {load.axes} {kind} is rotated by the transpose: it acts as R^T", transposed
-        yield (
-            f"the {load.axes} {kind} is rotated twice",
-            np.einsum("nij,njk,k->ni", rotation, rotation, load.value),
-        )
-        return
-    arm = np.broadcast_to(load.at, right[0].shape)
-    yield f"the moment of the {load.axes} force is F x r instead of r x F", -right[1]
-    yield f"the moment of the {load.axes} force has its arm in world axes", np.cross(arm, right[0])
-    if load.axes == "body":
-        in_body_axes = np.einsum("nji,nj->ni", rotation, right[1])
-        yield "the moment of the body force acts in world axes", in_body_axes
-    yield f"the {load.axes} force acts in {other} axes", swapped[1]
+    return _Window(name, part, tuple(gained), tuple(impulse), tuple(steps), round_off, push, tuple(carried))
 
 
 def _rates(load: ConstantLoad, rotation: Array) -> tuple[Array, Array]:
@@ -253,11 +212,6 @@ def _rates(load: ConstantLoad, rotation: Array) -> tuple[Array, Array]:
     return value, np.cross(np.einsum("nij,j->ni", rotation, load.at), value)
 
 
-def integral(rate: Array, dt_s: float) -> Array:
-    """Integrate rates (n, 3) by the trapezoidal rule."""
-    return dt_s * (np.sum(rate, axis=0) - 0.5 * (rate[0] + rate[-1]))
-
-
 def _round_off(series: Sequence[Array], mass: float, motions: Sequence[Sampled], resolution: float) -> float:
     """Return the round-off of a momentum: the larger of the scatter of all steps and the resolution."""
     weight = mass * float(np.max(np.abs(motions[0].scene.gravity))) * motions[0].scene.duration_s
@@ -265,21 +219,45 @@ def _round_off(series: Sequence[Array], mass: float, motions: Sequence[Sampled],
     return max(len(series[-1]) * noise(series[-1]), resolution * size)
 
 
-def _response(window: _Window, steps_s: Sequence[float]) -> Iterator[Finding]:
+def _responses(
+    windows: Sequence[_Window], motions: Sequence[Sampled], span_s: tuple[float, float], alone: Scene
+) -> Iterator[Finding]:
+    """Yield the response and the delay in each window of one load or of gravity, which acts alone in a scene.
+
+    span_s: the time of the windows.
+    """
+    steps_s = [motion.dt_s for motion in motions]
+    mistakes = ""
+    if not all(window.limit(steps_s).is_zero for window in windows):
+        first, last = span_s
+        spans = [slice(motion.index(first), motion.index(last) + 1) for motion in motions]
+        paths = [part_of(motion.trajectory, span) for motion, span in zip(motions, spans, strict=True)]
+        mistakes = ", or ".join(
+            text
+            for text, impulses in mistaken_impulses(alone, paths).items()
+            if all(
+                window.limit(steps_s, [both[window.part] for both in impulses]).is_zero for window in windows
+            )
+        )
+    for window in windows:
+        yield from _response(window, steps_s, mistakes)
+
+
+def _response(window: _Window, steps_s: Sequence[float], mistakes: str) -> Iterator[Finding]:
     along = window.impulse[-1] / window.size
     found = window.limit(steps_s)
     measured = _nearly(1.0 + float(found.value[0] @ along), found.tolerance)
     text = _response_text(found, along)
-    if text and (
-        mistake := window.mistake(steps_s, without_effect=_norm(found.value[0] + along) < _MIN_SIZE)
-    ):
+    if text and (mistake := mistakes or window.displacement(steps_s)):
         text = f"{mistake}: {text}"
     yield Finding(f"{window.name}_response", measured, 1.0, found.size, found.tolerance, text)
     check = f"{window.name}_delay"
     if measured < _SMALLEST_RESPONSE:
         yield Finding(check, message="no response from which to measure a delay")
         return
-    starts = window.steps[-1] * (measured - 1.0 - float(window.excess[-1][0] @ along)) / measured
+    starts = (
+        window.steps[-1] * (measured - 1.0 - float(window.excess(window.impulse)[-1][0] @ along)) / measured
+    )
     ends = window.steps[-1] * window.kept_at_first_order(steps_s, along) / measured
     late = "the response ends" if abs(ends) > abs(starts) else "the response begins"
     yield delay_finding(check, max(starts, ends, key=abs), late)

@@ -69,7 +69,7 @@ def _is_scaled_by_loads(at: FaultContext) -> bool:
 
 def _arms_shifted(loads: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
     return {
-        "lever": loads.lever + np.cross(values, loads.force_body),
+        "lever": loads.lever + values[:, None] * loads.force_body[:, None, :],
         "moment": loads.moment + values[:, None] * loads.force_world[:, None, :],
     }
 

@@ -21,8 +21,6 @@ from bodycheck.examine.diagnosis.faults.fault import (
     near,
 )
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.rotations import vee
-from bodycheck.reference_impl.scene import PointForce
 
 
 def _frozen(loads: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
@@ -30,31 +28,21 @@ def _frozen(loads: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
     return {"torque_body": 0.0 * loads.torque_body, "torque_world": loads.torque_world + turned}
 
 
+def _applied_as_world(loads: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
+    return {
+        "torque_world": loads.torque_world + loads.torque_body + loads.lever_torque,
+        "torque_body": 0.0 * loads.torque_body,
+        "lever": 0.0 * loads.lever,
+    }
+
+
+def _wrench_as_world(loads: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
+    force = {"force_body": 0.0 * loads.force_body, "force_world": loads.force_world + loads.force_body}
+    return _applied_as_world(loads, values, at) | force
+
+
 def _arms_turned(loads: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
     return {"moment": np.einsum("ji,pjk->pik", at.scene.initial.rotation, loads.moment)}
-
-
-def _body_forces_in_world_axes(loads: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
-    # the moment a x F of a body force, with F in world axes, needs a F^T, which the lever lacks
-    forces = [load for load in at.scene.loads if isinstance(load, PointForce) and load.axes == "body"]
-    sums = sum((np.outer(load.at, load.value) for load in forces), np.zeros((3, 3)))
-    total = sum((load.value for load in forces), np.zeros(3))
-    share = (loads.force_body @ total) / max(float(total @ total), 1e-300)
-    return {
-        "moment": loads.moment + share[:, None, None] * sums,
-        "lever": 0.0 * loads.lever,
-        "force_world": loads.force_world + loads.force_body,
-        "force_body": 0.0 * loads.force_body,
-    }
-
-
-def _world_forces_in_body_axes(loads: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
-    return {
-        "lever": loads.lever - 2.0 * vee(loads.moment),
-        "moment": 0.0 * loads.moment,
-        "force_body": loads.force_body + loads.force_world,
-        "force_world": 0.0 * loads.force_world,
-    }
 
 
 def _shifted(steps: int) -> Plant:
@@ -128,14 +116,12 @@ def _switched(at: FaultContext) -> bool:
     return at.stepped and at.switches
 
 
-def _moved(*parts: str, to: str) -> Plant:
-    """Return what adds parts of the loads to another one, and leaves none of them."""
+def _moved(**to: str) -> Plant:
+    """Return what adds each part of the loads to another one, part=other, and leaves none of it."""
 
     def change(held: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
-        total = getattr(held, to)
-        for part in parts:
-            total = total + getattr(held, part)
-        return {to: total, **{part: 0.0 * getattr(held, part) for part in parts}}
+        total = {other: getattr(held, other) + getattr(held, part) for part, other in to.items()}
+        return {part: 0.0 * getattr(held, part) for part in to} | total
 
     return changed_loads(change)
 
@@ -175,9 +161,9 @@ def load_faults() -> Iterator[Fault]:
         _factor_texts("the torque"),
     )
     text = "a torque in body axes acts in world axes"
-    yield _load("torque-body-as-world", text, _moved("torque_body", to="torque_world"), _has("torque_body"))
+    yield _load("torque-body-as-world", text, _moved(torque_body="torque_world"), _has("torque_body"))
     text = "a torque in world axes acts in body axes"
-    yield _load("torque-world-as-body", text, _moved("torque_world", to="torque_body"), _has("torque_world"))
+    yield _load("torque-world-as-body", text, _moved(torque_world="torque_body"), _has("torque_world"))
     text = "a torque in body axes keeps its initial direction in world axes"
     yield _load("torque-frozen", text, changed_loads(_frozen), _has("torque_body"))
     special = _moment_texts("a force", "forces act at the centre of mass, not at their points")
@@ -247,13 +233,13 @@ def load_faults() -> Iterator[Fault]:
         (
             "force-body-as-world",
             "a force in body axes acts in world axes, its moment is right",
-            _moved("force_body", to="force_world"),
+            _moved(force_body="force_world"),
             _has("force_body", moving=True),
         ),
         (
             "force-world-as-body",
             "a force in world axes acts in body axes, its moment is right",
-            _moved("force_world", to="force_body"),
+            _moved(force_world="force_body"),
             _has("force_world", moving=True),
         ),
         (
@@ -265,13 +251,13 @@ def load_faults() -> Iterator[Fault]:
         (
             "force-body-in-wrong-axes",
             "a force in body axes acts in world axes, and its moment too",
-            changed_loads(_body_forces_in_world_axes),
+            _moved(force_body="force_world", lever="moment"),
             lambda at: "force_body" in at.loads and at.has_moment,
         ),
         (
             "force-world-in-wrong-axes",
             "a force in world axes acts in body axes, and its moment too",
-            changed_loads(_world_forces_in_body_axes),
+            _moved(force_world="force_body", moment="lever"),
             lambda at: "force_world" in at.loads and at.has_moment,
         ),
     ):
@@ -295,6 +281,8 @@ def load_faults() -> Iterator[Fault]:
         ),
     ):
         yield _load(name, sentence, plant, _has("moment"))
+    text = "the point of a body force is an offset in world axes, not in body axes"
+    yield _load("body-arm-in-world-axes", text, constant(body_arm_in_world=1.0), _has("lever"))
     yield from _timed_wrongly()
     text = "loads are applied again in each step and never cleared"
     confirm = "apply a constant load: momentum must grow with the time, not with its square"
@@ -356,6 +344,16 @@ def _rotated_wrongly() -> Iterator[Fault]:
     yield _turned("torque-body-rotated", "a torque in body axes is rotated by R", body, torque_body_by=1.0)
     text = "a torque in body axes is rotated by R^T twice"
     yield _turned("torque-body-rotated-twice", text, body, torque_body_by=2.0)
+    wrench, body = (
+        "forces and torques in body axes, with the moments of the forces,",
+        _has("lever", moving=True),
+    )
+    text = f"{wrench} act in world axes"
+    yield _load("wrench-body-as-world", text, changed_loads(_wrench_as_world), body, _OTHER_ATTITUDE)
+    text = f"{wrench} are rotated by the transpose: they act as R^T F and R^T (r x F)"
+    yield _turned("wrench-body-by-transpose", text, body, force_body_by=1.0, torque_body_by=2.0)
+    text = f"{wrench} are rotated twice: they act as R R F and R R (r x F)"
+    yield _turned("wrench-body-rotated-twice", text, body, force_body_by=2.0, torque_body_by=1.0)
 
 
 def _turned(name: str, sentence: str, applies: _Applies, **changes: float) -> Fault:
@@ -372,11 +370,11 @@ def _applied_faults() -> Iterator[Fault]:
         _factor_texts("every torque in body or world axes"),
     )
     both = "a torque in body axes, and the moment of a body force,"
-    plant = _moved("torque_body", "lever", to="torque_world")
-    yield _load("applied-torque-body-as-world", f"{both} acts in world axes", plant, _has("lever"))
+    text = f"{both} acts in world axes"
+    yield _load("applied-torque-body-as-world", text, changed_loads(_applied_as_world), _has("lever"))
     plant = changed_loads(
         lambda h, values, at: {
-            **_frozen(replace(h, torque_body=h.torque_body + h.lever), values, at),
+            **_frozen(replace(h, torque_body=h.torque_body + h.lever_torque), values, at),
             "lever": 0.0 * h.lever,
         }
     )
