@@ -142,7 +142,7 @@ def test_the_truth_of_a_tree_balances_its_energy(name: str) -> None:
 
 
 def test_a_tree_that_is_far_from_the_truth_shows_no_order() -> None:
-    """Where the attitudes of the arm are radians off, neither its other errors nor its drifts have an order."""
+    """Where attitudes of the arm are radians off, its other errors and its drifts have no order."""
     steps = [3.125e-3, 1.5625e-3, 7.8125e-4, 3.90625e-4]
     run = bodycheck.run(["arm"], engines=["reference:m1"], dt_s=steps, speed=False, laws=False)
     assert all(row["orientation_error_rad"] > 1.0 for row in run.rows("results"))
