@@ -95,7 +95,10 @@ def write_trajectories(run: Run, trajectories: Path) -> None:
 def _read_backs(run: Run) -> dict[str, Message]:
     """Return the parameters read back from the engines, and the builds, by trajectory file of the case."""
     return {
-        str(trajectory_file(case)): {**read_back_message(case.read_back), "build": case.columns.get("build")}
+        str(trajectory_file(case)): {
+            **read_back_message(case.read_back),
+            "build": case.columns.get("build") or None,
+        }
         for case in run.cases
         if case.read_back is not None
     }
