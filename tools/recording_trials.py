@@ -98,6 +98,53 @@ at_m = [0.03, 0.06, -0.05]
 """,
 }
 """The scenes, each of 2 s with 201 samples."""
+FURTHER = {
+    "all-loads": FREE
+    + """omega_body_rad_s = [0.8, -1.2, 0.5]
+[[forcing]]
+kind = "gravity"
+acceleration_m_s2 = [1.0, -2.0, -9.0]
+[[forcing]]
+kind = "torque"
+axes = "body"
+value_n_m = [0.05, -0.04, 0.06]
+until_s = 0.7
+[[forcing]]
+kind = "torque"
+axes = "world"
+value_n_m = [-0.03, 0.05, 0.04]
+from_s = 0.4
+until_s = 1.1
+[[forcing]]
+kind = "force"
+axes = "body"
+value_n = [0.3, 0.2, 1.0]
+at_m = [0.05, -0.02, 0.1]
+from_s = 0.8
+until_s = 1.6
+[[forcing]]
+kind = "force"
+axes = "world"
+value_n = [0.5, -0.4, 0.8]
+at_m = [0.03, 0.06, -0.05]
+from_s = 1.2
+""",
+    "fast": """
+[body]
+mass_kg = 2.0
+inertia_kg_m2 = [[0.05, 0.0003, -0.0002], [0.0003, 0.051, 0.0004], [-0.0002, 0.0004, 0.052]]
+[initial]
+omega_body_rad_s = [60.0, -40.0, 30.0]
+""",
+    "drag": FREE
+    + """omega_body_rad_s = [1.0, -2.0, 3.0]
+[[forcing]]
+kind = "drag"
+linear_n_s_m = 0.5
+angular_n_m_s = [[0.02, 0.0, 0.0], [0.0, 0.03, 0.0], [0.0, 0.0, 0.04]]
+""",
+}
+"""Further scenes of that length, for the faults that act on none of the others."""
 MAPS = {
     "m1": "M1",
     "m2": "M2",
@@ -117,7 +164,7 @@ def scenario_of(name: str, folder: Path) -> Scenario:
     """Return one of the scenes."""
     path = folder / f"{name}.toml"
     head = f'name = "{name}"\nduration_s = {DURATION_S}\nsamples = {SAMPLES}\n'
-    path.write_text(head + SCENES[name], encoding="utf-8")
+    path.write_text(head + (SCENES | FURTHER)[name], encoding="utf-8")
     return load_scenario(path)
 
 
@@ -350,7 +397,7 @@ class FaultTrials:
 
     def __init__(self, folder: Path, draw: np.random.Generator) -> None:
         self._path, self._draw = folder / "motion.csv", draw
-        self._scenarios = [scenario_of(name, folder) for name in SCENES]
+        self._scenarios = [scenario_of(name, folder) for name in SCENES | FURTHER]
         self._problems = {one.name: Problem.of(one, one.name, Cache.default()) for one in self._scenarios}
         self._right: dict[tuple[str, str], tuple[Trajectory, FaultContext]] = {}
 
@@ -372,7 +419,8 @@ class FaultTrials:
         """Plant a fault on one of the scenes where it applies, and count what is said at each resolution."""
         draw = self._draw
         base = BASES[str(draw.choice(["m1", "rk4"]))]
-        order = [self._scenarios[index] for index in draw.permutation(len(self._scenarios))]
+        order = [self._scenarios[index] for index in draw.permutation(len(SCENES))]
+        order += self._scenarios[len(SCENES) :]
         scenario = next((one for one in order if fault.could_change(self._right_of(one, base)[1])), None)
         if scenario is None:
             print(f"{fault.name}: applies to no scene")
