@@ -103,7 +103,8 @@ def _worst(result: GateResult) -> str:
     worst = result.worst
     assert worst is not None
     distance_text = distance(worst, result.gate)
-    return f"worst {obtained(worst)}" + (f", {distance_text}" if distance_text else "")
+    shown = obtained(worst) if worst.row.obtained is None else f"worst {obtained(worst)}"
+    return shown + (f", {distance_text}" if distance_text else "")
 
 
 def obtained(check: GateCheck) -> str:
@@ -192,8 +193,6 @@ def alerts_of(results: Sequence[GateResult], run: Tables, file: Path, lines: Seq
 def _alert_lines(result: GateResult, causes: Mapping[StudyKey, str]) -> Iterator[str]:
     """Yield the worst case with value and bound, its cause, the reason of the bound, how to see it again."""
     worst = result.worst
-    if worst is None or worst.passed:
-        worst = next(iter(result.failed), None)
     if worst is None:
         yield line_of(result)
     else:

@@ -25,7 +25,8 @@ class GateRow:
 
     at: the step or the tolerance as text; "" if the row covers all steps. obtained: a finite number or a
     word; None if there is none, and then why. about: the quantity that decided a word, with size and step.
-    errors: for an order, the error at each step as text, coarsest first.
+    errors: for an order, the error at each step as text, coarsest first. is_wrong: whether there is no order
+    because the method does not converge to the truth, or its error grows.
     """
 
     scenario: str
@@ -37,6 +38,7 @@ class GateRow:
     reproduce: str
     about: str = ""
     errors: tuple[str, ...] = ()
+    is_wrong: bool = False
 
 
 def rows_of(gate: Gate, run: Tables) -> list[GateRow]:
@@ -159,24 +161,25 @@ def _row_of_case(gate: Gate, columns: Mapping[str, Any]) -> GateRow:
 def _row_of_method(gate: Gate, columns: Mapping[str, Any], found: Mapping[str, Any], run: Tables) -> GateRow:
     measure = gate.target
     value = found.get(measure.column)
-    why = ""
+    is_order = measure.column == "order"
+    why, is_wrong = "", False
     if value is None or (not measure.choices and not _is_finite(value)):
-        value = None
-        detail = _verdict_text(found) or found.get("message") or columns["message"] or "no result"
+        value, detail = None, found.get("message") or columns["message"] or "no result"
+        if "verdict" in found:
+            verdict = QuantityVerdict.of(found)
+            is_wrong = is_order and verdict.is_wrong
+            detail = verdict.text if verdict.is_wrong else verdict.state
         why = f"no {measure.column}: {detail}"
-    command = _full_command(columns, run.manifest)
-    about = found.get("about", "")
-    errors = _errors_by_step(columns, measure.quantity or "", run) if measure.column == "order" else ()
-    identity = _identity(columns)
-    return GateRow(**identity, at="", obtained=value, why=why, reproduce=command, about=about, errors=errors)
-
-
-def _verdict_text(found: Mapping[str, Any]) -> str:
-    """Return the verdict of a row of methods.csv, with the size of the error where it counts against it."""
-    if "verdict" not in found:
-        return ""
-    verdict = QuantityVerdict.of(found)
-    return verdict.text if verdict.is_wrong else verdict.state
+    return GateRow(
+        **_identity(columns),
+        at="",
+        obtained=value,
+        why=why,
+        reproduce=_full_command(columns, run.manifest),
+        about=found.get("about", ""),
+        errors=_errors_by_step(columns, measure.quantity or "", run) if is_order else (),
+        is_wrong=is_wrong,
+    )
 
 
 def _errors_by_step(columns: Mapping[str, Any], quantity: str, run: Tables) -> tuple[str, ...]:
@@ -333,17 +336,18 @@ class GateResult:
 
     @property
     def worst(self) -> GateCheck | None:
-        """The measured row farthest outside, or least far inside, its bound; None if there is none.
+        """The row farthest outside, or least far inside, its bound; None if there is none.
 
-        Of rows at the same distance, as at an infinite number of decades from 0, it is the one whose value
-        is farthest from the bound.
+        A failing row without a value comes after failing values, and before values that pass. Of rows at the
+        same distance, as at an infinite number of decades from 0, it is the one whose value is farthest from
+        the bound.
         """
 
         def badness(check: GateCheck) -> tuple[bool, float, float]:
             beyond = -math.inf if check.beyond is None else check.beyond
             return not check.passed, beyond, self._excess(check.row.obtained)
 
-        return max((c for c in self.checks if c.row.obtained is not None), key=badness, default=None)
+        return max(self.checks, key=badness, default=None)
 
     def _excess(self, value: float | str | None) -> float:
         """Return how far a number is above the upper or below the lower bound; 0 for words."""
@@ -369,7 +373,7 @@ def _check_gate(gate: Gate, run: Tables, engines: Sequence[str]) -> GateResult:
     checks = tuple(_check_row(gate, row) for row in rows)
     if not checks:
         return GateResult(gate, (), "nothing", why_none(gate, run))
-    if all(check.row.obtained is None for check in checks):
+    if all(check.row.obtained is None and not check.row.is_wrong for check in checks):
         reasons = dict.fromkeys(check.row.why for check in checks)
         return GateResult(gate, checks, "nothing", "; ".join(reasons))
     status: Literal["passed", "failed"] = "passed" if all(check.passed for check in checks) else "failed"

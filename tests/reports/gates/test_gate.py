@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from bodycheck.reports.gates.gate import Gate, gate_of
+from bodycheck.reports.gates.gate_output import error_lines, line_of
 from bodycheck.reports.gates.verdict import GateResult, check_gates, distance
 from bodycheck.reports.run_files.run_tables import Tables
 from bodycheck.scenarios.library import load_any
@@ -273,6 +274,21 @@ def test_missing_order_has_the_verdict_as_its_reason(verdict: str, reason: str) 
     row = {"order": None, "verdict": verdict, "finest_error": 0.02, "finest_dt_s": 0.01}
     result = one(gate(measure="order.orientation_error_rad", lower=1.0), {}, methods=[row])
     assert [check.row.why for check in result.checks] == [f"no order: {reason}"]
+
+
+@pytest.mark.parametrize("verdict", ["does-not-converge", "error-grows"])
+def test_order_that_the_verdict_excludes_fails(verdict: str) -> None:
+    """A method without an order because it is wrong fails with verdict and error, also beside one that passes."""
+    row = {"order": None, "verdict": verdict, "finest_error": 0.02, "finest_dt_s": 0.01, "method": "euler"}
+    requested = gate(measure="order.orientation_error_rad", lower=1.0)
+    alone = one(requested, {"method": "euler"}, methods=[row])
+    beside = one(requested, {}, {"method": "euler"}, methods=[{}, row])
+    for result in (alone, beside):
+        assert (result.status, len(result.failed)) == ("failed", 1)
+        assert "0.02 rad at dt 0.01 s" in line_of(result)
+        assert [line for line in error_lines(result) if "euler: dt 0.01 s" in line]
+    unmeasured = {**row, "verdict": "too-few-points"}
+    assert one(requested, {"method": "euler"}, methods=[unmeasured]).status == "nothing"
 
 
 def test_method_without_a_row_does_not_pass() -> None:

@@ -229,6 +229,7 @@ def test_json_has_every_number_in_full() -> None:
             "reproduce": COMMAND,
             "about": "",
             "errors": [],
+            "is_wrong": False,
             "passed": True,
             "beyond_decades": pytest.approx(-1.0),
         }
