@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import io
-from itertools import pairwise
+from dataclasses import replace
+from itertools import combinations, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.case import CaseResult
-from bodycheck.reports.render.movie import FRAMES, check_movie, film_frames, filmed_cases, movie
+from bodycheck.reports.render.movie import FRAMES, _panels, check_movie, film_frames, filmed_cases, movie
 from bodycheck.reports.run_files.run_reader import read_run
 from bodycheck.reports.run_files.run_tables import Run
 from tests.helpers.expected_messages import ExpectedMessage
@@ -114,6 +115,27 @@ def test_the_bodies_of_a_film_move(run: Run) -> None:
     assert shown.info["duration"] > 1500  # the last frame is held
     changed = [np.mean(np.abs(after - before) > 30.0) for before, after in pairwise(frames)]
     assert min(changed) > 1e-3
+
+
+@pytest.mark.slow
+def test_equal_motions_are_one_body_with_all_their_names(run: Run) -> None:
+    """Eight methods of which seven move equally are two bodies; no text of the frame covers another."""
+    from matplotlib.figure import Figure
+
+    cases = [case for case in run.cases if case.columns["scenario"] == "free"]
+    apart, *alike = filmed_cases(cases, ("reference:m1", "reference:rk4"))
+    alike += [replace(alike[0], columns={**alike[0].columns, "engine": f"engine-{k}"}) for k in range(6)]
+    page = Figure()
+    _panels(page, run.problems[0], [apart, *alike])(1)
+    texts = [text for axes in page.axes for text in axes.texts]
+    names = " ".join(text.get_text() for text in texts).replace("\N{NO-BREAK SPACE}", " ")
+    assert len(page.axes) == 2
+    assert "reference:rk4 = engine-0:rk4 = engine-1:rk4 = engine-2:rk4 = engine-3:rk4" in names.replace(
+        "\n", " "
+    )
+    boxes = [text.get_window_extent() for text in texts]
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+    assert max(box.width for box in boxes) < page.bbox.width / 2
 
 
 @pytest.mark.slow

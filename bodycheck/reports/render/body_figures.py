@@ -14,10 +14,12 @@ from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.pivot import rotational_inertia
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS
+from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.render.body_surface import DrawnBodies
 from bodycheck.reports.render.page.played_motions import shown_cases
-from bodycheck.reports.render.styles import COLOURS, engine_colour
+from bodycheck.reports.render.styles import COLOURS, engine_colour, merged
 from bodycheck.reports.run_files.run_tables import Run, coarsest_shared_step
 
 if TYPE_CHECKING:
@@ -64,18 +66,20 @@ def _polhodes(page: Figure, problem: Problem, cases_drawn: Sequence[CaseResult])
     moments, _ = diagonalised(inertia)
     semiaxes = 1.0 / np.sqrt(moments)
     truth = problem.truth.trajectory
-    page.set_figheight(page.get_figwidth() / max(len(cases_drawn), 2) + 0.3)
     u, v = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 25), np.linspace(0.0, np.pi, 13))
     sphere = np.array([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)])
-    for index, case in enumerate(cases_drawn):
-        axes: Any = page.add_subplot(1, len(cases_drawn), index + 1, projection="3d")
+    groups = equal_motions(problem, cases_drawn)
+    names_in = 0.1 * max(map(len, groups))
+    page.set_figheight(page.get_figwidth() / max(len(groups), 2) + 0.2 + names_in)
+    for index, (case, *equal) in enumerate(groups):
+        axes: Any = page.add_subplot(1, len(groups), index + 1, projection="3d")
         x, y, z = semiaxes[:, None, None] * sphere
         axes.plot_wireframe(x, y, z, color="#d0d0d0", linewidth=0.3)
         axes.plot(*polhode(truth, truth, inertia).T, color=GHOST, linewidth=2.0)
         if case.trajectory is not None:
             colour = COLOURS[engine_colour(case.columns["engine"])]
             axes.plot(*polhode(case.trajectory, truth, inertia).T, color=colour, linewidth=0.8)
-        bare_axes(axes, semiaxes.max(), method_name(case))
+        bare_axes(axes, semiaxes.max(), "\n= ".join(map(method_name, (case, *equal))))
 
 
 def draw_frames(page: Figure, problem: Problem, cases_drawn: Sequence[CaseResult]) -> None:
@@ -83,19 +87,30 @@ def draw_frames(page: Figure, problem: Problem, cases_drawn: Sequence[CaseResult
     truth = problem.truth.trajectory
     frames = np.linspace(0, problem.compared - 1, FRAMES).round().astype(np.intp)
     drawn = DrawnBodies.of(problem.scenario, truth)
-    page.set_figheight(_ROW_IN * len(cases_drawn) + 0.4)
-    for row, case in enumerate(cases_drawn):
+    groups = equal_motions(problem, cases_drawn)
+    page.set_figheight(_ROW_IN * len(groups) + 0.5)
+    for row, (case, *equal) in enumerate(groups):
         if case.trajectory is None:
             continue
         for column, k in enumerate(frames):
-            axes: Any = page.add_subplot(len(cases_drawn), FRAMES, row * FRAMES + column + 1, projection="3d")
+            axes: Any = page.add_subplot(len(groups), FRAMES, row * FRAMES + column + 1, projection="3d")
             colour = COLOURS[engine_colour(case.columns["engine"])]
             draw_bodies(axes, drawn, truth, k, GHOST, 0.0, 0.0)
             draw_bodies(axes, drawn, case.trajectory, k, colour, 0.3, 0.7)
             time = f"{number(float(truth.t_s[k]), 3)} s"
             bare_axes(axes, 0.75, time)
             if column == 0:
-                axes.set_title(method_name(case), fontsize=6, loc="left")
+                names = " = ".join(map(method_name, (case, *equal)))
+                title = axes.text2D(0.0, 1.25, names, fontsize=6, transform=axes.transAxes)
+                title.set_in_layout(False)  # or a long one would widen its column
+
+
+def equal_motions(problem: Problem, cases: Sequence[CaseResult]) -> list[list[CaseResult]]:
+    """Return the cases whose errors over time cannot be distinguished together, in the order of `cases`."""
+    errors = {k: case.series[ORIENTATION] for k, case in enumerate(cases)}
+    lines = {k: (np.arange(len(error), dtype=np.float64), error) for k, error in errors.items()}
+    groups = merged(lines, FLOOR_BOUNDS * float(np.max(problem.truth.bound_rad)))
+    return [[cases[k] for k in group] for group in groups]
 
 
 def draw_bodies(

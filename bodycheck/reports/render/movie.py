@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,6 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reports.measurement.case import CaseResult
-from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.render.body_figures import (
@@ -23,12 +23,13 @@ from bodycheck.reports.render.body_figures import (
     bare_axes,
     draw_bodies,
     draw_frames,
+    equal_motions,
     method_name,
 )
 from bodycheck.reports.render.body_surface import DrawnBodies
 from bodycheck.reports.render.figures import WIDTHS_IN, check_drawable, figure_bytes, rendering
 from bodycheck.reports.render.page.played_motions import shown_cases
-from bodycheck.reports.render.styles import COLOURS, engine_colour, merged
+from bodycheck.reports.render.styles import COLOURS, engine_colour
 from bodycheck.reports.run_files.run_tables import Run, coarsest_shared_step
 
 if TYPE_CHECKING:
@@ -44,6 +45,9 @@ _SLOWEST, _FASTEST = 2, 25  # frames per second
 _SIZE_IN = (9.6, 5.4)  # 16:9
 _MAX_IN_ROW = 4
 _DOTS_PER_INCH = 100
+_FONT = 11
+_LETTERS = 104  # of a line of this font across the page
+_LINE = 0.036  # its height, as a share of the page
 _ARROW = 0.7  # in the units of the panels, whose half width is 0.75
 
 
@@ -136,19 +140,28 @@ def film_frames(samples: int) -> range:
 
 def _panels(page: Figure, problem: Problem, cases: Sequence[CaseResult]) -> Callable[[int], None]:
     """Draw one panel per case, and return the function that shows sample k in all of them."""
-    names = _names_of_equal(problem, cases)
-    cases = [case for case in cases if method_name(case) in names]
+    groups = equal_motions(problem, cases)
+    cases = [group[0] for group in groups]
     rows, columns = -(-len(cases) // _MAX_IN_ROW), min(len(cases), _MAX_IN_ROW)
+    names = [
+        textwrap.fill(" =\u00a0".join(map(method_name, group)), _LETTERS // columns, break_on_hyphens=False)
+        for group in groups
+    ]
+    label = (1 + max(name.count("\n") for name in names)) * _LINE  # its height, as a share of the page
+    top = 1.0 - 1.7 * _LINE - label
+    height = (top - _LINE - (rows - 1) * (label + _LINE)) / rows  # of a panel
     page.set_size_inches(*_SIZE_IN)
-    page.subplots_adjust(left=0.0, right=1.0, bottom=0.05, top=0.84, wspace=0.0)
+    page.subplots_adjust(
+        left=0.0, right=1.0, bottom=_LINE, top=top, wspace=0.0, hspace=(label + _LINE) / height
+    )
     truth = problem.truth.trajectory
     drawn = DrawnBodies.of(problem.scenario, truth)
-    title = page.suptitle("", fontsize=9)
+    title = page.suptitle("", fontsize=_FONT, y=1.0 - 0.4 * _LINE)
     momentum = _momentum(problem)
-    arrow = "" if momentum is None else "; arrow: angular momentum"
+    key = "grey: truth" if momentum is None else "grey: truth, arrow: angular momentum"
     bodies: list[tuple[Any, Trajectory]] = []
     labels: list[Any] = []
-    for index, case in enumerate(cases):
+    for index, (case, name) in enumerate(zip(cases, names, strict=True)):
         axes: Any = page.add_subplot(rows, columns, index + 1, projection="3d")
         axes.computed_zorder = False  # the order of distances, which changes while two bodies turn
         assert case.trajectory is not None
@@ -157,35 +170,22 @@ def _panels(page: Figure, problem: Problem, cases: Sequence[CaseResult]) -> Call
         body = draw_bodies(axes, drawn, case.trajectory, 0, colour, 0.25, 0.85)
         if momentum is not None:
             axes.quiver(0.0, 0.0, 0.0, *momentum, color="black", linewidth=0.8, arrow_length_ratio=0.1)
-        bare_axes(axes, 0.75, names[method_name(case)], fontsize=8)
+        bare_axes(axes, 0.75, name, fontsize=_FONT)
         bodies += [(ghost, truth), (body, case.trajectory)]
-        labels.append(axes.text2D(0.5, 0.0, "", fontsize=8, ha="center", transform=axes.transAxes))
+        labels.append(axes.text2D(0.5, 0.0, "", fontsize=_FONT, ha="center", transform=axes.transAxes))
 
     def show(k: int) -> None:
         title.set_text(
-            f"{problem.scenario.name}, dt {step(cases[0].dt_s)} s: t = {truth.t_s[k]:.2f} s{arrow}"
+            f"{problem.scenario.name}, dt {step(cases[0].dt_s)} s: t = {truth.t_s[k]:.2f} s ({key})"
         )
         for body, motion in bodies:
             body.set_verts(drawn.polygons(motion, k))
         for text, case in zip(labels, cases, strict=True):
             error = float(case.series[ORIENTATION][k])
             error_text = number(error, 2) if error > problem.truth.bound_rad[k] else "0"
-            text.set_text(f"{error_text} rad from the truth (grey)")
+            text.set_text(f"error {error_text} rad")
 
     return show
-
-
-def _names_of_equal(problem: Problem, cases: Sequence[CaseResult]) -> dict[str, str]:
-    """Return the first of each group of equal motions, with the names of all of them."""
-    errors = {
-        method_name(case): (
-            np.arange(len(case.series[ORIENTATION]), dtype=np.float64),
-            case.series[ORIENTATION],
-        )
-        for case in cases
-    }
-    groups = merged(errors, FLOOR_BOUNDS * float(np.max(problem.truth.bound_rad)))
-    return {group[0]: "\n= ".join(group) for group in groups}
 
 
 def _momentum(problem: Problem) -> Array | None:

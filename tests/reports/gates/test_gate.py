@@ -278,7 +278,7 @@ def test_missing_order_has_the_verdict_as_its_reason(verdict: str, reason: str) 
 
 @pytest.mark.parametrize("verdict", ["does-not-converge", "error-grows"])
 def test_order_that_the_verdict_excludes_fails(verdict: str) -> None:
-    """A method without an order because it is wrong fails with verdict and error, also beside one that passes."""
+    """A method that is wrong, and so has no order, fails with verdict and error, alone or beside others."""
     row = {"order": None, "verdict": verdict, "finest_error": 0.02, "finest_dt_s": 0.01, "method": "euler"}
     requested = gate(measure="order.orientation_error_rad", lower=1.0)
     alone = one(requested, {"method": "euler"}, methods=[row])
