@@ -25,6 +25,16 @@ def scientific(value: float) -> str:
     return number(value, 3) if value == 0.0 or 0.1 <= value < 1000.0 else _short_exponent(f"{value:.2e}")
 
 
+def brief(value: float | None) -> str:
+    """Return value with at most three digits in the shorter of two forms, as 0.05, 1e-3 or 4.63e-4."""
+    plain = number(value, 3)
+    if not plain or value in (None, 0.0):
+        return plain
+    mantissa, _, exponent = f"{value:.2e}".partition("e")
+    power = f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"
+    return power if len(power) < len(plain) else plain
+
+
 def _short_exponent(text: str) -> str:
     mantissa, e, exponent = text.partition("e")
     return f"{mantissa}e{int(exponent)}" if e else text

@@ -235,7 +235,7 @@ def test_a_method_without_an_option_on_one_scenario_has_none_on_all() -> None:
 def test_the_nearest_setting_is_shown_where_none_meets_the_error(capsys: pytest.CaptureFixture[str]) -> None:
     """The nearest setting is printed with its error and its command."""
     shown = printed(capsys, advise([*sequence("euler", [1e-1, 5e-2]), *sequence("rk4", [1e-3])], 1e-6))
-    assert "no setting is known to meet 0.001; the nearest is mujoco:rk4 with dt = 0.1 s: " in shown
+    assert "no setting is known to meet 1e-3; the nearest is mujoco:rk4 with dt = 0.1 s: " in shown
     assert "bodycheck run free --engine mujoco:rk4 --dt 0.1" in shown
 
 
@@ -365,10 +365,10 @@ def test_the_last_line_of_an_answer_is_the_one_to_paste(capsys: pytest.CaptureFi
 @pytest.mark.parametrize(
     ("errors", "first"),
     [
-        ([1e-2 / 4**k for k in range(5)], "use mujoco:rk2 with dt = 0.025 s: confirmed, 0.000625 <= 0.001"),
+        ([1e-2 / 4**k for k in range(5)], "confirmed: 6.25e-4 <= 1e-3; use mujoco:rk2 with dt = 0.025 s"),
         (
             [2e-2 / 4**k for k in range(5)],
-            "use mujoco:rk2 with dt = 0.02 s: error at most 0.000803 rad (predicted)",
+            "use mujoco:rk2 with dt = 0.02 s: error at most 8.03e-4 rad (predicted)",
         ),
     ],
 )
@@ -392,7 +392,7 @@ def test_an_impractical_setting_is_left_out_unless_all_are_requested(
     assert len(answer.options) == (not why)
     if why:
         first = printed(capsys, [answer]).splitlines()[0]
-        assert first.startswith("nothing practical meets 0.001; the nearest is mujoco:rk2 with dt = ")
+        assert first.startswith("nothing practical meets 1e-3; the nearest is mujoco:rk2 with dt = ")
         assert first.endswith(f", but {why}")
     every = settings_within(curves(cases), 1e-3, ["free"], every=True)
     assert [one.setting for one in every[0].options] == [dt_s]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bodycheck._util.formatting import names, number, scientific, step
+from bodycheck._util.formatting import brief, names, number, scientific, step
 from bodycheck.reports.document import Sentence, Span, Table, plain
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.verdicts import STATES
@@ -143,6 +143,13 @@ def test_numbers_read_back(value: float) -> None:
     assert float(number(value)) == float(f"{value:.4g}")
     assert float(scientific(value)) == float(f"{value:.3g}")
     assert float(step(value)) == value
+    assert float(brief(value)) == float(f"{value:.3g}")
+
+
+def test_a_brief_number_has_the_shorter_form() -> None:
+    """A tolerance is printed as it is written, and an error with three digits."""
+    values = (0.05, 1e-3, 4.6249e-4, 0.0425, 0.0, 2.0, 1.5e-11)
+    assert [brief(one) for one in values] == ["0.05", "1e-3", "4.62e-4", "0.0425", "0", "2", "1.5e-11"]
 
 
 def test_lists_read_as_sentences() -> None:

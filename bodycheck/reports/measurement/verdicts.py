@@ -88,8 +88,12 @@ _WRONG = ("does-not-converge", "error-grows", "off", "lower-order")
 
 def amount_of(quantity: str, size: float, digits: int = 4) -> str:
     """Return a size with its unit, as in "3.108 rad" or "0.98 of its scale"."""
-    unit = " rad" if quantity == ORIENTATION else " of its scale" if MEASURES[quantity].scale else ""
-    return f"{number(size, digits)}{unit}"
+    return number(size, digits) + unit_of(quantity)
+
+
+def unit_of(quantity: str) -> str:
+    """Return what stands after a size, with a space: " rad", " of its scale" or nothing."""
+    return " rad" if quantity == ORIENTATION else " of its scale" if MEASURES[quantity].scale else ""
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bodycheck._util.formatting import names, number, setting, step
+from bodycheck._util.formatting import brief, names, number, setting, step
 from bodycheck.reports.document import Column, Command, Document, Part, Sentence, Table
-from bodycheck.reports.measurement.verdicts import amount_of
+from bodycheck.reports.measurement.verdicts import unit_of
 from bodycheck.reports.summary.advice import Advice, Option, ScenarioAdvice
 
 _COLUMNS = (
@@ -64,24 +64,24 @@ def _answer_parts(advice: Advice, answer: ScenarioAdvice, scenarios: int) -> Ite
 
 def _conclusion(advice: Advice, answer: ScenarioAdvice, best: Option) -> str:
     """Return the answer in one sentence."""
-    error = f"error at most {amount_of(advice.measure, best.error, 3)}"
+    error = f"error at most {brief(best.error)}{unit_of(advice.measure)}"
     basis = "" if best.basis == "measured" else f" ({best.basis})"
     if advice.error is None:
         return f"most accurate with dt = {step(advice.dt_s)} s: {best.name}, {error}{basis}"
-    tolerance = number(advice.error)
+    tolerance = brief(advice.error)
     if best is answer.nearest:
         return f"no setting is known to meet {tolerance}; the nearest is {_named(best)}: {error}"
     if not answer.options:
         return f"nothing practical meets {tolerance}; the nearest is {_named(best)}, but {best.impractical}"
     if best.basis == "measured":
-        return f"use {_named(best)}: confirmed, {number(best.error, 3)} <= {tolerance}"
+        return f"confirmed: {brief(best.error)} <= {tolerance}; use {_named(best)}"
     return f"use {_named(best)}: {error}{basis}"
 
 
 def _question(advice: Advice) -> str:
     if advice.error is None:
         return f"{advice.measure} at dt {step(advice.dt_s)} s"
-    return f"{advice.measure} <= {number(advice.error)}"
+    return f"{advice.measure} <= {brief(advice.error)}"
 
 
 def _named(option: Option) -> str:
@@ -99,7 +99,7 @@ def _left_out(option: Option) -> str:
 def _row(option: Option) -> tuple[str, ...]:
     speed = "" if option.real_time is None else f"{number(option.real_time, 3)} x"
     chosen = setting(option.control, option.setting)
-    error, turn = number(option.error, 3), number(option.rotation_rad, 3)
+    error, turn = brief(option.error), number(option.rotation_rad, 3)
     return option.name, chosen, error, option.basis, speed, turn
 
 
