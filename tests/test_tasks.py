@@ -70,7 +70,9 @@ def test_advice_about_a_task_uses_its_torque_and_its_horizon_and_is_drawn(tmp_pa
     task = "--torque-body-n-m 0,0,1e-3 --horizon-s 2 --error 1e-3 --engine mujoco:rk4 --plot advice.svg"
     done = run_bodycheck(tmp_path, "advise", *body.split(), *task.split())
     assert done.returncode == 0, done.stderr
-    assert re.match(r"(confirmed: \S+ <= \S+; )?use mujoco:rk4 with dt = \S+ s(: error at most|\n)", done.stdout)
+    assert re.match(
+        r"(confirmed: \S+ <= \S+; )?use mujoco:rk4 with dt = \S+ s(: error at most|\n)", done.stdout
+    )
     (manifest,) = tmp_path.glob("bodycheck-runs/*/manifest.json")
     (scenario,) = json.loads(manifest.read_text())["scenarios"].values()
     assert scenario["duration_s"] == 2.0

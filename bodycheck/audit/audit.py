@@ -173,7 +173,9 @@ class LintFinding:
     """A finding of the linter: rule, place, what is wrong, what is expected, and how sure that is.
 
     inertia_kg_m2: xx, xy, xz, yy, yz, zz that are expected, in the axes in which the file states them;
-    centre_m: the expected centre of mass in link axes, if another one is expected. None: no such numbers.
+    centre_m: the expected centre of mass in link axes, if another one is expected. shapes_kg_m2: as
+    inertia_kg_m2, the tensor of the link's shapes at its mass and uniform density, which need not be the
+    right one. None: no such numbers.
     """
 
     rule: str
@@ -186,6 +188,7 @@ class LintFinding:
     expected: str = ""
     inertia_kg_m2: tuple[float, ...] | None = None
     centre_m: tuple[float, ...] | None = None
+    shapes_kg_m2: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -124,13 +124,17 @@ def _importers(audit: Audit) -> Table:
     rows = []
     for one in audit.columns:
         states = Counter(link.held[one.name].state for link in audit.links if one.name in link.held)
-        summary = names([f"{amount} {state}" for state, amount in states.items()])
+        summary = names([f"{amount} {_state_of(amount, state)}" for state, amount in states.items()])
         result: Cell = summary or Span(f"{one.outcome}: {one.message}", "fault")
         rows.append((one.name, one.version, result, one.settings))
     if audit.compared:
         files = tuple((name, result) for name, _, result, _ in rows)
         return Table((Column("file", "fixed"), Column("result")), files, "Compared file")
     return Table(columns, tuple(rows), "Importers")
+
+
+def _state_of(amount: int, state: str) -> str:
+    return state if amount == 1 else state.removesuffix("s")
 
 
 def _differences(audit: Audit) -> Table:
@@ -182,16 +186,20 @@ def _some(joints: Sequence[str]) -> str:
 
 def _matrices(audit: Audit) -> Table:
     columns = (
-        Column("importer", "fixed"),
+        Column("importer", "name"),
         Column("difference", "number"),
         Column("largest in"),
         Column("cause"),
     )
-    rows = []
+    rows: list[tuple[Cell, ...]] = []
+    not_compared: dict[str, list[str]] = {}
     for name, one in audit.matrices.items():
-        size = "" if one.deviation is None else scientific(one.deviation)
-        tint = "none" if one.deviation is None else "bad" if one.differs else "good"
-        rows.append((name, Span(size, tint), names(list(one.joints)), one.cause))
+        if one.deviation is None:
+            not_compared.setdefault(one.cause, []).append(name)
+        else:
+            tint = "bad" if one.differs else "good"
+            rows.append((name, Span(scientific(one.deviation), tint), names(list(one.joints)), one.cause))
+    rows += [(names(where), "", "", f"not compared: {why}") for why, where in not_compared.items()]
     return Table(columns, tuple(rows), "Mass matrix at random configurations, relative to that of the file")
 
 
@@ -251,9 +259,9 @@ def _spins(audit: Audit) -> Table:
     columns = (
         Column("link", "name"),
         Column("importer", "fixed"),
-        Column("file's numbers", "number"),
-        Column("held", "number"),
-        Column("excerpt", "number"),
+        Column("engine's own error", "number"),
+        Column("as imported", "number"),
+        Column("imported alone", "number"),
     )
     rows = []
     known = repeated(audit)
@@ -262,7 +270,9 @@ def _spins(audit: Audit) -> Table:
             if spin.deviates and (link.name, name) not in known:
                 cells = (_spin_cell(spin, error) for error in (spin.held_rad, spin.excerpt_rad))
                 rows.append((link.name, name, _radians(spin.control_rad), *cells))
-    return Table(columns, tuple(rows), "Free spins that deviate from the truth, rad after 1 s")
+    return Table(
+        columns, tuple(rows), "Links that turn otherwise than in the file: rad off after a free spin of 1 s"
+    )
 
 
 def _radians(value: float | None) -> str:

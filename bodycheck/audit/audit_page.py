@@ -128,11 +128,11 @@ def _cell(link: LinkAudit, name: str, outcome: str, *, impossible: bool, repeate
     details = () if one.held is None else _numbers(one.held)
     spin = link.spins.get(name)
     if spin is not None:
-        texts = {True: "follows the file's body", False: "leaves the file's body"}
-        for by, error in (("held", spin.held_rad), ("excerpt", spin.excerpt_rad)):
+        texts = {True: "like the file's body", False: "off"}
+        for how, error in (("as imported", spin.held_rad), ("imported alone", spin.excerpt_rad)):
             follows = spin.follows(error)
             if follows is not None and error is not None:
-                details += (f"spin of {by}: {scientific(error)} rad, {texts[follows]}",)
+                details += (f"{how}, spins {texts[follows]}: {scientific(error)} rad after 1 s",)
     tint = tint_of(one)
     if impossible and tint in ("good", "floor"):
         tint, text = "open", f"{text}, which no body has"

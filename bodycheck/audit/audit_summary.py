@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 
-from bodycheck._util.formatting import count
+from bodycheck._util.formatting import count, number
 from bodycheck.audit.audit import Audit, ImporterColumn, JointAudit, LinkAudit, LintFinding, Severity
 from bodycheck.reports.document import Sentence
 
@@ -130,7 +130,10 @@ def _of_bodies(audit: Audit, column: ImporterColumn) -> tuple[str, bool]:
     if (which := said_once(audit).get(column.name)) is not None:
         others = len(differing) - len(_discarding(audit, column.name))
         more = f", and changes {count(others, 'link')} otherwise" if others else ""
-        return f"discards {which}{more}", False
+        spins = [link.spins[column.name] for link in audit.links if column.name in link.spins]
+        off = max((one.held_rad or 0.0 for one in spins if one.follows(one.held_rad) is False), default=0.0)
+        turned = f", so that a free spin is up to {number(off, 2)} rad off after 1 s" if off else ""
+        return f"discards {which}{turned}{more}", False
     if audit.compared:
         return _compared(audit, len(differing), total, single=bool(states["rounded"]))
     if differing:

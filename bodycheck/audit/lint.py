@@ -16,7 +16,7 @@ import numpy as np
 from bodycheck._util.formatting import number, vector
 from bodycheck.audit.audit import Body, Confidence, LintFinding, Severity
 from bodycheck.audit.mesh_lint import weighed_meshes
-from bodycheck.audit.shape_lint import against_shapes, closer_to_shapes, fits_shapes, slip_of
+from bodycheck.audit.shape_lint import against_shapes, closer_to_shapes, fits_shapes, slip_of, with_shapes
 from bodycheck.audit.shaped_link import is_placeholder
 from bodycheck.reference_impl.dynamics import parallel_axis_tensor
 from bodycheck.scenarios.model_files.exact_arithmetic import doubles
@@ -26,6 +26,7 @@ from bodycheck.scenarios.model_files.shape_sizes import half_extents, uniform
 _DECIMALS = 1e-6  # a violation below this follows from decimals that were rounded in the file
 _NEAR = 1e-9  # of the limits, relative to the largest moment: 40 digits decide
 _RANGE = (1e-45, 1e45)  # of numbers whose products, up to the square of m r^2, are doubles
+_OF_THE_PART = "the tensor of the part"
 _SIDES = re.compile(r"(?<![a-z])(left|right|l|r)(?![a-z])", re.IGNORECASE)
 _OTHER_SIDE = {"left": "right", "right": "left", "l": "r", "r": "l"}
 
@@ -127,10 +128,10 @@ def _possible(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
     if found is None:
         return
     slip = slip_of(link, model)
-    if slip is not None:
-        message = f"{found.message}; {slip.message}"
-        found = replace(slip, rule=found.rule, severity="error", message=message)
-    yield found
+    if slip is None:
+        yield with_shapes(found, link, model)
+    else:
+        yield replace(slip, rule=found.rule, severity="error", message=f"{found.message}; {slip.message}")
 
 
 def _about(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:  # noqa: ARG001 - rules are alike
@@ -159,15 +160,14 @@ def _placeholder(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
     body = _written(link)
     if body is None or not body.mass_kg > 0.0 or not is_placeholder(link) or fits_shapes(link, model):
         return
-    solid = uniform(link, model)
-    expected = "the tensor of the part"
-    if solid is not None:
-        expected = (
-            f"about {vector(np.linalg.eigvalsh(solid.inertia))} kg m^2 for its shape at uniform density"
-        )
     first = number(float(body.inertia_kg_m2[0, 0]))
     message = f"three equal moments of {first} kg m^2 look like a placeholder"
-    yield _finding("placeholder-inertia", "warning", "likely", link, message, expected)
+    found = _finding("placeholder-inertia", "warning", "likely", link, message, _OF_THE_PART)
+    exact, solid = with_shapes(found, link, model), uniform(link, model)
+    if exact is found and solid is not None:  # a mesh that is no solid counts as the box around it
+        moments = vector(np.linalg.eigvalsh(solid.inertia))
+        exact = replace(found, expected=f"about {moments} kg m^2 for its shape at uniform density")
+    yield exact
 
 
 def _twins(model: ModelFile) -> Iterator[LintFinding]:
@@ -184,9 +184,8 @@ def _twins(model: ModelFile) -> Iterator[LintFinding]:
             others = len(links) - shapes[_shape_key(link)]
             if others >= 2:
                 message = f"the same numbers as in {others} links of other shapes"
-                yield _finding(
-                    "placeholder-inertia", "note", "possible", link, message, "the tensor of the part"
-                )
+                found = _finding("placeholder-inertia", "note", "possible", link, message, _OF_THE_PART)
+                yield with_shapes(found, link, model)
 
 
 def _shape_key(link: ModelLink) -> tuple[tuple[str, tuple[float, ...], str], ...]:

@@ -87,6 +87,18 @@ def slip_of(link: ModelLink, model: ModelFile) -> LintFinding | None:
     return _slip(shaped) if shaped.solids else None
 
 
+def with_shapes(finding: LintFinding, link: ModelLink, model: ModelFile) -> LintFinding:
+    """Return a finding with the tensor of the link's shapes at uniform density, if they are known."""
+    if link.stated is None or not link.stated.inertia.mass > 0:
+        return finding
+    shaped = Shaped(model, link, Body.of(link.stated.in_link))
+    if not shaped.solids:
+        return finding
+    found = shaped.finding(finding.rule, finding.severity, finding.message)
+    expected = f"{finding.expected}; its shapes have {found.expected} at uniform density"
+    return replace(finding, expected=expected, shapes_kg_m2=found.shapes_kg_m2)
+
+
 def _of_outer_box(shaped: Shaped) -> bool:
     """Return whether the tensor is about that of the box around all shapes, of which some are a part only.
 

@@ -114,12 +114,15 @@ class Shaped:
         """Return a finding, with the right body in the words of the file."""
         link = self.link
         assert link.stated is not None
-        if right is None and self.solids:
-            right = self.solids[0][1]
+        uniform = None
+        if self.solids:
+            uniform = self.numbers(self.solids[0][1].inertia)
+            right = right or self.solids[0][1]
         confidence: Confidence = "certain" if severity == "error" else "likely"
         if severity == "note":
             confidence = "possible"
-        found = LintFinding(rule, severity, confidence, str(link.file), link.stated.line, link.name, message)
+        place = (str(link.file), link.stated.line, link.name)
+        found = LintFinding(rule, severity, confidence, *place, message, shapes_kg_m2=uniform)
         if right is None:
             return found
         numbers = self.numbers(right.inertia)

@@ -25,6 +25,7 @@ from bodycheck.audit.audit import (
     LinkAudit,
     LinkImport,
     LintFinding,
+    MatrixComparison,
     Spin,
     State,
     read_audit,
@@ -367,6 +368,29 @@ def test_what_an_importer_always_does_is_said_once() -> None:
         tables = [part for part in document.parts if isinstance(part, Table) and "Diff" in part.title]
         assert [len(table.rows) for table in tables] == [rows]
         assert failures(found, ["difference"])
+
+
+def test_a_discarded_tensor_says_how_far_the_link_turns_off() -> None:
+    """The largest error of a free spin with the held numbers, if one deviates."""
+    column = ImporterColumn("pybullet", "3", "default", "", "ok")
+    one = LinkImport("differs", _HELD, _HELD, Difference(0.0, 0.0, 0.5), ("tensor discarded",))
+    for errors, said in (((0.5, 1.2), "so that a free spin is up to 1.2 rad off after 1 s"), ((1e-6,), "")):
+        links = [
+            LinkAudit(
+                str(error), 2, _HELD, "", "", {column.name: one}, {column.name: Spin(1e-6, error, None)}
+            )
+            for error in errors
+        ]
+        (_, text) = _sentences(Audit("robot.urdf", "urdf", "", [column], links, []))
+        assert text.text == f"PyBullet discards every tensor{', ' if said else ''}{said}."
+
+
+def test_importers_that_are_not_compared_share_a_row() -> None:
+    """The reason is said once, beside the names of all."""
+    matrices = {name: MatrixComparison(None, cause="no tree") for name in ("a", "b")}
+    document = audit_document(Audit("robot.urdf", "urdf", "", [], [], [], matrices=matrices))
+    ((row,),) = [part.rows for part in document.parts if isinstance(part, Table) and "Mass" in part.title]
+    assert row == ("a and b", "", "", "not compared: no tree")
 
 
 _HELD = Body(2.0, np.zeros(3), np.diag([1.0, 2.0, 2.5]))

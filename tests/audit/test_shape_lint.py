@@ -57,6 +57,26 @@ def test_large_moment_on_the_wrong_axis_is_named(tmp_path: Path) -> None:
     assert _lint(_inertial(2.637, (0.02467, 0.04411, 0.02467)) + shape, tmp_path) == []
 
 
+@pytest.mark.parametrize(
+    ("moments", "rule"),
+    [
+        ((1, 1, 2.5), "triangle-inequality"),
+        ((1, 1, -1), "not-positive"),
+        ((0.1, 0.1, 0.1), "placeholder-inertia"),
+        ((20, 21, 22), "beyond-shape"),
+    ],
+)
+def test_a_bound_has_the_tensor_of_the_shapes_beside_it(
+    moments: tuple[float, ...], rule: str, tmp_path: Path
+) -> None:
+    """10 kg of 0.6 x 0.4 x 0.2 m, in words and as data, which --fix does not write; none without shapes."""
+    (found,) = _lint(_inertial(10, moments) + _BOX, tmp_path)
+    assert (found.rule, found.inertia_kg_m2) == (rule, None)
+    assert found.shapes_kg_m2 == pytest.approx((1 / 6, 0, 0, 1 / 3, 0, 13 / 30), rel=1e-8)
+    assert 'ixx="0.166666667" ixy="0" ixz="0" iyy="0.333333333" iyz="0" izz="0.433333333"' in found.expected
+    assert {one.shapes_kg_m2 for one in _lint(_inertial(10, moments), tmp_path)} <= {None}
+
+
 def test_box_around_partial_shapes_is_no_slip(tmp_path: Path) -> None:
     """Only the top of a table collides, and the tensor is that of the box around its top and its legs."""
     moments = tuple(53.5 / 12 * (a**2 + b**2) for a, b in ((0.762, 0.762), (0.7112, 0.762), (0.7112, 0.762)))

@@ -56,7 +56,10 @@ class _Builder:
         try:
             scene = TreeScene(tuple(self.bodies), (), np.zeros(3), _DURATION_S, _SAMPLES)
         except (ArithmeticError, ValueError) as error:
-            raise InputError(f"{self.model.path}: has no exact tree: {str(error).splitlines()[0]}") from None
+            at, _, why = str(error).splitlines()[0].partition("].inertia: ")
+            if why:
+                at = f"inertia of {self.joints[int(at.removeprefix('bodies['))][0]}: "
+            raise InputError(f"{self.model.path}: has no exact tree: {at}{why}") from None
         return ModelTree(scene, tuple(self.joints))
 
     def add_root(self, root: ModelLink) -> None:
