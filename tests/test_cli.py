@@ -23,7 +23,9 @@ from bodycheck.__main__ import main as bodycheck_main
 from bodycheck._util.errors import InputError
 from bodycheck.adapters import registry
 from bodycheck.cli.commands import app
+from bodycheck.reports.document import answer
 from bodycheck.reports.run_files.tables import TABLES
+from bodycheck.reports.summary.catalogue import catalogue, catalogue_document
 from bodycheck.runs.selection import select
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.in_process_cli import run_bodycheck
@@ -393,6 +395,18 @@ def test_list_names_what_there_is(what: str, expected: str, tmp_path: Path) -> N
     done = run_bodycheck(tmp_path, "list", what)
     assert done.returncode == 0, done.stderr
     assert any(line.startswith(expected) for line in done.stdout.splitlines())
+
+
+def test_list_says_of_methods_what_they_share_once(capsys: pytest.CaptureFixture[str]) -> None:
+    """No formula of a map and no description of an engine's methods is printed twice."""
+    entries = catalogue("methods", ["mujoco"])
+    answer(catalogue_document("methods", entries), entries, as_json=False)
+    text = capsys.readouterr().out
+    assert len({entry.map for entry in entries}) == 3
+    for entry in entries:
+        assert text.count(entry.formula) == 1
+        assert text.count(f" {entry.description}\n") == 1
+    assert "as mujoco:implicit\n" in text
 
 
 def plug_in(folder: Path, monkeypatch: pytest.MonkeyPatch, name: str, place: str) -> None:

@@ -97,7 +97,7 @@ def test_nightly_run_fails_on_a_regression(folder: Path) -> None:
     first, second, moved = run(), run(), run(angle_rad=1e-9)
     third, fourth = run("--markdown", "changes.md", angle_rad=1e-2), run()
     assert [done.exit_code for done in (first, second, moved, third, fourth)] == [3, 0, 0, 1, 0], third.output
-    assert "Insufficient history" in first.stdout
+    assert first.stdout.startswith("First nightly run: ")
     assert "Nothing changed" in second.stdout
     assert "turned:m1: law permute holds -> broken." in moved.stdout
     assert fourth.stdout.startswith("No regression.")
@@ -388,7 +388,7 @@ def test_cron_script_keeps_a_log_and_prints_regressions(folder: Path) -> None:
         subprocess.run(words, env=surroundings, capture_output=True, text=True, check=False) for _ in range(2)
     )
     assert (first.returncode, second.returncode) == (3, 0), first.stdout + first.stderr
-    assert "Insufficient history" in first.stdout
+    assert first.stdout.startswith("First nightly run: ")
     assert second.stdout == ""
     log = (folder / "kept.log").read_text()
     assert log.count("night.html") == 2

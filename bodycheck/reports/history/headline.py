@@ -4,10 +4,19 @@ from __future__ import annotations
 
 from bodycheck._util.formatting import count
 from bodycheck.reports.comparison.headlines import lines_of
+from bodycheck.reports.history.baseline import Baseline
 from bodycheck.reports.history.open_regressions import open_lines
 from bodycheck.reports.history.regression import Judgement
 
 _MAX_NAMED = 3
+
+
+def _why_no_baseline(baseline: Baseline) -> str:
+    if baseline.runs:
+        return "Insufficient history, no earlier nightly run has one of these cases"
+    if baseline.other:
+        return "Insufficient history, the earlier nightly runs were made on other machines"
+    return "Insufficient history, no earlier run is readable" if baseline.left_out else "First nightly run"
 
 
 def headline(judged: Judgement) -> str:
@@ -20,7 +29,8 @@ def headline(judged: Judgement) -> str:
         still = "" if first.newly else f"Still worse since {first.duration}: "
         return still + first.text + (f"; {count(len(others), 'more regression')}" if others else "")
     if judged.status == "insufficient history":
-        return "Insufficient history: no baseline run on such a machine has comparable cases."
+        cases = count(sum(case.ok for case in judged.newest.cases), "case")
+        return f"{_why_no_baseline(judged.baseline)}: {cases} stored, with which the next run is compared."
     better = [] if judged.comparison is None else lines_of(judged.comparison)
     improved = [one.subject for one in better if one.direction == "improved"]
     if not improved:

@@ -161,6 +161,8 @@ _TINTS = {
 def nightly_sentences(judged: Judgement) -> list[str]:
     """Return sentences: what improved, closed or was accepted, what was compared, what was left out."""
     found = [f"{one.text_closed}." for one in open_lines(judged.state.closed)]
+    if judged.status == "insufficient history":
+        found.append("Run the same command again; status 3 only says that there was nothing to compare with.")
     earlier = () if not judged.baseline.runs else judged.baseline.runs[0].state.acceptances
     found += [f"Acceptance {acceptance_text(one)}." for one in judged.acceptances if one.id not in earlier]
     if judged.comparison is not None:

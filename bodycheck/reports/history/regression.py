@@ -117,6 +117,9 @@ def judge_run(history: History, newest: Tables, thresholds: Thresholds = DEFAULT
     definitions = _definitions(baseline, tables)
     known = known.of_scenarios(definitions)
     former = renamed(replace(tables, manifest={**tables.manifest, "scenarios": definitions}), names)
+    known = _with_gains_of_accepted(
+        known, former, _newly_accepted(acceptances, before, last.state), thresholds
+    )
     comparison = _compared(former, known, aligned, thresholds)
     speeds = speeds_of(runs, cases, before.regressions, earlier)
     changes = [*comparison.changes, *speeds.changes]
@@ -195,6 +198,27 @@ def _compared(former: Tables, levels: Levels, newest: Tables, thresholds: Thresh
         again = compare(replace(before, cases=tuple(well)), mine, thresholds)
         changes += [one for one in again.changes if one.kind == "accuracy"]
     return replace(comparison, changes=tuple(changes))
+
+
+def _newly_accepted(
+    acceptances: Iterable[Acceptance], now: NightlyState, before: NightlyState
+) -> set[tuple[str, str]]:
+    """Return engine and method of each deterioration that was accepted since the run before."""
+    new = set(now.acceptances) - set(before.acceptances)
+    return {(v.change.engine, v.change.method) for one in acceptances if one.id in new for v in one.values}
+
+
+def _with_gains_of_accepted(
+    levels: Levels, former: Tables, accepted: set[tuple[str, str]], thresholds: Thresholds
+) -> Levels:
+    """Return the levels with what was better together with a deterioration that has been accepted since."""
+    if not accepted:
+        return levels
+    own = Levels.of(former)
+    for change in _compared(former, levels, former, thresholds).changes:
+        if change.status == "improved" and (change.engine, change.method) in accepted:
+            levels = levels.with_cells(change, own.cells(change), LevelSource(former.run_id, "improvement"))
+    return levels
 
 
 def _without_gains_of_broken(changes: Iterable[Change], open_now: Iterable[Regression]) -> list[Change]:

@@ -13,7 +13,7 @@ from bodycheck.adapters.engine_names import Pin, is_named
 from bodycheck.adapters.registry import default_engines, engine_names, optional_engines, stated_by
 from bodycheck.adapters.versions.environments import installed_version, needed_environment, requirements_of
 from bodycheck.adapters.workers.engine_pool import announced
-from bodycheck.reference_impl.one_step_maps import formula_of
+from bodycheck.reference_impl.one_step_maps import named_map
 from bodycheck.reports.document import Column, Document, Sentence, Table
 from bodycheck.reports.measurement.measures import MEASURES, SIGNED, Measure
 from bodycheck.scenarios.library import scenario_summaries, suites, tree_summaries
@@ -21,10 +21,16 @@ from bodycheck.scenarios.library import scenario_summaries, suites, tree_summari
 
 @dataclass(frozen=True)
 class CatalogueEntry:
-    """One line of a list."""
+    """One line of a list.
+
+    map, formula: of a method that makes a known map; on_request: whether only its name requests it.
+    """
 
     name: str
     description: str
+    map: str = ""
+    formula: str = ""
+    on_request: bool = False
 
 
 def catalogue(kind: str, engines: Sequence[str] = (), match: str = "") -> list[CatalogueEntry]:
@@ -40,23 +46,36 @@ def catalogue(kind: str, engines: Sequence[str] = (), match: str = "") -> list[C
         "scenarios": lambda: [*scenario_summaries().items(), *_tree_rows()],
         "suites": lambda: [(name, ", ".join(members)) for name, members in suites().items()],
         "engines": lambda: _engine_rows(requested or engine_names()),
-        "methods": lambda: [
-            row
-            for row in _method_rows(requested or engine_names())
-            if is_named(tuple(name.strip() for name in engines), *row[0].split(":", 1))
-        ],
         "measures": _measure_rows,
     }
-    found = [CatalogueEntry(*row) for row in catalogues[kind]()]
-    return [one for one in found if match.lower() in f"{one.name} {one.description}".lower()]
+    if kind == "methods":
+        wanted = tuple(name.strip() for name in engines)
+        entries = _methods(requested or engine_names())
+        found = [one for one in entries if is_named(wanted, *one.name.split(":", 1))]
+    else:
+        found = [CatalogueEntry(*row) for row in catalogues[kind]()]
+    return [one for one in found if match.lower() in f"{one.name} {one.description} {one.formula}".lower()]
 
 
 def catalogue_document(kind: str, entries: Sequence[CatalogueEntry]) -> Document:
-    """Return one row per entry: its name and description."""
+    """Return one row per entry: its name, and its description or which entry has the same; maps once."""
     if not entries:
         return Document(f"bodycheck: {kind}", (Sentence("none matches"),))
-    rows = tuple((entry.name, entry.description) for entry in entries)
-    return Document(f"bodycheck: {kind}", (Table((Column("", "fixed"), Column("")), rows),))
+    first: dict[str, str] = {}
+    rows: dict[bool, list[tuple[str, str]]] = {False: [], True: []}
+    for one in entries:
+        same = first.setdefault(one.description, one.name)
+        rows[one.on_request].append((one.name, one.description if same == one.name else f"as {same}"))
+    maps = {one.map: one.formula for one in entries if one.map}
+    columns = (Column("", "fixed"), Column(""))
+    return Document(
+        f"bodycheck: {kind}",
+        (
+            Table(columns, tuple(rows[False])),
+            Table(columns, tuple(rows[True]), "Only when requested by name"),
+            Table((Column("", "name"), Column("")), tuple(maps.items()), "Maps"),
+        ),
+    )
 
 
 def _tree_rows() -> Iterator[tuple[str, str]]:
@@ -105,29 +124,34 @@ def on_request_state(engine: str) -> str:
     return f"needs {requirements}, which are installed into an environment when it is first requested"
 
 
-def _method_rows(requested: Sequence[str]) -> list[tuple[str, str]]:
-    rows: list[tuple[str, str]] = []
-    on_request: list[tuple[str, str]] = []
-    for name, engine in announced([name for name in default_engines() if name in requested]).items():
-        for method in engine.methods.values() if isinstance(engine, Engine) else ():
-            (on_request if method.on_request else rows).append(
-                _method_row(name, method, on_request=method.on_request)
-            )
-    for name in optional_engines():
-        if name in requested:
-            stated = stated_by(name).methods.values()
-            on_request += [_method_row(name, method, on_request=True) for method in stated]
-    return rows + on_request
+def _methods(requested: Sequence[str]) -> list[CatalogueEntry]:
+    found = [
+        _method(name, method, on_request=method.on_request)
+        for name, engine in announced([name for name in default_engines() if name in requested]).items()
+        for method in (engine.methods.values() if isinstance(engine, Engine) else ())
+    ]
+    found += [
+        _method(name, method, on_request=True)
+        for name in optional_engines()
+        if name in requested
+        for method in stated_by(name).methods.values()
+    ]
+    return sorted(found, key=lambda one: one.on_request)
 
 
-def _method_row(engine: str, method: Method, *, on_request: bool) -> tuple[str, str]:
+def _method(engine: str, method: Method, *, on_request: bool) -> CatalogueEntry:
     order = "" if method.order is None else f"; order {method.order}, torque {method.torque}"
     if method.continuous_loads != method.torque:
         order += f", varying loads {method.continuous_loads}"
     if method.precision != "float64":
         order += f"; precision {method.precision}"
-    only = "; run only when requested by name" if on_request else ""
-    if method.is_for_off_centre_links:
-        only += ", or where a link is off the centre of mass"
-    formula = formula_of(method.formula)
-    return f"{engine}:{method.name}", f"{formula}{order}; conserves {method.conserves}{only}"
+    also = "; also run where a link is off the centre of mass" if method.is_for_off_centre_links else ""
+    name = method.formula.partition("; ")[0]
+    known = named_map(name)
+    return CatalogueEntry(
+        f"{engine}:{method.name}",
+        f"{method.formula}{order}; conserves {method.conserves}{also}",
+        name if known else "",
+        known[0].description if known else "",
+        on_request,
+    )

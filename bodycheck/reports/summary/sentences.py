@@ -29,24 +29,25 @@ _FOLDED: tuple[Medium, ...] = ("markdown", "page")
 class Summary:
     """The conclusions from a run, as shown by the terminal, Markdown and the report.
 
-    cells: by scenario, then by engine and method. worst: the methods with results, worst first. alike: what
-    is said of methods that make one map of a tree.
+    cells: by scenario, then by engine and method. worst: the methods with results, worst first. alike,
+    details: what is said of methods that make one map of a tree.
     """
 
     cells: dict[str, dict[MethodKey, Cell]]
     worst: list[MethodResults]
     alike: tuple[str, ...] = ()
+    details: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, run: Tables) -> Summary:
         """Return the summary of a run."""
         cells = summary_cells(run)
-        return cls(cells, worst_methods(run, cells), tuple(shared_maps(run)))
+        return cls(cells, worst_methods(run, cells), *map(tuple, shared_maps(run)))
 
     @property
     def sentences(self) -> list[str]:
         """The results in a few sentences that name every method with findings."""
-        return [*self.alike, *verdict_sentences(self.cells, self.worst)]
+        return [*self.alike, *self.details, *verdict_sentences(self.cells, self.worst)]
 
     @property
     def conclusion(self) -> str:

@@ -16,18 +16,19 @@ _OF_ONE_BODY = ("M1", "M2")  # maps of which trees have their own
 _FEWEST = 2  # methods, and engines, of which it says anything that they agree
 
 
-def shared_maps(run: Tables) -> list[str]:
-    """Return what is said of maps that methods of several engines make of trees, the most telling first.
+def shared_maps(run: Tables) -> tuple[list[str], list[str]]:
+    """Return what is said of maps that methods of several engines make of trees, and its details.
 
-    That is the scenario with the largest error in which the map still follows the truth, to a radian, and
-    first one in which a momentum is false that nothing outside the tree can change; the others are counted.
+    The most telling comes first: the scenario with the largest error in which the map still follows the
+    truth, to a radian, and first one in which a momentum is false that nothing outside the tree can change;
+    the others are counted.
     """
     found = sorted(_shared(run), key=lambda one: (one.error > _LOST, not one.is_free, -one.error))
     if not found:
-        return list(_of_trees_alone(run))
+        return list(_of_trees_alone(run)), []
     others = [name for name in dict.fromkeys(one.scenario for one in found) if name != found[0].scenario]
     rest = [f"The same holds for the maps of engines in {names(others)}."] if others else []
-    return [found[0].sentence, *rest, *_of_trees_alone(run)]
+    return [found[0].sentence, *rest, *_of_trees_alone(run)], [found[0].details]
 
 
 def _of_trees_alone(run: Tables) -> Iterator[str]:
@@ -49,12 +50,13 @@ def _of_trees_alone(run: Tables) -> Iterator[str]:
 
 @dataclass(frozen=True)
 class _Shared:
-    """A sentence about one scenario, the largest error in it, in rad or m, and whether its tree is free."""
+    """A sentence about one scenario, its details, the largest error, in rad or m, and if its tree is free."""
 
     scenario: str
     error: float
     is_free: bool
     sentence: str
+    details: str
 
 
 def _shared(run: Tables) -> Iterator[_Shared]:
@@ -80,12 +82,14 @@ def _stated(scenario: str, name: str, rows: Sequence[Mapping[str, Any]], facts: 
     spread = "" if max(errors) <= 1.001 * min(errors) else f"{number(min(errors), 3)} to "
     text = (
         f"{scenario}: {count(len(rows), 'method')} of {count(len(engines), 'engine')} make the same map "
-        f"{name} at {number(rows[0]['dt_s'], 3)} s, to {number(apart, 1)} per step (the next map is "
-        f"{number(farther, 1)} times farther): they agree with each other and are "
-        f"{spread}{number(max(errors), 3)} {unit} from the truth{where}"
+        f"{name}, {spread}{number(max(errors), 3)} {unit} from the truth"
+    )
+    details = (
+        f"They agree to {number(apart, 1)} per step of {number(rows[0]['dt_s'], 3)} s, and the next map is "
+        f"{number(farther, 1)} times farther: {names([':'.join(key_of(row)) for row in rows])}"
+        f"{f'; the error is{where}' if where else ''}."
     )
     is_free = "joint" not in facts["body"][0] and not facts.get("forcing")
     false = max(row.get("linear_momentum_drift_abs", 0.0) for row in rows)
     momentum = f", with a false momentum of {number(false, 2)} N s" if is_free and false else ""
-    sentence = f"{text}{momentum}: {names([':'.join(key_of(row)) for row in rows])}."
-    return _Shared(scenario, max(errors), bool(momentum), sentence)
+    return _Shared(scenario, max(errors), bool(momentum), f"{text}{momentum}.", details)

@@ -22,6 +22,7 @@ from bodycheck.reports.history import regression
 from bodycheck.reports.history.acceptances import accept
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import seal_run
+from bodycheck.reports.history.headline import headline
 from bodycheck.reports.history.history_output import nightly_commands, nightly_sentences
 from bodycheck.reports.history.levels import ABSENT, Levels, LevelSource, read_levels, write_levels
 from bodycheck.reports.history.open_regressions import NightlyState
@@ -566,6 +567,28 @@ def test_one_command_accepts_a_regression_and_the_map_that_changed_with_it(
 
 
 @pytest.mark.slow
+def test_what_was_better_with_an_accepted_deterioration_is_no_improvement(
+    nightly_run: Run, tmp_path: Path
+) -> None:
+    """Its level is the accepted run's; a later loss of it is worse, and a later gain has improved."""
+
+    def night(number: int, factor: float) -> Judgement:
+        def change(results: pd.DataFrame) -> pd.DataFrame:
+            return scaled(factor)(planted("energy_drift", 0.1 if number else 0.0)(results))
+
+        (judged,) = judged_nightly_runs(nightly_run, tmp_path, [change], first=number)
+        return judged
+
+    night(0, 1.0)
+    assert night(1, 0.1).status == "regression"
+    accept(History(tmp_path), run_id=None, ids=[], reason="as meant", author="Ada")
+    after = night(2, 0.1)
+    assert (headline(after), changes_of(after)) == ("No regression.", [])
+    assert changes_of(night(3, 0.01)) == [("accuracy", "orientation_error_rad", "improved")]
+    assert night(4, 1.0).status == "regression"
+
+
+@pytest.mark.slow
 def test_custom_threshold_is_used(nightly_run: Run, tmp_path: Path) -> None:
     """Half of it has moved, and beyond it is worse."""
     thresholds = Thresholds(0.2)
@@ -675,6 +698,7 @@ def test_runs_of_another_machine_class_are_not_compared(nightly_run: Run, two_ru
         nightly_run, two_runs, [planted("energy_drift", 0.1)], first=2, cpu="another processor"
     )
     assert other.status == "insufficient history"
+    assert "on other machines" in headline(other)
     (mine,) = judged_nightly_runs(nightly_run, two_runs, [unchanged], first=3)
     assert mine.status == "no regression"
     assert mine.comparison is not None
@@ -690,6 +714,7 @@ def test_run_of_changed_scenarios_has_insufficient_history(nightly_run: Run, two
     assert judged.status == "insufficient history"
     assert judged.comparison is not None
     assert set(judged.comparison.redefined) == {"slow", "quick"}
+    assert "no earlier nightly run has one of these cases" in headline(judged)
     assert float(np.nanmax(np.abs(judged.speeds.series.decades))) == 0.0
 
 
