@@ -17,6 +17,7 @@ from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.pivot import rotational_inertia
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.case import MeasuredMotion
+from bodycheck.reports.measurement.measures import MEASURES
 from bodycheck.reports.render.body_figures import polhode
 from bodycheck.reports.render.figures import (
     BODIES,
@@ -301,6 +302,40 @@ def test_a_drift_that_has_no_scale_is_drawn_in_its_unit(run: Run) -> None:
         drawn_figure(one, "drift", "free", "omega_error").axes[0].get_ylabel() for one in (run, at_rest)
     ]
     assert labels == ["omega error", "omega error, rad/s"]
+
+
+@pytest.mark.parametrize("figure", FIGURES)
+def test_every_measure_is_drawn_or_refused_with_its_reason(figure: str, run: Run) -> None:
+    """It is drawn where a case has it, over time where motions show it; the reason names it in one line."""
+    cases = [case for case in run.cases if case.columns["scenario"] == "free" and case.ok]
+    drawn = 0
+    for measure in MEASURES:
+        in_cases = any(measure in case.columns for case in cases)
+        over_time = [case.series[measure] for case in cases if measure in case.series]
+        if any(one.any() for one in over_time) if figure == "drift" else in_cases:
+            drawn += len(drawn_figure(run, figure, "free", measure).axes)
+            continue
+        with pytest.raises(InputError) as refused:
+            drawn_figure(run, figure, "free", measure)
+        (line,) = str(refused.value).splitlines()
+        why = f"{measure} is 0 at all times" if over_time else f"{measure} is one number per motion"
+        assert (why if in_cases else f"no case has {measure}") in line
+    assert drawn >= 8
+
+
+@pytest.mark.parametrize("figure", ["work-precision", "order"])
+def test_an_error_of_zero_at_the_end_of_a_line_is_drawn(figure: str, run: Run) -> None:
+    """The name of the line stands at the lower end of the axes; the layout succeeds, or would warn."""
+    cases = [
+        replace(case, columns={**case.columns, "quaternion_norm_error": 0.0})
+        if "m1" in key_of(case.columns)
+        else case
+        for case in run.cases
+    ]
+    changed = replace(run, cases=tuple(cases))
+    (axes,) = drawn_figure(changed, figure, "free", "quaternion_norm_error").axes
+    assert min(text.get_position()[1] for text in axes.texts if ":m1" in text.get_text()) == 0.0
+    assert b"<svg" in picture(changed, figure, "free", "quaternion_norm_error", ".svg")
 
 
 @pytest.mark.parametrize("figure", [*FIGURES, STABILITY, *BODIES])

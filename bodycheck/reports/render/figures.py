@@ -319,6 +319,7 @@ def _end_labels(axes: Axes, appearance: Appearance) -> None:
             first, *others = label.split(" = ")
             height = _within(axes, xy[[np.argmax(xy[:, 0])]])[0, 1]
             name = appearance.labels.get(first, first) + (f" +{len(others)}" if others else "")
+            height = float(np.clip(height, 0.0, 1.0))  # an error of 0 is at minus infinity
             ends.append((height, name, line.get_color()))
     ends.sort(key=lambda end: end[0])
     gap = min(_LABEL_GAP, 1.0 / max(len(ends), 1))
@@ -345,6 +346,10 @@ def _why_nothing(run: Tables, figure: str, cases: Iterable[CaseResult], quantity
         return "the run was made with --no-speed (--figure order needs no times)"
     if not any(quantity in case.columns for case in ended_well):
         return f"no case has {quantity}"
+    if figure == "drift" and any(case.series for case in ended_well):
+        if any(quantity in case.series for case in ended_well):
+            return f"{quantity} is 0 at all times"
+        return f"{quantity} is one number per motion, not a series over time"
     missing = {"work-precision": "a time", "order": "a step", "drift": "a motion that shows it"}
     return f"no case with {quantity} has {missing[figure]}"
 
