@@ -24,7 +24,10 @@ COMMANDS = {
     f"judge {CASE} --scenario free-flight --html judge.html": "judge.html",
     "audit arm.urdf --html audit.html": "audit.html",
     "dynamics reference cart-pole --random 1 --html dynamics.html": "dynamics.html",
+    f"judge {CASE} {CASE.replace('0.005', '0.01')} --scenario free-flight --html two.html": "two.html",
     "nightly free-flight --engine reference:rk4 --no-speed --history nights": "nights/*/night.html",
+    "history list nights": "nights/trends.html",
+    "run free-chain --engine reference:m1 --dt 0.025 --no-speed --out chain": "chain/report.html",
     "ensemble intermediate-axis --n 20 --engine reference:rk4 --out bodies": "bodies/report.html",
 }
 """Command -> the page that it writes."""
@@ -59,7 +62,7 @@ def test_axe_finds_nothing_on_any_page(chromium: Browser, axe: str, tmp_path: Pa
         done = run_bodycheck(tmp_path, *command.split())
         (page, *_) = sorted(tmp_path.glob(pattern)) or [None]
         assert page is not None, f"{command}: {done.stderr}"
-        for width in (1440, 390):
+        for width in (1440, 768, 390):
             for scheme in ("light", "dark"):
                 assert violations(chromium, axe, page, width, scheme) == [], (command, width, scheme)
     planted = tmp_path / "planted.html"

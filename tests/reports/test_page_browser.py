@@ -421,6 +421,18 @@ def test_nothing_is_cut_or_overlaps(opened: Page, width: int) -> None:
     assert opened.evaluate(OVERLAPS) == []
 
 
+@pytest.mark.parametrize("width", [390, 768])
+def test_a_stacked_answer_names_its_columns(opened: Page, width: int) -> None:
+    """Where the heads of the cheapest settings are hidden, each cell begins with its own."""
+    opened.set_viewport_size({"width": width, "height": 600})
+    assert not opened.locator(".answers thead").is_visible()
+    labels = opened.locator(".answers tr:not(.missed) td").evaluate_all(
+        "cells => cells.map(cell => getComputedStyle(cell, '::before').content)"
+    )
+    assert labels
+    assert [label for label in labels if ': ' not in label] == []
+
+
 @pytest.mark.parametrize("width", [390, 1200])
 def test_drawing_moves_nothing(opened: Page, width: int) -> None:
     """A figure has its size before it is drawn, so that no click misses its target and no line its reader."""

@@ -239,7 +239,7 @@ class _Report:
             part=None,
             parts=parts,
             findings=faulty(self._summary.worst),
-            alike=(*self._summary.alike, *self._summary.details),
+            alike=self._summary.shared,
             sentences=[*verdict_sentences(self._summary.cells, self._summary.worst), *cost_sentences(front)],
             worst=self._summary.worst,
             fronts=front,

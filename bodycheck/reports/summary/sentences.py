@@ -45,9 +45,14 @@ class Summary:
         return cls(cells, worst_methods(run, cells), *map(tuple, shared_maps(run)))
 
     @property
+    def shared(self) -> tuple[str, ...]:
+        """What is said of methods that make one map of a tree, with its details after the first sentence."""
+        return *self.alike[:1], *self.details, *self.alike[1:]
+
+    @property
     def sentences(self) -> list[str]:
         """The results in a few sentences that name every method with findings."""
-        return [*self.alike, *self.details, *verdict_sentences(self.cells, self.worst)]
+        return [*self.shared, *verdict_sentences(self.cells, self.worst)]
 
     @property
     def conclusion(self) -> str:
