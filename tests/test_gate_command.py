@@ -94,11 +94,11 @@ def test_gates_that_hold_end_with_status_0(folder: Path, stored_run: Path) -> No
     done = gate("--gates", "kept.toml", "--run", stored_run)
     assert done.exit_code == 0, done.output
     lines = done.stdout.splitlines()
-    assert [line.split()[0] for line in lines] == ["passed", "passed", "2"]
+    assert [line.split()[0] for line in lines] == ["2", "passed", "passed"]
     assert (
-        "[0]  free reference:rk4: order.orientation_error_rad >= 3.9 and <= 4.1: 1 case; worst " in lines[0]
+        "[0]  free reference:rk4: order.orientation_error_rad >= 3.9 and <= 4.1: 1 case; worst " in lines[1]
     )
-    assert lines[-1] == "2 gates: 2 passed"
+    assert lines[0] == "2 gates: 2 passed"
     assert sorted(folder.iterdir()) == before
 
 
@@ -107,7 +107,7 @@ def test_failed_gate_ends_with_status_1_and_its_commands(stored_run: Path) -> No
     """The table has value, bound, distance and command of each case, followed by the reason of the gate."""
     done = gate("--gates", "broken.toml", "--run", stored_run)
     assert done.exit_code == 1
-    assert done.stdout.splitlines()[-1] == "3 gates: 2 passed, 1 failed"
+    assert done.stdout.splitlines()[0] == "3 gates: 2 passed, 1 failed"
     lines = done.stdout.splitlines()
     commands = [k for k, line in enumerate(lines) if "--engine reference:m1 --dt" in line]
     assert len(commands) >= 5
@@ -150,7 +150,7 @@ def test_gates_that_measured_nothing_end_with_status_1(stored_run: Path) -> None
         "no scenario of the run matches nowhere (available: free, forced, and a mesh and shape/1"
         in nothing[1]
     )
-    assert done.stdout.splitlines()[-1] == "4 gates: 2 passed, 2 measured nothing"
+    assert done.stdout.splitlines()[0] == "4 gates: 2 passed, 2 measured nothing"
 
 
 def test_junit_and_json_equal_the_terminal(folder: Path, stored_run: Path) -> None:
@@ -262,7 +262,7 @@ def test_new_run_is_compared_with_the_gates(folder: Path) -> None:
     words = [sys.executable, "-m", "bodycheck", "gate", "mine.toml", "--gates"]
     done = subprocess.run([*words, "t.toml"], capture_output=True, text=True, check=False)
     assert done.returncode == 1, done.stderr
-    assert done.stdout.splitlines()[-1] == "1 gate: 1 failed"
+    assert done.stdout.splitlines()[0] == "1 gate: 1 failed"
     assert "bodycheck run mine.toml --engine reference:rk4 --dt 0.05" in done.stdout
     assert not (folder / "bodycheck-runs").exists()
     kept = subprocess.run([*words, "t.toml", "--out", "kept"], capture_output=True, text=True, check=False)

@@ -416,11 +416,11 @@ def test_every_release_is_run_on_request(command: Callable[..., tuple[int, str, 
     measure = ("--measure", "orientation_error_rad")
     status, out, error = command(*words, *measure)
     assert status == 0, error
-    assert out.splitlines()[-1].endswith("a change that was undone between them would be missed")
+    assert out.splitlines()[0].endswith("a change that was undone between them would be missed")
     status, out, error = command(*words, *measure, "--every")
     assert status == 0, error
-    assert out.splitlines()[0].endswith("; 5 releases from 1.0 to 1.9, 4 of them run")
-    *_, reported, changed = out.splitlines()
+    changed, reported, about, *_ = out.splitlines()
+    assert about.endswith("; 5 releases from 1.0 to 1.9, 4 of them run")
     assert re.fullmatch(r"toy:m: (\S+) up to 1.0, \S+ from 1.0.5 to 1.0.5, \1 from 1.1", reported), reported
     assert changed == "changed in 1.0.5 (m), 1.1 (m)"
 
@@ -441,8 +441,8 @@ def test_equal_ends_are_reported(
     words = ("versions", "toy", "--since", "1.0", "--until", "1.1", "--measure", measure, "--dt", DT)
     status, out, error = command(*words)
     assert status == 0, error
-    assert reported in out.splitlines()[-1]
-    assert out.splitlines()[-1].endswith("a change that was undone between them would be missed")
+    assert reported in out.splitlines()[0]
+    assert out.splitlines()[0].endswith("a change that was undone between them would be missed")
 
 
 @pytest.mark.usefixtures("toy")
@@ -483,7 +483,7 @@ def test_mujocos_rk4_is_of_order_4_from_4_0_0(
     words = ("versions", "mujoco", "--since", "3.16.0", "--until", "4.0.0", "--method", "rk4")
     status, out, error = command(*words, "--scenario", scenario)
     assert status == 0, error
-    assert out.splitlines()[-1] == f"mujoco:rk4: 2.00 up to 3.17.0, {order} from 4.0.0"
+    assert out.splitlines()[0] == f"mujoco:rk4: 2.00 up to 3.17.0, {order} from 4.0.0"
 
 
 @pytest.mark.nightly

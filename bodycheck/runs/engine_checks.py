@@ -154,7 +154,7 @@ def conformance_document(found: Conformance) -> Document:
     conclusion = Sentence(summary, tint, strong=True)
     next_step = Command(f"bodycheck run smoke --engine {shlex.quote(found.engine)}", "errors and orders")
     return Document(
-        "bodycheck check-adapter", (table, conclusion) if failures else (table, conclusion, next_step)
+        "bodycheck check-adapter", (conclusion, table) if failures else (conclusion, table, next_step)
     )
 
 

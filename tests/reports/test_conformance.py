@@ -80,7 +80,7 @@ def test_what_may_follow_from_a_failure_is_folded_below_it() -> None:
             result("reset", "inconsistent", "reset keeps a time"),
         ),
     )
-    table, conclusion = conformance_document(found).parts
+    conclusion, table = conformance_document(found).parts
     assert isinstance(table, Table)
     words = {str(row[1]): str(row[3]) for row in table.rows}
     assert "3e-06" in words["free motion"]

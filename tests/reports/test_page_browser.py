@@ -430,7 +430,7 @@ def test_a_stacked_answer_names_its_columns(opened: Page, width: int) -> None:
         "cells => cells.map(cell => getComputedStyle(cell, '::before').content)"
     )
     assert labels
-    assert [label for label in labels if ': ' not in label] == []
+    assert [label for label in labels if ": " not in label] == []
 
 
 @pytest.mark.parametrize("width", [390, 1200])

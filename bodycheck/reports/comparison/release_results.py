@@ -216,20 +216,17 @@ class Found:
 
 
 def found_document(found: Found) -> Document:
-    """Return the releases that were run, oldest first, the failed ones, and one line per method."""
+    """Return one line per method, the releases that were run, oldest first, and the failed ones."""
     texts = {track.method: _texts(found, track) for track in found.tracks}
     run = [version for version in found.versions if any(version in known for known in texts.values())]
     amounts = f"{count(len(found.versions), 'release')} from {found.versions[0]} to {found.versions[-1]}"
     columns = tuple(Column(head, "fixed") for head in (found.engine, *texts))
     rows = tuple((version, *(known.get(version, "") for known in texts.values())) for version in run)
-    sentences = [
-        *(f"not run: {version}: {why}" for version, why in found.failed.items()),
-        *found_sentences(found),
-    ]
-    first = Sentence(f"{found.measure} on {found.scenario}; {amounts}, {len(run)} of them run")
+    about = f"{found.measure} on {found.scenario}; {amounts}, {len(run)} of them run"
+    failed = [f"not run: {version}: {why}" for version, why in found.failed.items()]
     return Document(
         f"bodycheck: releases of {found.engine}",
-        (first, Table(columns, rows), *(Sentence(text) for text in sentences)),
+        (*map(Sentence, (*found_sentences(found), about)), Table(columns, rows), *map(Sentence, failed)),
     )
 
 
@@ -239,12 +236,12 @@ def found_data(found: Found) -> dict[str, Any]:
 
 
 def found_sentences(found: Found) -> list[str]:
-    """Return where each method changed, and where every release was run, those with a change."""
+    """Return where each method changed, those that did first; first of all the releases, if all were run."""
     lines = [
         f"{found.engine}:{track.method}: {sentence(found, track, _texts(found, track))}"
-        for track in found.tracks
+        for track in sorted(found.tracks, key=lambda track: not track.changes)
     ]
-    return [*lines, _changed_in(found)] if found.every else lines
+    return [_changed_in(found), *lines] if found.every else lines
 
 
 def sentence(found: Found, track: Track, texts: Mapping[str, str]) -> str:

@@ -145,7 +145,7 @@ def error_lines(result: GateResult) -> list[str]:
 
 
 def results_document(results: Sequence[GateResult]) -> Document:
-    """Return one line per gate, a table of the failed rows, the reasons, and the counts."""
+    """Return the counts, one line per gate, a table of the failed rows, and the reasons."""
     lines = tuple(
         (Span(result.status, _TINTS[result.status]), f"[{index}]", line_of(result))
         for index, result in enumerate(results)
@@ -159,10 +159,10 @@ def results_document(results: Sequence[GateResult]) -> Document:
     return Document(
         "bodycheck gate",
         (
+            Sentence(f"{count(len(results), 'gate')}: {_counts(results)}", strong=True),
             Table((Column("", "fixed"), Column("", "number"), Column("")), lines),
             Table(_COLUMNS, tuple(failure_rows(results)), "Failed"),
             *reasons,
-            Sentence(f"{count(len(results), 'gate')}: {_counts(results)}"),
         ),
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from bodycheck._util.formatting import names, number
+from bodycheck._util.formatting import count, names, number
 from bodycheck.reports.document import Column, Document, Sentence, Span, Table
 from bodycheck.reports.run_files.method_words import NO_KNOWN_MAP, NOT_MEASURED, REPLAY
 from bodycheck.reports.run_files.run_tables import MethodKey, key_of
@@ -104,7 +104,7 @@ def laws_document(rows: Sequence[Mapping[str, Any]]) -> Document:
         for row in rows
     )
     broken = sum(row["verdict"] == "broken" for row in rows)
-    summary = f"{broken} broken" if broken else "no law is broken"
+    summary = f"{count(broken, 'law')} broken" if broken else "no law is broken"
     return Document(
-        "bodycheck laws", (Table(heads, cells), Sentence(summary, "bad" if broken else "good", strong=True))
+        "bodycheck laws", (Sentence(summary, "bad" if broken else "good", strong=True), Table(heads, cells))
     )

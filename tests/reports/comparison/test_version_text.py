@@ -56,12 +56,12 @@ def printed(
         ),
     ],
 )
-def test_the_last_line_says_where_it_changed(
+def test_the_first_line_says_where_it_changed(
     found: Found, last: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The line has the last release before a change, the first after it, and unknown ones between them."""
     print_document(found_document(found))
-    assert capsys.readouterr().out.splitlines()[-1] == last
+    assert capsys.readouterr().out.splitlines()[0] == last
 
 
 def test_what_could_not_be_run_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
@@ -69,7 +69,7 @@ def test_what_could_not_be_run_is_shown(capsys: pytest.CaptureFixture[str]) -> N
     failed = {"1.1": "toy==1.1 cannot be installed: :x: [no]"}
     print_document(found_document(printed({"1.0": 1e-3, "2.1": 1e-3}, (), failed=failed)))
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "energy_drift on free; 5 releases from 1.0 to 2.1, 2 of them run"
+    assert lines[1] == "energy_drift on free; 5 releases from 1.0 to 2.1, 2 of them run"
     assert "not run: 1.1: toy==1.1 cannot be installed: :x: [no]" in lines
 
 
@@ -87,7 +87,7 @@ def test_where_every_release_was_run_it_is_said_in_which_anything_changed(
     print_document(found_document(Found("toy", "free", "energy_drift", VERSIONS, tracks, {}, every=True)))
     lines = capsys.readouterr().out.splitlines()
     assert "toy:a: 0.001 in all 5 releases run" in lines
-    assert lines[-1] == "changed in 1.1 (b, c), 1.2 (b, c), 2.1 (b, c)"
+    assert lines[0] == "changed in 1.1 (b, c), 1.2 (b, c), 2.1 (b, c)"
     same = Found("toy", "free", "energy_drift", VERSIONS, tracks[:1], {}, every=True)
     print_document(found_document(same))
-    assert capsys.readouterr().out.splitlines()[-1] == "changed in no release"
+    assert capsys.readouterr().out.splitlines()[0] == "changed in no release"
