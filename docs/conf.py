@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from importlib.metadata import version as version_of
+from importlib.util import find_spec
 from pathlib import Path
 
 from sphinx.search.en import SearchEnglish
@@ -19,17 +20,30 @@ version = release = version_of("bodycheck")
 
 SearchEnglish.stopwords |= {"s"}  # the unit of options such as --timeout-s, which every page has
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "formulas", "generated_pages", "plain_docstrings"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "formulas",
+    "generated_pages",
+    "plain_docstrings",
+    "search_words",
+]
+if find_spec("sphinx_copybutton"):  # the pages are the same without their buttons
+    extensions.append("sphinx_copybutton")
+copybutton_prompt_text = "$ "  # of console blocks, of which only the commands are copied
+smartquotes = False  # options begin with two hyphens, and are copied
 html_math_renderer = "mathml"
 # little, because the pages are read in the repository too, where a viewer knows no more
 myst_enable_extensions = ["dollarmath", "amsmath"]
 myst_heading_anchors = 3
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "templates"]
 
 html_theme = "furo"
 html_title = "bodycheck"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
+html_js_files = [("site.js", {"defer": "defer"})]
+templates_path = ["templates"]
 
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"

@@ -16,9 +16,9 @@ def inline(translator: Any, node: nodes.math) -> None:
 
 
 def block(translator: Any, node: nodes.math_block) -> None:
-    """Write a formula on lines of its own."""
-    text = node.astext()
-    translator.body.append(f'<div class="math-block">{convert(text, display="block")}</div>\n')
+    """Write a formula on lines of its own; it breaks at wide spaces, which separate its parts."""
+    parts = "".join(convert(part, display="block") for part in node.astext().split(r"\qquad"))
+    translator.body.append(f'<div class="math-block">{parts}</div>\n')
     raise nodes.SkipNode
 
 

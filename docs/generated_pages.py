@@ -7,6 +7,7 @@ docs/notebooks/ and docs/findings/.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -40,9 +41,14 @@ def file_of(name: str) -> str:
     return name.removeprefix("bodycheck ").replace(" ", "-")
 
 
+def linked(text: str) -> str:
+    """Return text of the help in which the names of pages, such as docs/workers.md, are links to them."""
+    return re.sub(r"\bdocs/([\w-]+)\.md", r"[](../\1.md)", text)
+
+
 def cell(text: str) -> str:
     """Return text for a cell of a Markdown table."""
-    return " ".join(text.replace("|", "\\|").replace("<", "&lt;").split())
+    return linked(" ".join(text.replace("|", "\\|").replace("<", "&lt;").split()))
 
 
 def page_of(name: str, command: Command) -> str:
@@ -77,7 +83,7 @@ def page_of(name: str, command: Command) -> str:
 
 def paragraphs(text: str) -> list[str]:
     """Return help text as Markdown, in which the characters of markup mean themselves."""
-    return [line.replace("<", "&lt;").replace("*", "\\*") for line in text.split("\n")]
+    return [linked(line.replace("<", "&lt;").replace("*", "\\*")) for line in text.split("\n")]
 
 
 def index_of(found: list[tuple[str, str, Command]]) -> str:
@@ -85,8 +91,9 @@ def index_of(found: list[tuple[str, str, Command]]) -> str:
     lines = [
         "# The commands",
         "",
-        "Exit status: 0 done, 1 a gate or regression failed, 2 the input was wrong, 3 the history is too "
-        "short, 70 an unexpected error, 130 interrupted.",
+        "[Exit status](../questions.md#exit-status): 0 done; 1 a gate, a check or a comparison failed; 2 the "
+        "input was wrong; 3 a history has no run to compare with; 70 an internal error; 129, 130, 143 a "
+        "signal stopped it; 141 the reader of the output exited first.",
         "",
         "`bodycheck COMMAND --help` prints the same as these pages.",
         "",

@@ -457,7 +457,7 @@ def test_table_of_methods_equals_the_adapter(engine: str) -> None:
     tables = runpy.run_path(str(ROOT / "docs/method_tables.py"))
     page = text_of(f"docs/engines/{engine}.md")
     adapter = stated_by(engine) or get_adapter(engine)
-    assert tables["with_tables"](page, adapter.methods.values()) == page
+    assert tables["with_tables"](page, engine, adapter.methods.values()) == page
 
 
 @pytest.mark.nightly

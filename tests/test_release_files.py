@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 import yaml
 
-from tests.helpers.doc_pages import ROOT
+from tests.helpers.doc_pages import ROOT, text_of
 
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 SETTINGS: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]
@@ -39,12 +39,23 @@ def test_addresses_are_those_of_the_project() -> None:
 
 
 def test_citation_is_of_this_version() -> None:
-    """CITATION.cff has the version, the license and the addresses of pyproject.toml."""
+    """CITATION.cff has the version, the license and the addresses of pyproject.toml, and BibTeX its data."""
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert cited["version"] == PROJECT["version"]
     assert cited["license"] in PROJECT["license"]
     assert cited["repository-code"] == PROJECT["urls"]["Source"]
     assert cited["url"] == PROJECT["urls"]["Documentation"]
+    bibtex = dict(re.findall(r"^  (\w+) += \{+(.+?)\}+,?$", text_of("docs/contributing.md"), re.MULTILINE))
+    (author,) = cited["authors"]
+    (year,) = re.findall(r'project_copyright = f"(\d{4}),', text_of("docs/conf.py"))
+    assert bibtex == {
+        "author": author["name"],
+        "title": cited["title"],
+        "version": cited["version"],
+        "year": year,
+        "url": cited["repository-code"],
+        "license": cited["license"],
+    }
 
 
 def test_supported_pythons_are_the_same_everywhere() -> None:

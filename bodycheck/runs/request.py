@@ -69,7 +69,12 @@ class Execution:
         metadata=_option("Number of cases to run in parallel.", "--jobs", otherwise="one per core"),
     )
     timeout_s: float = field(
-        default=TIMEOUT_S, metadata=_option("Time limit of one case in s.", "--timeout-s")
+        default=TIMEOUT_S,
+        metadata=_option(
+            "Time limit of one case in s. An engine that exceeds it, as one that hangs, is killed, and the "
+            "outcome is timeout; see docs/workers.md.",
+            "--timeout-s",
+        ),
     )
     fresh: bool | None = field(
         default=None,
