@@ -191,12 +191,18 @@ def test_history_is_listed_queried_and_pruned(folder: Path) -> None:
     """`list` prints one line per run, `query` a CSV of the result, and `prune` the names of removed runs."""
     run(), run()
     listed = bodycheck("history", "list", "kept")
-    assert [line.split()[1] for line in listed.stdout.splitlines()] == ["status", "insufficient", "no"]
+    heads, *lines, machine = listed.stdout.splitlines()
+    assert heads.split() == ["run", "status", "changes", "cases", "engines"]
+    assert [line.split()[1:-3] for line in lines] == [
+        ["insufficient", "history", "none"],
+        ["no", "regression", "none"],
+    ]
+    assert machine.startswith("Machine: ")
     queried = bodycheck("history", "query", "kept", "SELECT count(*) AS nights FROM nights")
     assert queried.stdout.split() == ["nights", "2"]
     oldest = min(path.name for path in (folder / "kept").glob("2*"))
     assert bodycheck("history", "prune", "kept", "--keep", "1").stdout.split() == [oldest]
-    assert len(bodycheck("history", "list", "kept").stdout.splitlines()) == 2
+    assert len(bodycheck("history", "list", "kept").stdout.splitlines()) == 3
 
 
 @pytest.mark.parametrize(

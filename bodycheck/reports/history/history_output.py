@@ -271,15 +271,27 @@ def history_data(runs: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def history_document(runs: pd.DataFrame) -> Document:
-    """Return one row per nightly run, the oldest first."""
-    numbers = (*HEADINGS, "open", "cases")
-    texts = ("engines", "machine")
+    """Return one row per nightly run, the oldest first, and the machine of all, or of each if they differ."""
+    machines = list(dict.fromkeys(runs["machine"]))
     columns = [
-        Column(name, "number" if name in numbers else "text" if name in texts else "fixed")
-        for name in SUMMARY_KEYS
+        Column("run", "fixed"),
+        Column("status", "fixed"),
+        Column("changes"),
+        Column("cases", "number"),
     ]
-    rows = runs[list(SUMMARY_KEYS)].astype(str).to_numpy().tolist()
-    return Document("bodycheck: nightly runs", (Table(tuple(columns), tuple(map(tuple, rows))),))
+    columns += [Column("engines"), *([Column("machine")] if len(machines) > 1 else [])]
+    counted = [name for name in (*HEADINGS, "open") if name in runs]
+    rows = [
+        (
+            row["run_id"],
+            row["status"],
+            ", ".join(f"{row[name]} {name}" for name in counted if row[name]) or "none",
+            *(str(row[column.head]) for column in columns[3:]),
+        )
+        for row in history_data(runs)
+    ]
+    same = [Sentence(f"Machine: {one}") for one in machines if len(machines) == 1]
+    return Document("bodycheck: nightly runs", (Table(tuple(columns), tuple(rows)), *same))
 
 
 _PAGES = ("night.html", "report.html")
