@@ -114,10 +114,14 @@ def lines_of(comparison: Comparison) -> list[Headline]:
 
 
 def by_weight(lines: Iterable[Headline]) -> list[Headline]:
-    """Return lines with the same cause as one, what is worse first, then by weight."""
+    """Return lines with the same cause as one, and those of an engine's missing methods; what is worse first.
+
+    Then by weight.
+    """
     merged: dict[tuple[str, ...], list[Headline]] = {}
     for one in lines:
-        own = () if one.cause else one.methods
+        gone = all((change.kind, change.status) == ("case", "missing") for change in one.changes)
+        own = ("missing",) if gone else () if one.cause else one.methods
         merged.setdefault((one.direction, one.engine, one.cause, *own), []).append(one)
     found = [
         Headline(

@@ -738,6 +738,8 @@ def test_sentences_summarise_the_comparison() -> None:
         "Different environment: cpu: none -> other.",
         "1 case compared; 2 new cases, 1 missing case.",
     ]
+    fewer = compare(run({}, {"method": "euler"}, {"method": "implicit"}), run({}))
+    assert sentences(fewer)[0] == "mujoco: euler and implicit: no longer measured (2 cases) in brick."
     other = run({}, scenarios={"brick": {"duration_s": 2.0}})
     assert sentences(compare(run({}), other)) == [
         "Nothing could be compared.",
