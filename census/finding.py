@@ -19,8 +19,8 @@ DRIVERS, FINDINGS, INPUTS = (HERE / name for name in ("drivers", "findings", "in
 KINDS = {
     "defect": "the code computes something else than it documents, or something impossible",
     "omission": "an importer drops what a file states, without an error",
-    "default": "correct if set otherwise; the default changes the motion or the model",
-    "property": "works as designed, and differs from what the equations of motion give",
+    "default": "the default changes the motion or the model, and another setting is correct",
+    "property": "the engine works as designed, and differs from what the equations of motion give",
 }
 NOT_FOUND = "none found"
 WITHIN = 0.02

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import ast
 import csv
+import textwrap
 import tomllib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,8 +14,11 @@ from census.finding import DRIVERS, HERE, INPUTS, KINDS, Finding, engines_of, re
 from census.imports import WHAT, read_imports
 from census.models import read_errors
 from census.releases import changes, read_releases
+from census.standalone import program
 
 _REPOSITORY = "https://github.com/bodycheck/bodycheck/blob/main/census"
+_LANGUAGES = {".toml": "toml", ".csv": "text"}
+"""Of the input files; the others are XML."""
 _WAYS = {
     "command": "bodycheck's command",
     "driver": "a driver without bodycheck, which compares with a closed form or with the file",
@@ -30,7 +33,9 @@ def write_pages(folder: Path) -> list[Path]:
         "index": index_of(findings),
         "models": models_page(),
         "numbers": table_page("Published reference numbers", "numbers"),
-        "releases": table_page("Releases of engines", "releases"),
+        "releases": table_page(
+            "Releases of engines", "releases", _changes("What changed", only_newest=False)
+        ),
     }
     pages |= {name: engine_page(name, findings) for name in engines_of(findings)}
     folder.mkdir(exist_ok=True)
@@ -60,28 +65,12 @@ def index_of(findings: Mapping[str, Finding]) -> str:
         + f"; {private} of them in no public issue or page that was found. "
         f"{len(errors)} certain errors in models of {len({one.package for one in errors})} packages.",
         "",
-        *_changes(),
+        *_changes("Changed in the newest releases", only_newest=True),
         "`python -m census reproduce` runs the command and the driver of each finding in the release that is "
         "named, each in an environment of its own, and compares the figures. "
         "`python -m census report NAME` prints a text that can be reported upstream.",
         "",
-        *_table(("kind", "what it means", "findings"), ((k, m, kinds[k]) for k, m in KINDS.items())),
-        "",
-        *_table(
-            ("finding", "kind", "how large", "releases"),
-            (
-                (
-                    f"[{one.title}]({one.engine}.md#{one.name}) ({one.engine})",
-                    one.kind,
-                    one.size,
-                    one.releases,
-                )
-                for one in sorted(
-                    findings.values(), key=lambda one: (list(KINDS).index(one.kind), one.engine)
-                )
-            ),
-        ),
-        "",
+        *(line for kind in KINDS for line in _of_kind(kind, findings)),
         "## Chains",
         "",
         *_texts("chains")["text"],
@@ -110,10 +99,26 @@ def index_of(findings: Mapping[str, Finding]) -> str:
     return "\n".join([*lines, ""])
 
 
+def _of_kind(kind: str, findings: Mapping[str, Finding]) -> list[str]:
+    """Return the section of one kind: what it means, and its findings by engine."""
+    found = sorted((one for one in findings.values() if one.kind == kind), key=lambda one: one.engine)
+    rows = (
+        (f"[{one.title}]({one.engine}.md#{one.name}), {one.engine} {one.releases}", one.size) for one in found
+    )
+    return [
+        f"## {_plural(kind, 2).capitalize()}",
+        "",
+        f"{len(found)} in which {KINDS[kind]}.",
+        "",
+        *_table(("finding, and the releases that have it", "how large"), rows),
+        "",
+    ]
+
+
 def engine_page(engine: str, findings: Mapping[str, Finding]) -> str:
-    """Return the page of one engine: each of its findings with all that is needed to see it."""
+    """Return the page of one engine: its findings with all that is needed to see them, defects first."""
     lines = [f"# Findings in {engine}", ""]
-    for one in findings.values():
+    for one in sorted(findings.values(), key=lambda one: list(KINDS).index(one.kind)):
         if one.engine == engine:
             lines += [f"({one.name})=", f"## {_prose(one.title)}", "", *_body(one, links=True)]
     return "\n".join(lines)
@@ -125,35 +130,64 @@ def report_of(finding: Finding) -> str:
 
 
 def _body(one: Finding, *, links: bool) -> list[str]:
-    lines = [f"{one.engine}, {one.releases}. How large: {one.size}.", ""]
-    lines += [f"Expected: {_prose(one.expected)}", "", f"Found: {_prose(one.found)}", ""]
-    if one.command:
-        lines += ["What was run:", "", "```text", one.command, "```", ""]
-        for name in one.inputs:
-            language = "toml" if name.endswith(".toml") else "xml"
-            text = (INPUTS / name).read_text(encoding="utf-8").rstrip()
-            lines += [f"`{name}`:", "", f"```{language}", text, "```", ""]
-    if one.driver:
-        name, experiment = one.driver.split()
-        file = name if name.endswith(".mjs") else f"{name}.py"
-        figures = ", ".join(f"{figure:.5g}" for figure in one.driver_figures)
-        place = (
-            f"[`drivers/{file}`]({_REPOSITORY}/drivers/{file})" if links else f"{_REPOSITORY}/drivers/{file}"
-        )
-        lines += [f"Without bodycheck: `{experiment}` in {place} prints {figures}.", ""]
-        if not links and file.endswith(".py"):
-            text = (DRIVERS / file).read_text(encoding="utf-8")
-            (body,) = (one for one in ast.parse(text).body if getattr(one, "name", "") == experiment)
-            lines += ["```python", ast.get_source_segment(text, body) or "", "```", ""]
-    if one.source:
-        lines += [f"In the source: {_prose(one.source)}", ""]
+    """Return the text of a finding; links: for the pages, else for upstream, the engine alone first."""
     if links:
         known = f"<{one.upstream}>" if one.is_public else f"none found by a search for: {one.searched}"
-        kind = f"{one.kind}: {KINDS[one.kind]}"
-        lines += [f"Public issue or page: {known}. Kind: {kind}. Name: `{one.name}`.", ""]
+        lines = [f"**{one.kind.capitalize()}** in {one.engine} {one.releases}.", ""]
+        lines += [f"**How large:** {_prose(one.size)}.", "", f"**Public issue or page:** {known}.", ""]
+    else:
+        lines = [f"{one.engine} {one.releases}. How large: {_prose(one.size)}.", ""]
+    lines += [f"**Expected:** {_prose(one.expected)}", "", f"**Found:** {_prose(one.found)}", ""]
+    ways = [_command(one), _driver(one, links=links)]
+    lines += [line for way in (ways if links else reversed(ways)) for line in way]
+    if one.source:
+        lines += [f"**In the source:** {_prose(one.source)}", ""]
+    if links:
+        lines += [f"As a text for upstream: `python -m census report {one.name}`", ""]
     elif one.is_public:
         lines += [f"This is public already: {one.upstream}", ""]
     return lines
+
+
+def _command(one: Finding) -> list[str]:
+    """Return bodycheck's command and its input files."""
+    lines = ["**With bodycheck:**", "", "```text", one.command, "```", ""] if one.command else []
+    for name in one.inputs:
+        language = _LANGUAGES.get(Path(name).suffix, "xml")
+        text = (INPUTS / name).read_text(encoding="utf-8").rstrip()
+        lines += [f"`{name}`:", "", f"```{language}", text, "```", ""]
+    return lines
+
+
+def _driver(one: Finding, *, links: bool) -> list[str]:
+    """Return what the driver prints, and the driver; links: folded, with the address of its file."""
+    if not one.driver:
+        return []
+    name, experiment = one.driver.split()
+    file = name if name.endswith(".mjs") else f"{name}.py"
+    figures = ", ".join(f"{figure:.5g}" for figure in one.driver_figures)
+    code = _code_of(DRIVERS / file, experiment)
+    if not links:
+        return [f"**The engine alone** prints {figures}:", "", *code]
+    place = f"[`drivers/{file}`]({_REPOSITORY}/drivers/{file})"
+    return [
+        f"**The engine alone** prints {figures}: `{experiment}` of {place}.",
+        "",
+        "<details><summary>As a program</summary>",
+        "",
+        *code,
+        "</details>",
+        "",
+    ]
+
+
+def _code_of(path: Path, experiment: str) -> list[str]:
+    """Return an experiment as a block of code: a program in Python, the function alone in JavaScript."""
+    if path.suffix == ".py":
+        return ["```python", program(path, experiment), "```", ""]
+    text = path.read_text(encoding="utf-8")
+    start = text.index(f"  async {experiment}(")
+    return ["```js", textwrap.dedent(text[start : text.index("\n  },", start)]) + "\n}", "```", ""]
 
 
 def _prose(text: str) -> str:
@@ -230,9 +264,9 @@ def _imports_by_cause() -> list[str]:
     )
 
 
-def table_page(title: str, name: str) -> str:
-    """Return the page of a table of this folder, with the text of the same name."""
-    return "\n".join([f"# {title}", "", *_texts(name)["text"], "", *_table_of(name), ""])
+def table_page(title: str, name: str, before: Sequence[str] = ()) -> str:
+    """Return the page of a table of this folder, after the text of the same name and other lines."""
+    return "\n".join([f"# {title}", "", *_texts(name)["text"], "", *before, *_table_of(name), ""])
 
 
 def _table_of(name: str) -> list[str]:
@@ -241,12 +275,12 @@ def _table_of(name: str) -> list[str]:
     return _table(header, rows)
 
 
-def _changes() -> list[str]:
-    """Return what differs in the newest measured release of each engine, which stands on top."""
+def _changes(title: str, *, only_newest: bool) -> list[str]:
+    """Return in what a measured release differs from the one before it: all, or the newest of each engine."""
     rows = read_releases()
     newest = {row["engine"]: row["release"] for row in rows}
-    found = [text for engine, release, text in changes(rows) if newest[engine] == release]
-    return ["Changed in the newest releases:", "", *(f"- {one}" for one in found), ""] if found else []
+    found = [text for engine, release, text in changes(rows) if not only_newest or newest[engine] == release]
+    return [f"{title}:", "", *(f"- {one}" for one in found), ""] if found else []
 
 
 def _texts(name: str) -> dict[str, list]:  # type: ignore[type-arg]

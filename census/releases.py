@@ -80,7 +80,7 @@ def _why(path: Path, done: subprocess.CompletedProcess[str]) -> str:
     results = path.with_name("results.csv")
     rows = csv.DictReader(results.read_text(encoding="utf-8").splitlines()) if results.exists() else ()
     messages = [row["message"] for row in rows if row["message"]]
-    messages += [one for one in (done.stdout + done.stderr).splitlines() if "==" in one or "cannot" in one]
+    messages += [one for one in (done.stdout + done.stderr).splitlines() if "cannot" in one]
     return f"{_FAILED}: {messages[0][:120]}" if messages else _FAILED
 
 

@@ -202,42 +202,6 @@ def pendulum_force() -> list[float]:
     return [p.getJointState(body, 0)[2][2], 6.0 * (9.8 + 4.0**2)]
 
 
-def motor_order() -> list[float]:
-    """Difference of a rate when two links on one base are created in the other order, in microrad/s.
-
-    After 16 steps with the motors that are on by default: with the default solverResidualThreshold, and 0.
-    """
-    _client()
-    found = []
-    for threshold in (None, 0.0):
-        rates = []
-        for order in ((0, 1), (1, 0)):
-            p.resetSimulation()
-            p.setTimeStep(2.0**-7)
-            if threshold is not None:
-                p.setPhysicsEngineParameter(solverResidualThreshold=threshold)
-            body = p.createMultiBody(
-                2.0, -1, -1, [0, 0, 0], [0, 0, 0, 1], linkMasses=[(1.0, 0.4)[k] for k in order],
-                linkCollisionShapeIndices=[-1] * 2, linkVisualShapeIndices=[-1] * 2,
-                linkPositions=[([0.3, 0.02, 0.1], [-0.1, 0.3, 0.05])[k] for k in order],
-                linkOrientations=[[0, 0, 0, 1]] * 2,
-                linkInertialFramePositions=[[0.25, -0.01, 0.05]] * 2,
-                linkInertialFrameOrientations=[[0, 0, 0, 1]] * 2, linkParentIndices=[0, 0],
-                linkJointTypes=[p.JOINT_REVOLUTE] * 2,
-                linkJointAxis=[([0, 1, 0], [1, 0, 0])[k] for k in order],
-            )  # fmt: skip
-            p.changeDynamics(body, -1, localInertiaDiagonal=[0.04, 0.06, 0.08])
-            for link in (0, 1):
-                p.changeDynamics(body, link, localInertiaDiagonal=[0.01, 0.03, 0.035])
-                p.resetJointState(body, link, 0.2, (1.5, 1.0)[order[link]])
-            p.resetBaseVelocity(body, [0, 0, 0], [0.5, 2.0, 0.3])
-            for _ in range(16):
-                p.stepSimulation()
-            rates.append(p.getBaseVelocity(body)[1])
-        found.append(round(1e6 * max(abs(a - b) for a, b in zip(*rates)), 6))  # noqa: B905 - Python 3.9
-    return found
-
-
 def hinge_motor() -> list[float]:
     """Rate of a hinge that starts with 1 rad/s, after 1 s without loads, friction or damping."""
     _client()

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
-
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore")
-    import sapien
-    from sapien import physx
+import sapien
+from sapien import physx
 
 
 def _free(moments: np.ndarray, omega: np.ndarray, dt: float, *, fair: bool) -> tuple:

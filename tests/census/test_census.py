@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import ast
+import builtins
+import json
 import random
 import re
 import shlex
+import subprocess
+import sys
 import tomllib
 from collections.abc import Iterator
 from dataclasses import replace
@@ -19,15 +23,17 @@ from typer.main import get_command
 from bodycheck._util.errors import InputError
 from bodycheck.audit.audit import LintFinding
 from bodycheck.cli.commands import app
-from census.finding import DRIVERS, FINDINGS, INPUTS, Finding, chosen, read_findings
+from census.finding import DRIVERS, FINDINGS, INPUTS, KINDS, Finding, chosen, read_findings
 from census.imports import counted, kind_of_cause, kind_of_message, read_imports
 from census.models import audits_of, confirmation, read_errors
 from census.numbers import NUMBERS, digits
 from census.page import report_of, write_pages
 from census.releases import HEADER, add_new_releases, changes, read_releases
 from census.reproduce import Compared, looked_up, reproduce
+from census.standalone import program
 
 ALL = read_findings()
+DOCS = Path(__file__).parents[2] / "docs"
 COMMANDS = get_command(app).commands  # type: ignore[attr-defined]
 
 
@@ -106,6 +112,54 @@ def test_figure_that_differs_is_not_reproduced() -> None:
     assert looked_up(answer, "a/name=z/b") is None
     assert looked_up(answer, "a/7/b") is None
     assert looked_up(answer, "a/0/b/c") is None
+
+
+PROGRAMS = {
+    one.name: (DRIVERS / f"{one.driver.partition(' ')[0]}.py", one.driver.partition(" ")[2])
+    for one in ALL.values()
+    if ".mjs" not in one.driver
+}
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_program_of_a_report_defines_what_it_uses(name: str) -> None:
+    """The program needs no other file of the drivers, and defines nothing that it does not use."""
+    tree = ast.parse(program(*PROGRAMS[name]))
+    names = [node for node in ast.walk(tree) if isinstance(node, ast.Name)]
+    read = {node.id for node in names if isinstance(node.ctx, ast.Load)}
+    own = {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
+    imported = {
+        (one.asname or one.name).partition(".")[0]
+        for node in tree.body
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for one in node.names
+    }
+    given = {node.arg for node in ast.walk(tree) if isinstance(node, ast.arg)}
+    stored = {node.id for node in names if isinstance(node.ctx, ast.Store)}
+    assert read <= own | imported | given | stored | set(dir(builtins))
+    assert "exact" not in {getattr(node, "module", "") for node in tree.body}
+    assert own | imported - {"annotations"} <= read
+
+
+def test_program_of_a_report_prints_the_figures() -> None:
+    """It runs without the folder of the drivers, as a maintainer would run it."""
+    done = subprocess.run(
+        [sys.executable, "-c", program(*PROGRAMS["mujoco-spec-frame"])],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert json.loads(done.stdout) == pytest.approx(ALL["mujoco-spec-frame"].driver_figures, rel=1e-6)
+
+
+def test_docs_name_findings_that_exist() -> None:
+    """The public bugs that docs/trees.md lists are findings, and cite the same issue."""
+    table = (
+        (DOCS / "trees.md").read_text(encoding="utf-8").partition("| public issue |")[2].partition("\n\n")[0]
+    )
+    rows = re.findall(r"^\| \[.+?\]\((\S+)\).*?\| `([\w-]+)`", table, flags=re.MULTILINE)
+    assert rows
+    assert {name: ALL[name].upstream for _, name in rows} == {name: issue for issue, name in rows}
 
 
 @pytest.mark.slow
@@ -257,12 +311,20 @@ def test_pages_have_every_finding(tmp_path: Path) -> None:
     written = {path.stem: plain(path.read_text()) for path in write_pages(tmp_path)}
     assert {path.stem for path in tmp_path.iterdir()} == set(written)
     assert f"{len(ALL)} findings" in written["index"]
+    sections = written["index"].split("\n## ")[1:]
+    for kind, section in zip(KINDS, sections, strict=False):
+        names = {one.name for one in ALL.values() if one.kind == kind}
+        assert set(re.findall(r"\.md#([\w-]+)\)", section)) == names
+        assert f"\n{len(names)} in which" in section
+    assert [text for *_, text in changes(read_releases())] == re.findall(
+        "^- (.+)$", written["releases"], re.M
+    )
     for one in ALL.values():
         assert f"({one.engine}.md#{one.name})" in written["index"]
         assert one.expected in written[one.engine]
         report = plain(report_of(one))
         assert one.found in report
-        assert ".mjs " in one.driver or f"def {one.driver.partition(' ')[2]}()" in report
+        assert f"{one.driver.partition(' ')[2]}()" in report
         assert ("This is public already" in report) == one.is_public
         assert all((INPUTS / name).read_text().rstrip() in report for name in one.inputs)
         assert (
