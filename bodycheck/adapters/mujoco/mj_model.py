@@ -99,8 +99,12 @@ def _snippet(name: str) -> str:
 
 BODY = 1  # body 0 is the world
 
-PASSIVE_OFF = (mujoco.mjtDisableBit.mjDSBL_SPRING, mujoco.mjtDisableBit.mjDSBL_DAMPER)
-"""With both disabled, MuJoCo has no passive forces and does not call the callback."""
+PASSIVE_OFF = tuple(
+    flag
+    for name in ("SPRING", "DAMPER", "PASSIVE")
+    if (flag := getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}", None)) is not None
+)
+"""Disabled, MuJoCo has no passive forces and calls no callback; one flag until 3.3.5, two since."""
 
 OFF = (
     mujoco.mjtDisableBit.mjDSBL_AUTORESET,  # it would silently reset an unstable body to rest

@@ -170,7 +170,8 @@ class ExudynSimulation:
 
     def read_back(self) -> ReadBack:
         """Return the model as read from the system; the step is this adapter's."""
-        body = self._system.GetObject(self._body)
+        held = self._system.GetObject(self._body)
+        body = {name.removeprefix("physics").lower(): value for name, value in held.items()}  # until 1.11
         xx, yy, zz, yz, xz, xy = body["inertia"]
         gravity = array(self._system.GetLoad(self._weight)["loadVector"])
         inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
