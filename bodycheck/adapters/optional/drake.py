@@ -117,6 +117,7 @@ class DrakeSimulation:
     """A simulator of a plant, and of the loads where the scene has any."""
 
     def __init__(self, scene: Scene, method: str, dt_s: float) -> None:
+        import pydrake.all
         from pydrake.all import DiagramBuilder, MultibodyPlant, ResetIntegratorFromFlags, Simulator
 
         self._scene, self._dt_s, self._link = scene, dt_s, link_frame(scene)
@@ -134,7 +135,8 @@ class DrakeSimulation:
             loads = builder.AddSystem(_load_system(self._plant, self._body, self._force_on_link))
             builder.Connect(self._plant.get_state_output_port(), loads.get_input_port())
             builder.Connect(loads.get_output_port(), self._plant.get_applied_spatial_force_input_port())
-        sensors = self._sensors(builder) if has_imu(scene) else ()
+        can_measure = has_imu(scene) and hasattr(pydrake.all, "Accelerometer")  # older releases have none
+        sensors = self._sensors(builder) if can_measure else ()
         self._simulator = Simulator(builder.Build())
         self._root = self._simulator.get_mutable_context()
         if sensors:
