@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -129,6 +131,20 @@ def sdf_limits() -> list[float]:
     </model></sdf>"""
     joint = _read(text, ".sdf").getJoint("hinge")
     return [min(1e9, float(limit)) for limit in (joint.getForceUpperLimit(0), joint.getVelocityUpperLimit(0))]
+
+
+def mjcf_site() -> list[float]:
+    """Signal that ends a process which reads MJCF with a site in the world, and in a body; 0: none."""
+    code = "import dartpy, sys; assert dartpy.utils.MjcfParser.readWorld(sys.argv[1])"
+    body = '<body name="b"><geom size="0.1"/>{}</body>'
+    found = []
+    for text in ("<site/>" + body.format(""), body.format("<site/>")):
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "model.xml"
+            path.write_text(f"<mujoco><worldbody>{text}</worldbody></mujoco>")
+            done = subprocess.run([sys.executable, "-c", code, str(path)], check=False)
+        found.append(-done.returncode)
+    return found
 
 
 def no_inertial() -> list[float]:
