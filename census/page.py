@@ -12,7 +12,7 @@ from pathlib import Path
 from bodycheck._util.files import write_file
 from census.finding import DRIVERS, HERE, INPUTS, KINDS, Finding, engines_of, read_findings
 from census.imports import WHAT, read_imports
-from census.models import read_errors
+from census.models import ModelError, read_errors
 from census.releases import changes, read_releases
 from census.standalone import program
 
@@ -196,27 +196,27 @@ def _prose(text: str) -> str:
 
 
 def models_page() -> str:
-    """Return the page of the errors in published models."""
+    """Return the page of published models: what importers make of them, and the errors in them."""
     errors = read_errors()
-    rows = Counter((one.package, one.version, one.rule) for one in errors)
+    rows = Counter((f"{one.package} {one.version}", one.rule) for one in errors)
+    rules = sorted({rule for _, rule in rows})
     return "\n".join(
         [
             "# Published models",
             "",
             f"{len(errors)} errors are certain and confirmed: numbers that no body has. "
-            "`bodycheck audit FILE --lint` reports each; `python -m census models` installs them, and "
+            "`bodycheck audit FILE --lint` reports each; `python -m census models` installs the packages and "
             "keeps what exact arithmetic on the fractions in the file confirms by another reader.",
             "",
-            *_table(("package", "version", "rule", "errors"), ((*key, n) for key, n in sorted(rows.items()))),
-            "",
             *_table(
-                ("package", "file and line", "link", "error", "confirmed by"),
+                ("package", *rules),
                 (
-                    (one.package, f"{one.file}:{one.line}", one.link, one.message, one.confirmed)
-                    for one in errors
+                    (name, *(rows[name, rule] or "" for rule in rules))
+                    for name in sorted({n for n, _ in rows})
                 ),
             ),
             "",
+            *(line for package in sorted({name for name, _ in rows}) for line in _errors_of(package, errors)),
             "## What importers make of them",
             "",
             *_texts("imports")["text"],
@@ -227,6 +227,23 @@ def models_page() -> str:
             "",
         ]
     )
+
+
+def _errors_of(package: str, errors: Sequence[ModelError]) -> list[str]:
+    """Return the errors of a package, folded; files by their last two names, as models.csv has them whole."""
+    own = [one for one in errors if f"{one.package} {one.version}" == package]
+    rows = (
+        (f"{'/'.join(one.file.split('/')[-2:])}:{one.line}", one.link, one.message, one.confirmed)
+        for one in own
+    )
+    return [
+        f"<details><summary>Errors in {package}: {len(own)}</summary>",
+        "",
+        *_table(("file and line", "link", "error", "confirmed by"), rows),
+        "",
+        "</details>",
+        "",
+    ]
 
 
 def _imports_by_package() -> list[str]:
