@@ -20,11 +20,11 @@ HEADER = (
     "case",
     "t, s",
     "quantity",
+    "digits that agree",
     "published",
     "truth",
     "difference",
     "bound of the truth",
-    "digits that agree",
 )
 
 
@@ -49,8 +49,8 @@ def compared() -> Iterator[tuple[str, ...]]:
             found = _quantity(quantity, truth)
             difference = abs(Decimal(found) - Decimal(published))
             yield (
-                case["source"], f"`{name}.toml`", str(case["t_s"]), quantity, published, repr(found),
-                f"{difference:.1e}", f"{bound:.1e}", digits(published, difference),
+                case["source"], f"`{name}.toml`", str(case["t_s"]), quantity, digits(published, difference),
+                published, repr(found), f"{difference:.1e}", f"{bound:.1e}",
             )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from bodycheck._util.files import write_file
 from census.finding import DRIVERS, HERE, INPUTS, KINDS, Finding, engines_of, read_findings
 from census.imports import WHAT, read_imports
 from census.models import ModelError, read_errors
-from census.releases import changes, read_releases
+from census.releases import HEADER, changes, read_releases, spans
 from census.standalone import program
 
 _REPOSITORY = "https://github.com/bodycheck/bodycheck/blob/main/census"
@@ -32,10 +32,8 @@ def write_pages(folder: Path) -> list[Path]:
     pages = {
         "index": index_of(findings),
         "models": models_page(),
-        "numbers": table_page("Published reference numbers", "numbers"),
-        "releases": table_page(
-            "Releases of engines", "releases", _changes("What changed", only_newest=False)
-        ),
+        "numbers": "\n".join(["# Published reference numbers", "", *_text_and_table("numbers"), ""]),
+        "releases": releases_page(),
     }
     pages |= {name: engine_page(name, findings) for name in engines_of(findings)}
     folder.mkdir(exist_ok=True)
@@ -73,9 +71,7 @@ def index_of(findings: Mapping[str, Finding]) -> str:
         *(line for kind in KINDS for line in _of_kind(kind, findings)),
         "## Chains",
         "",
-        *_texts("chains")["text"],
-        "",
-        *_table_of("chains"),
+        *_text_and_table("chains"),
         "",
         "## How we can be wrong",
         "",
@@ -281,9 +277,24 @@ def _imports_by_cause() -> list[str]:
     )
 
 
-def table_page(title: str, name: str, before: Sequence[str] = ()) -> str:
-    """Return the page of a table of this folder, after the text of the same name and other lines."""
-    return "\n".join([f"# {title}", "", *_texts(name)["text"], "", *before, *_table_of(name), ""])
+def releases_page() -> str:
+    """Return the page of releases: what changed, then the stretches without a change."""
+    rows = read_releases()
+    return "\n".join(
+        [
+            "# Releases of engines",
+            "",
+            *_texts("releases")["text"],
+            "",
+            *_changes("What changed", only_newest=False),
+            *_table(HEADER, (list(one.values()) for one in spans(rows))),
+            "",
+        ]
+    )
+
+
+def _text_and_table(name: str) -> list[str]:
+    return [*_texts(name)["text"], "", *_table_of(name)]
 
 
 def _table_of(name: str) -> list[str]:

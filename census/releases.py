@@ -64,7 +64,7 @@ def measure(engine: str, release: str) -> Iterator[Row]:
         done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
         path = Path(folder) / "run" / "methods.csv"
         table = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines())) if path.exists() else []
-        why = "" if table else _why(path, done)
+        why = "" if table else _why(path, done).replace(f"{engine}=={release}: ", "")
     table = [row for row in table if row["quantity"] == "orientation_error_rad"]
     for row in table:
         order = row["order"] and f"{float(row['order']):.1f}"
@@ -99,6 +99,33 @@ def changes(rows: list[Row]) -> Iterator[tuple[str, str, str]]:
                 f"{row['engine']} {row['release']}, `{row['method']}`: {what}",
             )
         last[key] = row
+
+
+def spans(rows: list[Row]) -> list[Row]:
+    """Return a row for each stretch of measured releases between which a method did not change.
+
+    `release` is the first or `first to last`; the other columns are those of the last.
+    """
+    of_engine: dict[str, list[str]] = {}
+    joined: dict[tuple[str, ...], list[Row]] = {}
+    for row in rows:
+        releases_of = of_engine.setdefault(row["engine"], [])
+        if row["release"] not in releases_of:
+            releases_of.append(row["release"])
+    for row in rows:
+        stretches = joined.setdefault((row["engine"], row["method"]), [])
+        measured = of_engine[row["engine"]]
+        last = stretches[-1] if stretches else None
+        is_next = last is not None and measured.index(row["release"]) == measured.index(last["last"]) + 1
+        if last is None or not is_next or any(last[name] != row[name] for name in _CHANGING):
+            stretches.append(row | {"first": row["release"], "last": row["release"]})
+        else:
+            last |= row | {"release": f"{last['first']} to {row['release']}", "last": row["release"]}
+    return [
+        {name: one[name] for name in HEADER}
+        for (engine, _), stretches in sorted(joined.items())
+        for one in stretches
+    ]
 
 
 def _write(rows: list[Row]) -> None:

@@ -28,7 +28,7 @@ from census.imports import counted, kind_of_cause, kind_of_message, read_imports
 from census.models import audits_of, confirmation, read_errors
 from census.numbers import NUMBERS, digits
 from census.page import report_of, write_pages
-from census.releases import HEADER, add_new_releases, changes, read_releases
+from census.releases import HEADER, add_new_releases, changes, read_releases, spans
 from census.reproduce import Compared, looked_up, reproduce
 from census.standalone import program
 
@@ -270,6 +270,29 @@ def test_changed_release_is_named() -> None:
     ]
     assert list(changes(rows)) == [("e", "3", "e 3, `a`: order 1.0 -> 2.0")]
     assert read_releases()
+
+
+def test_releases_without_a_change_share_a_row() -> None:
+    """A stretch ends where a map changes, and where a release between was not measured for a method."""
+    rows = [
+        dict(zip(HEADER, ("e", release, method, found, "1.0", error, verdict), strict=True))
+        for release, method, found, error, verdict in (
+            ("1", "a", "M1", "1e-3", "converges"),
+            ("2", "a", "M1", "2e-3", "converges"),
+            ("2", "b", "M1", "1e-3", "converges"),
+            ("3", "", "", "", "does not run"),
+            ("4", "a", "M1", "1e-3", "converges"),
+            ("5", "a", "M2", "1e-3", "converges"),
+        )
+    ]
+    found = [(row["release"], row["method"], row["map"], row["error at 1e-3 s, rad"]) for row in spans(rows)]
+    assert found == [
+        ("3", "", "", ""),
+        ("1 to 2", "a", "M1", "2e-3"),
+        ("4", "a", "M1", "1e-3"),
+        ("5", "a", "M2", "1e-3"),
+        ("2", "b", "M1", "1e-3"),
+    ]
 
 
 def test_release_is_measured_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
