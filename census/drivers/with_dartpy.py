@@ -133,6 +133,24 @@ def sdf_limits() -> list[float]:
     return [min(1e9, float(limit)) for limit in (joint.getForceUpperLimit(0), joint.getVelocityUpperLimit(0))]
 
 
+def joint_velocities() -> list[float]:
+    """How far (1, 2, 3) rad/s, set as velocities of a turned free joint, is from omega in body and world axes.
+
+    The same of a ball joint.
+    """
+    found = []
+    for kind, count in (("createFreeJointAndBodyNodePair", 6), ("createBallJointAndBodyNodePair", 3)):
+        skeleton = dart.dynamics.Skeleton()
+        _, body = getattr(skeleton, kind)()
+        set_to = np.array([1.0, 2.0, 3.0])
+        skeleton.setPositions(np.array([1.0, 0.5, -0.3, 0, 0, 0])[:count])
+        skeleton.setVelocities(np.array([*set_to, 0, 0, 0])[:count])
+        omega = np.array(body.getAngularVelocity())
+        turn = np.array(body.getTransform().rotation())
+        found += [round(float(np.linalg.norm(one - set_to)), 12) for one in (turn.T @ omega, omega)]
+    return found
+
+
 def mjcf_site() -> list[float]:
     """Signal that ends a process which reads MJCF with a site in the world, and in a body; 0: none."""
     code = "import dartpy, sys; assert dartpy.utils.MjcfParser.readWorld(sys.argv[1])"
