@@ -134,9 +134,9 @@ def sdf_limits() -> list[float]:
 
 
 def joint_velocities() -> list[float]:
-    """How far (1, 2, 3) rad/s, set as velocities of a turned free joint, is from omega in body and world axes.
+    """How far (1, 2, 3) rad/s, set as the velocities of a turned joint, is from omega in body and world axes.
 
-    The same of a ball joint.
+    Of a free joint, then of a ball joint.
     """
     found = []
     for kind, count in (("createFreeJointAndBodyNodePair", 6), ("createBallJointAndBodyNodePair", 3)):
