@@ -564,7 +564,7 @@ def _left(differences: Array, slopes: Array) -> Array:
 
 def _share(fit: Fit, before: float) -> float:
     """Return the share of the differences, beyond what a right candidate leaves, that a fit explains."""
-    least = fit.least**2
+    least = fit.transitions.least**2
     rest, whole = max(fit.cost**2 - least, 0.0), before**2 - least
     return 1.0 - math.sqrt(rest / whole) if whole > 0.0 else 0.0
 

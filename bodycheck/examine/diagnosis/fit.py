@@ -46,8 +46,7 @@ class Fit:
     """Faults with the parameters that explain a trajectory best.
 
     values: of all faults, in order. cost: root mean square of the remaining differences. remaining: they
-    themselves (12, s). slopes: their derivatives (12 s, p). least: the smallest standard deviation that
-    the differences have.
+    themselves (12, s), over these transitions. slopes: their derivatives (12 s, p).
     """
 
     faults: tuple[Fault, ...]
@@ -55,7 +54,7 @@ class Fit:
     cost: float
     remaining: Array
     slopes: Array
-    least: float = 0.0
+    transitions: Transitions
 
     @property
     def parts(self) -> list[tuple[Fault, Array]]:
@@ -87,16 +86,22 @@ class Fit:
     def half_widths(self) -> Array:
         """Half the 95 % intervals of the parameters; infinite along what the motion does not determine.
 
-        From the scatter of the remaining differences of the quantities that vary.
+        From the scatter of the remaining differences of the quantities that vary, and errors that rows share.
         """
         if not self.size:
             return np.zeros(0)
         sizes, values, axes = self.curvature
         determined = values > _UNDETERMINED * values[0]
-        deviation = max(self._scatter, self.least)
+        deviation = max(self._scatter, self.transitions.least)
         spread = np.sum((axes[determined] / values[determined, None]) ** 2, axis=0)
+        variance = deviation**2 * spread
+        shared = self.transitions.shared_errors
+        if len(shared):
+            patterns = shared.reshape(len(shared), -1).T
+            moved = np.linalg.lstsq(self.slopes / sizes, patterns, rcond=_UNDETERMINED)[0]
+            variance = variance + np.sum(moved**2, axis=1)
         loose = np.any(np.abs(axes[~determined]) > _INVOLVED, axis=0)
-        return np.where(loose, np.inf, 1.96 * deviation * np.sqrt(spread) / sizes)
+        return np.where(loose, np.inf, 1.96 * np.sqrt(variance) / sizes)
 
     @property
     def _scatter(self) -> float:
@@ -223,7 +228,7 @@ def _step(one: _Candidate, here: Array, slopes: Array, transitions: Transitions)
     cost = transitions.cost_of(here)
     before, best = one.best, one.best
     if before is None or cost < before.cost:
-        best = one.best = Fit(one.faults, one.values.copy(), cost, here, slopes, transitions.least)
+        best = one.best = Fit(one.faults, one.values.copy(), cost, here, slopes, transitions)
         one.settled = before is not None and cost > (1.0 - _SETTLED) * before.cost
         one.share = 1.0 if before is None else min(1.0, 2.0 * one.share)
     else:

@@ -185,11 +185,21 @@ def _without_fault(
     if search.fine is not None and search.fine.scene.pivot is None:
         omega = search.fine.of_quantities(frozenset({"omega"}))
         rules = strapdown_rules(some) if "attitude" in known else []
-        if rules and Search(None, omega).is_healthy(EXACT):
+        if rules and Search(None, omega).is_healthy(EXACT) and _translates_as_stated(search, known):
             words = f"{rules[0].name}, {rules[0].formula}, of order {rules[0].order}"
             names = tuple(rule.name for rule in rules[1:])
             return Diagnosis("strapdown", rules[0].name, words, within=within, equal_maps=names), None
     return None, None
+
+
+def _translates_as_stated(search: Search, known: frozenset[str]) -> bool:
+    """Whether the exact motion or a common map explains positions and velocities, if there are any."""
+    moved = known & {"position", "velocity"}
+    if not moved:
+        return True
+    own, fine = (None if one is None else one.of_quantities(moved) for one in (search.own, search.fine))
+    bases = (EXACT,) if own is None else COMMON.values()
+    return any(Search(own, fine).is_healthy(base) for base in bases)
 
 
 def _of_several_steps(

@@ -8,7 +8,7 @@ Chemical Physics 18, 102).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -56,6 +56,9 @@ AT_ROUND_OFF = 30.0  # multiples of the round-off that count as it
 _LEAST = 0.15  # of the round-off, which is that of the worst operation
 WITHIN = 1.8  # root mean square of whitened differences: rounding leaves at most sqrt(3)
 _NOISE_WITHIN, _NOISE_SPREAD = 1.05, 4.0  # the same of noise of known deviation, and deviations of it
+_EQUAL = 1e-3  # of the spacing of numbers: a smaller difference of increments is none
+_MOST_SHARED = 2_000_000  # numbers of whitened differences of shared errors, those of the longest runs first
+_FEWEST_EQUAL = 2  # equal increments after the first one, from which on errors are shared
 SHIFT = 1e-5
 """The shift of a state, over the scale of its quantity, for the derivatives of a map."""
 
@@ -248,6 +251,44 @@ class Transitions:
     def weights(self) -> Array:
         """(12,) what differences are multiplied by: less where round-off is larger."""
         return np.min(self.noise) / self.noise
+
+    @cached_property
+    def shared_errors(self) -> Array:
+        """(r, 12, s) the whitened differences that rounding errors leave which consecutive rows share.
+
+        Numbers that increase by equal amounts, such as a constant velocity, are all rounded by the same.
+        """
+        if self.whitening is None:
+            return np.zeros((0, 12, len(self.indices)))
+        indices = (self if self.whole is None else self.whole).indices
+        path = self.trajectory
+        omega = path.omega_world_rad_s if self.world_omega else path.omega_body_rad_s
+        held = path.rotation if path.quaternion is None else path.quaternion
+        assert omega is not None
+        assert held is not None
+        columns = {"position": path.position_m, "velocity": path.velocity_m_s, "omega": omega}
+        errors = [
+            (QUANTITIES[name].start + axis, rows)
+            for name in columns.keys() & self.known
+            for axis, numbers in enumerate(columns[name].T)
+            for rows in _equally_spaced(numbers[:, None], getattr(self.resolution, name))
+        ]
+        if "attitude" in self.known:
+            runs = list(_equally_spaced(held.reshape(len(held), -1), self.resolution.attitude))
+            errors += [(row, rows) for rows in runs for row in range(12)[QUANTITIES["attitude"]]]
+        errors = sorted(errors, key=lambda one: one[1].start - one[1].stop)
+        errors = errors[: _MOST_SHARED // (12 * len(indices))]
+        defects = np.zeros((len(errors), len(self.rows), len(indices)))
+        for defect, (row, rows) in zip(defects, errors, strict=True):
+            place = int(np.searchsorted(self.rows, row))
+            off = np.zeros(len(path.t_s))
+            off[rows] = self.spread[row]
+            off[0] *= self.from_rows  # else the first transition starts from the exact state
+            defect[place] = off[indices + 1]
+            defect -= self.whitening.derivatives[:, :, place].T * off[indices]
+        found = np.zeros((len(errors), 12, len(indices)))
+        found[:, self.rows] = self.whitening.whitened(defects)
+        return found
 
     @property
     def round_off(self) -> float:
@@ -491,6 +532,16 @@ def _relative(change: Array, value: Array) -> float:
     """Return the largest change over the largest value; 0 without a change, infinite if all values are 0."""
     largest, size = (float(np.max(np.abs(part), initial=0.0)) for part in (change, value))
     return 0.0 if largest == 0.0 else largest / size if size else math.inf
+
+
+def _equally_spaced(numbers: Array, spacing: float) -> Iterator[slice]:
+    """Yield the rows of numbers (n, k) that increase by equal amounts, at least four together."""
+    change = np.diff(numbers, n=2, axis=0)
+    equal = np.r_[False, np.all(np.abs(change) <= _EQUAL * spacing, axis=1), False]
+    ends = np.flatnonzero(equal[1:] != equal[:-1])
+    for first, last in zip(ends[::2].tolist(), ends[1::2].tolist(), strict=True):
+        if last - first >= _FEWEST_EQUAL:
+            yield slice(first, last + 2)
 
 
 def _rows(models: Sequence[Model], which: Callable[[Model], bool]) -> Indices:

@@ -239,6 +239,7 @@ def test_a_log_of_gyro_rates_alone_is_examined(reversed_axis: str | None, tmp_pa
 
 
 INERTIA = np.array([[0.05, 0.004, -0.003], [0.004, 0.07, 0.006], [-0.003, 0.006, 0.09]])
+ROWS = "t_s,x_m,y_m,z_m,vx_m_s,vy_m_s,vz_m_s,qw,qx,qy,qz,wx_body_rad_s,wy_body_rad_s,wz_body_rad_s"
 FREE = f"""
 name = "free"
 duration_s = 2.0
@@ -391,6 +392,60 @@ def test_degrees_are_named_where_they_would_turn_the_body_between_samples(rows: 
     assert found is not None
     assert (found.verdict, listed(found)) == ("explained", {("omega-read-scaled",)})
     assert "degrees per second" in found.sentence
+
+
+@pytest.mark.parametrize("stepped", [True, False])
+def test_a_wrong_fall_is_no_strapdown_integration(stepped: bool, tmp_path: Path) -> None:
+    """A body that spins about one axis satisfies every rule for attitudes, and yet falls 2 % too slowly."""
+    t_s, spin = np.linspace(0.0, 2.0, 201), 1.7
+    text = FREE.replace(str(INERTIA.tolist()), "[0.05, 0.07, 0.09]").replace(
+        "1.0, -2.0, 3.0", f"0.0, 0.0, {spin}"
+    )
+    (tmp_path / "fall.toml").write_text(
+        f"{text}\n[[forcing]]\nkind = 'gravity'\nacceleration_m_s2 = [0, 0, -9.81]\n"
+    )
+    none = 0.0 * t_s
+    fall = [none, none, -0.49 * 9.81 * t_s**2, none, none, -0.98 * 9.81 * t_s]
+    turned = [np.cos(0.5 * spin * t_s), none, none, np.sin(0.5 * spin * t_s), none, none, none + spin]
+    np.savetxt(
+        tmp_path / "fall.csv", np.column_stack([t_s, *fall, *turned]), "%.9f", ",", header=ROWS, comments=""
+    )
+    found = runner.explain(
+        tmp_path / "fall.csv", tmp_path / "fall.toml", dt_s=0.01 if stepped else None
+    ).diagnosis
+    assert found is not None
+    assert (found.verdict, listed(found)) == ("explained", {("gravity",)})
+    assert found.faults[0].parameters[0].value == pytest.approx(0.98, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_rows_that_are_rounded_alike_do_not_narrow_an_interval(tmp_path: Path) -> None:
+    """A body that coasts after a push has one velocity, whose decimals are off by the same in each row."""
+    dt_s, mass, spin = 0.01, 2.0, 1.7
+    push, steps = np.array([0.31, -0.23, 0.47]), np.arange(201)
+    t_s = dt_s * steps
+    text = FREE.replace(str(INERTIA.tolist()), "[0.05, 0.07, 0.09]").replace(
+        "1.0, -2.0, 3.0", f"0.0, 0.0, {spin}"
+    )
+    (tmp_path / "pushed.toml").write_text(
+        f"{text}\n[[forcing]]\nkind = 'force'\naxes = 'world'\nvalue_n = {push.tolist()}\nuntil_s = 0.3\n"
+    )
+    off = []
+    for factor in np.random.default_rng(3).uniform(1.02, 1.04, 8):
+        pushed = np.minimum(steps, 30)
+        velocity = factor * dt_s / mass * pushed[:, None] * push
+        position = dt_s * np.cumsum(velocity, axis=0)
+        turned = np.array([np.cos(0.5 * spin * t_s), 0.0 * t_s, 0.0 * t_s, np.sin(0.5 * spin * t_s)]).T
+        omega = np.tile([0.0, 0.0, spin], (len(t_s), 1))
+        table = np.column_stack([t_s, position, velocity, turned, omega])
+        np.savetxt(tmp_path / "pushed.csv", table, "%.6f", ",", header=ROWS, comments="")
+        found = runner.explain(tmp_path / "pushed.csv", tmp_path / "pushed.toml", dt_s=dt_s).diagnosis
+        assert found is not None
+        assert ("force",) in listed(found)
+        (fault,), planted = found.faults, {"force": factor, "mass-scaled": 1.0 / factor}
+        one = fault.parameters[0]
+        off.append(1.96 * (one.value - planted[fault.name]) / (one.high - one.value))
+    assert 0.2 < float(np.sqrt(np.mean(np.square(off)))) < 1.6
 
 
 TORQUE = np.array([0.05, -0.04, 0.06])
