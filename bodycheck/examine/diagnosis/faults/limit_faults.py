@@ -9,8 +9,9 @@ from typing import Literal
 import numpy as np
 
 from bodycheck.examine.diagnosis.engine_model import ClampAxes, Model
-from bodycheck.examine.diagnosis.faults.fault import Fault, FaultContext, Parameter, assigned, near
+from bodycheck.examine.diagnosis.faults.fault import Fault, FaultContext, Parameter, assigned
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.rotations import geodesic_angle
 
 
 def _largest_of(which: Literal["v", "w"], axes: ClampAxes, at: FaultContext) -> float:
@@ -62,6 +63,12 @@ def _quiet_speed(at: FaultContext) -> float:
     return float(np.max(np.maximum(v, w)[:-1][still])) * (1.0 + 1e-9)
 
 
+def _largest_turn(at: FaultContext) -> float:
+    """Return the largest angle, in rad, by which the attitude turns in a step."""
+    q = at.transitions.trajectory.attitude
+    return float(np.max(geodesic_angle(q[:-1], q[1:]))) / at.transitions.grid.stride
+
+
 def limit_faults() -> Iterator[Fault]:
     """Yield the limits."""
     everywhere: tuple[ClampAxes, ...] = ("world", "body", "norm")
@@ -88,7 +95,7 @@ def limit_faults() -> Iterator[Fault]:
         "the rotation in one step is limited to {0} rad",
         assigned("largest_turn"),
         (Parameter("limit", "rad", math.inf, 1e-6, math.pi),),
-        near(math.pi / 4.0),
+        lambda at: [(math.pi / 4.0,), (_largest_turn(at),)],
         lambda at: (
             at.stepped
             and bool(
