@@ -41,6 +41,7 @@ exclude_patterns = ["_build", "templates"]
 html_theme = "furo"
 html_title = "bodycheck"
 html_static_path = ["static"]
+html_use_index = False  # the search has its entries
 html_css_files = ["site.css"]
 html_js_files = [("site.js", {"defer": "defer"})]
 templates_path = ["templates"]

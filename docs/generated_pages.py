@@ -122,7 +122,7 @@ def table_of_measures() -> str:
     for one in MEASURES.values():
         columns = "<br>".join(f"`{column}`" for column in one.columns)
         judged = {"limit": "its limit", "property": "property", None: "not judged"}[one.judged]
-        formula = one.formula.replace("|", "\\|")
+        formula = one.formula.replace("|", "\\|").replace("`", "")
         lines.append(f"| `{one.name}` | `{formula}` | {columns} | {one.unit or '1'} | {judged} |")
     return "\n".join([*lines, ""])
 

@@ -11,17 +11,24 @@ import re
 from collections.abc import Collection
 from typing import Any
 
+from docutils import nodes
 from sphinx.application import Sphinx
 
 _CODE = re.compile(r"``?([^`]+)``?")
 _MARKUP = re.compile(r"([\\*|_`])")
+_PAGE = re.compile(r"\bdocs/([\w-]+)\.md")
 _ALIAS = re.compile(r"TypeAliasForwardRef\('(\w+)'\)")  # how autodoc writes an alias within a union
 
 
 def escaped(line: str) -> str:
     """Return a line whose text means itself, and what stands in backticks as code."""
     pieces = _CODE.split(line)
-    return "".join(f"``{piece}``" if i % 2 else _MARKUP.sub(r"\\\1", piece) for i, piece in enumerate(pieces))
+    return "".join(f"``{piece}``" if i % 2 else _plain(piece) for i, piece in enumerate(pieces))
+
+
+def _plain(text: str) -> str:
+    """Return text without markup, in which the names of pages, such as docs/workers.md, are links to them."""
+    return _PAGE.sub(r":doc:`/\1`", _MARKUP.sub(r"\\\1", text))
 
 
 def paragraphs(lines: list[str]) -> list[str]:
@@ -89,8 +96,17 @@ def _name_aliases(
     return tuple(text and _ALIAS.sub(r"\1", text) for text in (signature, returns))
 
 
+def _separate_by_colons(app: Sphinx, document: nodes.document) -> None:
+    """Write "name: text" for the "name -- text" of Sphinx, which without smartquotes is no dash."""
+    del app
+    for text in list(document.findall(nodes.Text)):
+        if text == " -- ":
+            text.parent.replace(text, nodes.Text(": "))
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Show every docstring as it stands."""
     app.connect("autodoc-process-docstring", _show_as_it_stands)
     app.connect("autodoc-process-signature", _name_aliases)
+    app.connect("doctree-read", _separate_by_colons)
     return {"parallel_read_safe": True}
