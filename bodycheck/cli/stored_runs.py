@@ -616,8 +616,9 @@ def movie(
 ) -> None:
     """Write an animation of one scenario: the body of each engine, with the truth over it in grey.
 
-    For each engine, the method farthest from the truth is shown. An animation has at most 200 frames, each a
-    stored sample, and lasts about 10 s; MP4 needs ffmpeg on the path. An SVG is a strip of six frames.
+    For each engine, the method farthest from the truth is shown; equal motions are one body with all their
+    names. An animation has at most 200 frames, each a stored sample, and lasts about 10 s; MP4 needs ffmpeg
+    on the path. An SVG is a strip of six frames.
     """
     from bodycheck._util.files import write_file
     from bodycheck.reports.cache.disk_cache import Cache
