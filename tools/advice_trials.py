@@ -10,8 +10,6 @@ or if more than a tenth of the predictions or of all answers are unsure or missi
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from contextlib import nullcontext
@@ -19,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from trials import command
 
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import MethodKey, key_of
@@ -52,42 +51,41 @@ class Question:
         return self.estimate.setting
 
 
-def main() -> int:
-    """Run the trials and print their figures."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("run", type=Path, help="folder of a run with the coarse steps")
-    parser.add_argument("--measure", default="orientation_error_rad")
-    parser.add_argument("--errors", default="1e-1,1e-2,1e-3,1e-4,1e-5,1e-6", help="requested errors")
-    parser.add_argument("--engines", default="", help="only these engines [default: all of the run]")
-    parser.add_argument("--most-steps", type=float, default=3e5, help="limit per measured case")
-    parser.add_argument("--questions", type=int, default=None, help="size of a random sample [default: all]")
-    parser.add_argument("--seed", type=int, default=1)
-    requested = parser.parse_args()
+def main(
+    run: Path,
+    measure: str = "orientation_error_rad",
+    errors: str = "1e-1,1e-2,1e-3,1e-4,1e-5,1e-6",
+    engines: str = "",
+    most_steps: float = 3e5,
+    questions: int | None = None,
+    seed: int = 1,
+) -> bool:
+    """Print the figures of the folder of a run with the coarse steps.
 
-    run = read_tables(requested.run)
+    engines: only these, separated by commas; questions: the size of a random sample; all by default.
+    """
+    tables = read_tables(run)
     curves = {
         place: curve
-        for place, curve in curves_of(run, requested.measure).items()
-        if curve.control == "dt" and (not requested.engines or place[1][0] in requested.engines.split(","))
+        for place, curve in curves_of(tables, measure).items()
+        if curve.control == "dt" and (not engines or place[1][0] in engines.split(","))
     }
     kinds = Counter[str]()
-    questions = list(_questions(curves, [float(error) for error in requested.errors.split(",")], kinds))
+    predicted = list(_questions(curves, [float(error) for error in errors.split(",")], kinds))
     _print_counts("answers", kinds)
-    cheap = [one for one in questions if _steps(curves[one.place], one.dt_s) <= requested.most_steps]
-    if requested.questions is not None and requested.questions < len(cheap):
-        chosen = np.random.default_rng(requested.seed).choice(len(cheap), requested.questions, replace=False)
+    cheap = [one for one in predicted if _steps(curves[one.place], one.dt_s) <= most_steps]
+    if questions is not None and questions < len(cheap):
+        chosen = np.random.default_rng(seed).choice(len(cheap), questions, replace=False)
         cheap = [cheap[place] for place in sorted(chosen)]
-    print(f"{len(questions)} predictions, {len(cheap)} of them measured")
+    print(f"{len(predicted)} predictions, {len(cheap)} of them measured")
 
     found, factors = Counter[str](), []
     for batch in _batches(cheap):
         steps = {one.place: one.dt_s for one in batch}
-        measured = measure_steps(run, steps, Request(speed=False), lambda _: nullcontext(NULL_PROGRESS))
+        measured = measure_steps(tables, steps, Request(speed=False), lambda _: nullcontext(NULL_PROGRESS))
         cases = {(case.columns["scenario"], key_of(case.columns)): case for case in measured.cases}
         for one in batch:
-            ratio = largest_error(cases[one.place], requested.measure) / one.error
+            ratio = largest_error(cases[one.place], measure) / one.error
             found[f"{one.estimate.basis}, {'holds' if ratio <= FACTOR else 'fails'}"] += 1
             if one.estimate.basis == "predicted":
                 factors.append(ratio)
@@ -105,7 +103,7 @@ def main() -> int:
     without = (kinds["unsure"] + kinds["none"]) / answers
     print(f"unsure: {100 * unsure:.1f} % of {predictions} predictions")
     print(f"unsure or no setting: {100 * without:.1f} % of {answers} answers")
-    return int(found["predicted, fails"] > 0 or max(unsure, without) > MAX_UNSURE)
+    return found["predicted, fails"] > 0 or max(unsure, without) > MAX_UNSURE
 
 
 def _questions(
@@ -145,4 +143,4 @@ def _print_counts(what: str, counts: Counter[str]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command(main)

@@ -15,7 +15,6 @@ python tools/audit_trials.py size --trials 1000     the time to lint so many lin
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import random
 import re
@@ -23,10 +22,12 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
+from trials import command
 
 from bodycheck._util.errors import InputError
 from bodycheck.adapters.importers import importer
@@ -43,31 +44,16 @@ from bodycheck.audit.audit_run import (
 from bodycheck.audit.lint import lint
 from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.model_files.xml_file import read_bytes
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
 from tests.helpers import usd_stages
 from tests.helpers.model_texts import mutated, random_mjcf, random_urdf, sdf_of
 from tests.helpers.slipped_joints import JOINT_SLIPS, MJCF_SLIPS, joint_text, slipped, slipped_mjcf
 from tests.helpers.slipped_links import SLIPS, Link, chain, changes_enough, is_right, random_link
 
-PARTS = (
-    "real",
-    "read",
-    "valid",
-    "composites",
-    "damaged",
-    "stages",
-    "converters",
-    "joints",
-    "slips",
-    "healthy",
-    "size",
-)
 IMPORTERS = (("mujoco", "recommended"), ("pybullet", "recommended"), ("dart", "default"))
 _ROOTS = re.compile(b"<(robot|mujoco|sdf)\\b")
 
 
-def real(folders: list[Path], every: int) -> None:
+def real(*folders: Path, every: int = 1) -> None:
     """Audit real files without spins; print outcomes, causes with an example, and the slowest files."""
     files = _models(folders)[::every]
     outcomes: Counter[str] = Counter()
@@ -114,13 +100,16 @@ def real(folders: list[Path], every: int) -> None:
     print("slowest, s per link and importer:", [(round(s, 2), name) for s, name in slow[:5]])
 
 
-def _models(folders: list[Path]) -> list[Path]:
+def _models(folders: Sequence[Path]) -> list[Path]:
+    """Return the model files in these folders, or in those of the installed engines."""
+    specs = (find_spec(name) for name in (("pybullet_data", "mujoco") if not folders else ()))
+    folders = folders or [Path(spec.origin).parent for spec in specs if spec and spec.origin]
     suffixes = (".urdf", ".xml", ".sdf", ".world")
     files = sorted(path for folder in folders for path in folder.rglob("*") if path.suffix in suffixes)
     return [path for path in files if path.is_file() and _ROOTS.search(read_bytes(path))]
 
 
-def read(folders: list[Path]) -> None:
+def read(*folders: Path) -> None:
     """Read and lint files; print how many of each root element are read, why not, and the findings."""
     ended: Counter[str] = Counter()
     findings: Counter[str] = Counter()
@@ -144,7 +133,7 @@ def _kind(cause: str) -> str:
     return cause.split(":")[0] if cause.startswith(("damping", "limits", "mass invented")) else cause[:75]
 
 
-def valid(count: int, seed: int) -> None:
+def valid(files: int = 500, seed: int = 1) -> None:
     """Import generated files, and print the largest difference of importers that read them correctly."""
     rng = np.random.default_rng(seed)
     worst = {name: Difference(0.0, 0.0, 0.0) for name, _ in IMPORTERS} | {
@@ -153,7 +142,7 @@ def valid(count: int, seed: int) -> None:
     false = links = 0
     pool = EnginePool()
     with tempfile.TemporaryDirectory() as folder, contextlib.closing(pool):
-        for k in range(count):
+        for k in range(files):
             mjcf = k % 2 == 1
             path = Path(folder) / f"model{k}.{'xml' if mjcf else 'urdf'}"
             path.write_text(random_mjcf(rng) if mjcf else random_urdf(rng))
@@ -179,19 +168,19 @@ def valid(count: int, seed: int) -> None:
                     if difference.largest > SINGLE:
                         false += 1
                         print(f"FALSE {k} {engine} {link.name}: {difference}")
-    print(f"{count} files, {links} links compared, {false} false differences")
+    print(f"{files} files, {links} links compared, {false} false differences")
     for name, difference in worst.items():
         print(f"  {name}: at most {difference.largest:.2e}")
 
 
-def composites(count: int, seed: int) -> None:
+def composites(trials: int = 200, seed: int = 1) -> None:
     """Compare composites of nested fixed links with sums in 50 digits by other formulas."""
     from tests.helpers.model_texts import composite_50_digits
 
     rng = np.random.default_rng(seed)
     worst = 0.0
     with tempfile.TemporaryDirectory() as folder:
-        for k in range(count):
+        for k in range(trials):
             path = Path(folder) / f"chain{k}.urdf"
             path.write_text(random_urdf(rng, fixed=True))
             model = read_model(path)
@@ -207,10 +196,10 @@ def composites(count: int, seed: int) -> None:
                 float(np.max(np.abs(body.inertia_kg_m2 - tensor))) / largest,
                 float(np.max(np.abs(body.centre_m - centre))) / float(np.max(np.abs(centre))),
             )
-    print(f"{count} composites, largest relative difference {worst:.2e}")
+    print(f"{trials} composites, largest relative difference {worst:.2e}")
 
 
-def damaged(count: int, seed: int) -> None:
+def damaged(files: int = 500, seed: int = 1) -> None:
     """Read damaged files, and print every result other than one clear line."""
     rng = random.Random(seed)
     texts = [random_urdf(np.random.default_rng(k)) for k in range(20)]
@@ -218,7 +207,7 @@ def damaged(count: int, seed: int) -> None:
     texts += [random_mjcf(np.random.default_rng(k)) for k in range(20)]
     endings: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as folder:
-        for k in range(count):
+        for k in range(files):
             path = Path(folder) / "model.xml"
             path.write_bytes(mutated(rng.choice(texts).encode(), rng))
             try:
@@ -231,12 +220,12 @@ def damaged(count: int, seed: int) -> None:
                 path.rename(Path(tempfile.gettempdir()) / f"fault-{k}.xml")
             else:
                 endings["read; names files outside" if found.outside else "read"] += 1
-    print(f"{count} damaged files")
+    print(f"{files} damaged files")
     for what, amount in endings.most_common():
         print(f"  {amount:6d}  {what}")
 
 
-def damaged_stages(count: int, seed: int) -> None:
+def stages(files: int = 500, seed: int = 1) -> None:
     """Read damaged USD stages, as text and binary, and print every result other than one clear line."""
     from pxr import Usd
 
@@ -246,7 +235,7 @@ def damaged_stages(count: int, seed: int) -> None:
         text, binary = Path(folder) / "sound.usda", Path(folder) / "sound.usdc"
         text.write_text(usd_stages.Stage(metre=0.01).text(_links(np.random.default_rng(seed))))
         Usd.Stage.Open(str(text)).Export(str(binary))
-        for k in range(count):
+        for k in range(files):
             sound = (text, binary)[k % 2]
             path = Path(folder) / f"model{sound.suffix}"
             path.write_bytes(mutated(sound.read_bytes(), rng))
@@ -259,7 +248,7 @@ def damaged_stages(count: int, seed: int) -> None:
                 endings[f"FAULT {type(error).__name__}: {error}"[:200]] += 1
             else:
                 endings["read"] += 1
-    print(f"{count} damaged stages")
+    print(f"{files} damaged stages")
     for what, amount in endings.most_common():
         print(f"  {amount:6d}  {what}")
 
@@ -282,7 +271,7 @@ def _links(rng: np.random.Generator) -> list[usd_stages.Link]:
     return found
 
 
-def converters(count: int, seed: int) -> None:
+def converters(trials: int = 200, seed: int = 1) -> None:
     """Write the stage of a random URDF with one fault of converters, or with none, and compare the two."""
     turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
     faults = {
@@ -300,7 +289,7 @@ def converters(count: int, seed: int) -> None:
     endings: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as folder:
         stage, urdf = Path(folder) / "robot.usda", Path(folder) / "robot.urdf"
-        for k in range(count):
+        for k in range(trials):
             links, (cause, fault) = _links(rng), list(faults.items())[k % len(faults)]
             metre, kilogram = float(rng.choice([1.0, 0.01, 0.001])), float(rng.choice([1.0, 0.001]))
             urdf.write_text(usd_stages.urdf(links))
@@ -312,18 +301,18 @@ def converters(count: int, seed: int) -> None:
             else:
                 named = len(found) == 3 and all(why.startswith(cause) for why in found)
                 endings[f"{cause}: {'named' if named else f'NOT NAMED: {found}'}"] += 1
-    print(f"{count} stages")
+    print(f"{trials} stages")
     for what, amount in endings.most_common():
         print(f"  {amount:6d}  {what}")
 
 
-def joints(count: int, seed: int) -> None:
+def joints(trials: int = 200, seed: int = 1) -> None:
     """Plant one slip in a joint of each random URDF; then import healthy URDF, SDFormat and MJCF files."""
     rng = np.random.default_rng(seed)
     endings: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as folder, np.errstate(all="ignore"):
         stated, changed = Path(folder) / "stated.urdf", Path(folder) / "changed.urdf"
-        for k in range(count):
+        for k in range(trials):
             name = list(JOINT_SLIPS)[k % len(JOINT_SLIPS)]
             text = ""
             while text.count("<joint") < 2:
@@ -343,7 +332,7 @@ def joints(count: int, seed: int) -> None:
             endings[_ending(changed, stated, f"MJCF, {name}", "j", MJCF_SLIPS[name].cause)] += 1
     for what, amount in endings.most_common():
         print(f"  {amount:6d}  {what}")
-    _healthy_joints(count, rng)
+    _healthy_joints(trials, rng)
 
 
 def _ending(changed: Path, stated: Path, name: str, joint: str, cause: str) -> str:
@@ -386,12 +375,12 @@ def _healthy_joints(count: int, rng: np.random.Generator) -> None:
         print(f"  M in {name}: at most {deviation:.2e}")
 
 
-def slips(count: int, seed: int) -> None:
+def slips(trials: int = 200, seed: int = 1) -> None:
     """Plant one slip in each link; print how many are found with the right numbers."""
     rng = np.random.default_rng(seed)
     counts: dict[str, Counter[str]] = {name: Counter() for name in SLIPS}
     with tempfile.TemporaryDirectory() as folder:
-        for k in range(count):
+        for k in range(trials):
             name = list(SLIPS)[k % len(SLIPS)]
             make, shapes = SLIPS[name]
             link = random_link(rng, Path(folder), str(rng.choice(shapes)))
@@ -404,15 +393,15 @@ def slips(count: int, seed: int) -> None:
     for name, found in counts.items():
         print(f"  {name}: {', '.join(f'{amount} {what}' for what, amount in sorted(found.items()))}")
     counted = sum(amount for what, amount in total.items() if what.startswith("counted"))
-    print(f"{count} links: {total['counted, right']} of {counted} that count have the right numbers")
+    print(f"{trials} links: {total['counted, right']} of {counted} that count have the right numbers")
 
 
-def healthy(count: int, seed: int) -> None:
+def healthy(trials: int = 200, seed: int = 1) -> None:
     """Lint right links with 4 to 17 digits: of one or several densities, or with other shapes."""
     rng = np.random.default_rng(seed)
     found: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as folder:
-        for k in range(count):
+        for k in range(trials):
             kinds = ("box", "cylinder", "sphere", "capsule", "mesh", "several", "several", "several")
             link = random_link(rng, Path(folder), str(rng.choice(kinds)), even=k % 2 == 0)
             link.digits = int(rng.choice([4, 6, 8, 17]))
@@ -425,7 +414,7 @@ def healthy(count: int, seed: int) -> None:
                 if one.severity != "note":
                     print(f"  accused: {one.message}\n  {link.text('part', written, visual=False)}")
     accused = sum(amount for what, amount in found.items() if not what.startswith("note"))
-    print(f"{count} healthy links: {accused} accused; {dict(found)}")
+    print(f"{trials} healthy links: {accused} accused; {dict(found)}")
 
 
 def _linted(link: Link, written: np.ndarray, rng: np.random.Generator, folder: Path) -> list[LintFinding]:
@@ -434,59 +423,17 @@ def _linted(link: Link, written: np.ndarray, rng: np.random.Generator, folder: P
     return list(lint(read_model(path)))
 
 
-def size(count: int) -> None:
+def size(trials: int = 200) -> None:
     """Time the lint of chains of links with a healthy tensor, a slip, an odd tensor, and without any."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "robot.urdf"
         for kind, factors in (("healthy", (1, 1, 1)), ("odd", (3.3, 2.2, 2.9)), ("empty", None)):
-            path.write_text(chain(count, factors))
+            path.write_text(chain(trials, factors))
             began, cpu = time.monotonic(), time.process_time()
             findings = len(list(lint(read_model(path))))
             elapsed, used = time.monotonic() - began, time.process_time() - cpu
-            print(f"{count} {kind} links: {elapsed:.2f} s, CPU {used:.2f} s, {findings} findings")
-
-
-def main() -> None:
-    """Run the requested part."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("part", choices=PARTS)
-    parser.add_argument("folders", nargs="*", type=Path)
-    parser.add_argument("--files", type=int, default=500)
-    parser.add_argument("--trials", type=int, default=200)
-    parser.add_argument("--every", type=int, default=1)
-    parser.add_argument("--seed", type=int, default=1)
-    given = parser.parse_args()
-    match given.part:
-        case "real":
-            real(given.folders or _installed(), given.every)
-        case "read":
-            read(given.folders or _installed())
-        case "valid":
-            valid(given.files, given.seed)
-        case "composites":
-            composites(given.trials, given.seed)
-        case "damaged":
-            damaged(given.files, given.seed)
-        case "stages":
-            damaged_stages(given.files, given.seed)
-        case "converters":
-            converters(given.trials, given.seed)
-        case "joints":
-            joints(given.trials, given.seed)
-        case "slips":
-            slips(given.trials, given.seed)
-        case "healthy":
-            healthy(given.trials, given.seed)
-        case "size":
-            size(given.trials)
-
-
-def _installed() -> list[Path]:
-    specs = (find_spec(name) for name in ("pybullet_data", "mujoco"))
-    return [Path(spec.origin).parent for spec in specs if spec is not None and spec.origin is not None]
+            print(f"{trials} {kind} links: {elapsed:.2f} s, CPU {used:.2f} s, {findings} findings")
 
 
 if __name__ == "__main__":
-    main()
+    command(*(real, read, valid, composites, damaged, stages, converters, joints, slips, healthy, size))

@@ -11,7 +11,6 @@ if a cell differs, or if an answer is missing or present twice.
 
 from __future__ import annotations
 
-import argparse
 import os
 import shutil
 import signal
@@ -22,9 +21,8 @@ import time
 from concurrent.futures import wait
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 import pandas as pd
+from trials import command
 
 from bodycheck._util.shard import Shard
 from bodycheck.adapters.contract import Setting
@@ -157,16 +155,12 @@ def trials(words: list[str], folder: Path) -> bool:
     return not any(found.values()) and not twice
 
 
-def main() -> None:
-    """Print the figures; exit with status 1 if something differs."""
-    parser = argparse.ArgumentParser(description="Compare shards and clusters with one run.")
-    parser.add_argument("scenarios", nargs="*", default=["smoke"])
-    parser.add_argument("--engine", default="mujoco,dart,reference", help="[default: mujoco,dart,reference]")
-    given = parser.parse_args()
-    words = ["run", *given.scenarios, "--engine", given.engine, "--no-speed", "--fresh", "--quiet"]
+def main(*scenarios: str, engine: str = "mujoco,dart,reference") -> bool:
+    """Print the figures; return whether something differs."""
+    words = ["run", *(scenarios or ("smoke",)), "--engine", engine, "--no-speed", "--fresh", "--quiet"]
     with tempfile.TemporaryDirectory() as folder:
-        sys.exit(0 if trials(words, Path(folder)) else 1)
+        return not trials(words, Path(folder))
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

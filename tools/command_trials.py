@@ -10,22 +10,17 @@ long, or needed more than 500 MB.
 
 from __future__ import annotations
 
-import argparse
-import os
 import random
 import shutil
-import sys
 import tempfile
-import time
-from collections import Counter
+from functools import partial
 from pathlib import Path
 from subprocess import CompletedProcess
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
+from trials import Planted, command
 
 import bodycheck
 from bodycheck._util.untrusted import LONGEST_LINE
-from tests.helpers.child_process import run_in_child
 from tests.helpers.file_mutations import any_bytes
 from tests.helpers.in_process_cli import run_bodycheck
 from tests.helpers.nightly_runs import store_nightly_runs, unchanged
@@ -156,37 +151,24 @@ def fault_of(words: list[str], done: CompletedProcess[str], before: set[str], af
     return None
 
 
-def main() -> int:
-    """Run the trials and print the number of each kind of ending."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    options.add_argument("--trials", type=int, default=1000)
-    options.add_argument("--seed", type=int, default=1)
-    requested = options.parse_args()
-    begin, endings, failed = time.monotonic(), Counter[str](), []
-    megabytes, slowest = 0.0, 0.0
+def main(trials: int = 1000, seed: int = 1) -> bool:
+    """Run the trials; return whether one failed."""
+    planted = Planted(seed, MAX_MEGABYTES)
     with tempfile.TemporaryDirectory(prefix="command-trials-") as place:
         sound = prepared(Path(place, "sound"))
-        for number in range(requested.trials):
-            words = drawn(random.Random(f"{requested.seed}/{number}"))
+        for number in range(trials):
+            words = drawn(random.Random(f"{seed}/{number}"))
             folder = Path(place, "tried")
             shutil.copytree(sound, folder)
             before = {path.name for path in folder.iterdir()}
-            ended = run_in_child(lambda words=words, folder=folder: run_bodycheck(folder, *words), LIMIT_S)  # type: ignore[misc]
-            megabytes, slowest = max(megabytes, ended.megabytes), max(slowest, ended.seconds)
-            fault = ended.error or fault_of(
-                words, ended.value, before, {path.name for path in folder.iterdir()}
-            )
-            if fault is not None:
-                failed.append(number)
-                printed = "" if ended.value is None else ended.value.stderr[-400:]
-                print(f"trial {number}: {words!r:.500}: {fault[-1500:]}\n    {printed}", flush=True)
-            endings["failed" if fault else f"status {ended.value.returncode}"] += 1
+            ended = planted.in_child(partial(run_bodycheck, folder, *words), LIMIT_S)
+            after = {path.name for path in folder.iterdir()}
+            fault = ended.error or fault_of(words, ended.value, before, after)
+            printed = "" if ended.value is None else f"\n    {ended.value.stderr[-400:]}"
+            ending = "failed" if fault else f"status {ended.value.returncode}"
+            planted.add(number, ending, fault and fault + printed, f": {words!r:.500}")
             shutil.rmtree(folder)
-    print(f"{requested.trials} command lines of seed {requested.seed} in {time.monotonic() - begin:.0f} s")
-    print(dict(endings))
-    print(f"slowest {slowest:.1f} s, at most {megabytes:.0f} MB")
-    print(f"{len(failed)} failed" + (f": {failed}" if failed else ""))
-    return 1 if failed or megabytes > MAX_MEGABYTES else 0
+    return planted.summed_up("command lines")
 
 
 def prepared(folder: Path) -> Path:
@@ -206,5 +188,4 @@ def prepared(folder: Path) -> Path:
 
 
 if __name__ == "__main__":
-    os.environ.setdefault("BODYCHECK_CACHE_DIR", tempfile.mkdtemp())
-    sys.exit(main())
+    command(main, own_cache=True)

@@ -27,5 +27,6 @@ NUMBA_DISABLE_JIT=1 python -m coverage run -m pytest -m "not slow" \
     -W "ignore:invalid value:RuntimeWarning" -W "ignore:overflow encountered:RuntimeWarning" --deselect "$compiled" \
     $(printf 'tests/reference_impl/test_%s.py ' "${plain[@]}") tests/scenarios/mass_properties || failed=1
 python -m coverage combine --quiet
+cp "$COVERAGE_FILE" .coverage # with the tests of each line
 python -m coverage report --show-missing --skip-covered --precision=1 --fail-under=95
 exit $failed

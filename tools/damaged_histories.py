@@ -9,34 +9,25 @@ if a run was not stored, had no baseline although there is a valid one, or did n
 
 from __future__ import annotations
 
-import argparse
-import os
 import random
 import shutil
-import sys
 import tempfile
-import time
-from collections import Counter
+from functools import partial
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
+from trials import FaultFound, Planted, command
 
 import bodycheck
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import read_summary
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs.nightly_run import store_nightly
-from tests.helpers.child_process import run_in_child
 from tests.helpers.file_mutations import any_bytes, csv_cell, json_value, toml_line
 from tests.helpers.nightly_runs import as_nightly_run, store_nightly_runs, unchanged
 from tests.helpers.scenario_texts import SCENARIO
 
 LIMIT_S, MAX_MEGABYTES = 60.0, 500.0
 GRAMMARS = {".json": json_value, ".csv": csv_cell, ".toml": toml_line}
-
-
-class FaultFound(Exception):  # noqa: N818 - the result that the trials search for
-    """A nightly run that was not stored and judged as required."""
 
 
 def damage(path: Path, dice: random.Random) -> str:
@@ -70,50 +61,29 @@ def trial(run: Run, folder: Path, number: int, damaged: Path) -> None:
         raise FaultFound("the page does not name it")
 
 
-def main() -> int:
-    """Run the trials and print the number of each kind of ending."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    options.add_argument("--nights", type=int, default=30)
-    options.add_argument("--trials", type=int, default=300)
-    options.add_argument("--seed", type=int, default=1)
-    requested = options.parse_args()
-    begin, ways, failed = time.monotonic(), Counter[str](), []
-    megabytes, slowest = 0.0, 0.0
+def main(nights: int = 30, trials: int = 300, seed: int = 1) -> bool:
+    """Run the trials; return whether one failed."""
+    planted = Planted(seed, MAX_MEGABYTES)
     with tempfile.TemporaryDirectory(prefix="damaged-histories-") as place:
-        (Path(place) / "mine.toml").write_text(SCENARIO)
-        run = bodycheck.run([Path(place) / "mine.toml"], engines=["reference:m1", "reference:rk4"], jobs=1)
-        history = Path(place, "history")
-        store_nightly_runs(run, history, [unchanged] * requested.nights)
-        for number in range(requested.trials):
-            dice = random.Random(f"{requested.seed}/{number}")
-            night = dice.choice(History(history).runs())
+        scenario, history = Path(place, "mine.toml"), Path(place, "history")
+        scenario.write_text(SCENARIO)
+        run = bodycheck.run([scenario], engines=["reference:m1", "reference:rk4"], jobs=1)
+        store_nightly_runs(run, history, [unchanged] * nights)
+        for number in range(trials):
+            dice = random.Random(f"{seed}/{number}")
+            files = [one for one in dice.choice(History(history).runs()).rglob("*") if one.is_file()]
             # what an empty file says is its name, which no byte in it can change
-            files = [
-                one
-                for one in night.rglob("*")
-                if one.is_file() and one.suffix != ".npz" and one.stat().st_size
-            ]
-            path = dice.choice(sorted(files))
+            path = dice.choice(sorted(one for one in files if one.suffix != ".npz" and one.stat().st_size))
             content = path.read_bytes()
             way = f"{path.suffix[1:]} {damage(path, dice)}"
-            ways[way] += 1
-            ended = run_in_child(lambda path=path: trial(run, history, requested.nights, path), LIMIT_S)  # type: ignore[misc]
-            megabytes, slowest = max(megabytes, ended.megabytes), max(slowest, ended.seconds)
-            if ended.error is not None:
-                failed.append(number)
-                print(f"trial {number} ({path.name}, {way}): {ended.error[-1500:]}", flush=True)
+            ended = planted.in_child(partial(trial, run, history, nights, path), LIMIT_S)
+            planted.add(number, way, ended.error, f" ({path.name}, {way})")
             path.write_bytes(content)
-            for extra in History(history).runs()[requested.nights :]:
+            for extra in History(history).runs()[nights:]:
                 shutil.rmtree(extra)
-    print(f"{requested.trials} trials of seed {requested.seed} in {time.monotonic() - begin:.0f} s")
-    print(dict(sorted(ways.items())))
-    print(
-        f"a history of {requested.nights} nightly runs; slowest {slowest:.1f} s, at most {megabytes:.0f} MB"
-    )
-    print(f"{len(failed)} failed" + (f": {failed}" if failed else ""))
-    return 1 if failed or megabytes > MAX_MEGABYTES else 0
+    print(f"a history of {nights} nightly runs")
+    return planted.summed_up("damaged histories")
 
 
 if __name__ == "__main__":
-    os.environ.setdefault("BODYCHECK_CACHE_DIR", tempfile.mkdtemp())
-    sys.exit(main())
+    command(main, own_cache=True)

@@ -10,18 +10,14 @@ status 1 below 95 % of hits, if a third fault is named, or if a healthy map is a
 
 from __future__ import annotations
 
-import argparse
 import random
-import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
+from trials import command
 
 from bodycheck.adapters.contract import Setting
 from bodycheck.adapters.execution import Case, record
@@ -239,7 +235,7 @@ def singles(scenarios: Sequence[str], maps: Sequence[str], *, show: bool) -> tup
     return hits, len(counted), accused
 
 
-def pairs(scenarios: Sequence[str], maps: Sequence[str], count: int, *, show: bool) -> int:
+def random_pairs(scenarios: Sequence[str], maps: Sequence[str], count: int, *, show: bool) -> int:
     """Print the results for random pairs, and return how often a third fault was named."""
     draw = random.Random(25)
     tally: Counter[str] = Counter()
@@ -274,22 +270,17 @@ def _pair_word(one: Trial) -> str:
     return "one of them" if any(names <= first | second for names in one.names) else "THIRD"
 
 
-def main() -> int:
-    """Print the figures and return the exit status."""
-    requested = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    requested.add_argument("--pairs", type=int, default=60, help="number of random pairs [default: 60]")
-    requested.add_argument("--scenarios", nargs="+", default=list(SCENARIOS), choices=list(SCENARIOS))
-    requested.add_argument("--maps", nargs="+", default=list(BASES), choices=list(BASES))
-    requested.add_argument("--show", action="store_true", help="print each case, not only misses")
-    reported = requested.parse_args()
-    hits, counted, accused = singles(reported.scenarios, reported.maps, show=reported.show)
-    third = (
-        pairs(reported.scenarios, reported.maps, reported.pairs, show=reported.show) if reported.pairs else 0
-    )
-    return int(hits < 0.95 * counted or third > 0 or accused > 0)
+def main(
+    pairs: int = 60,
+    scenarios: tuple[str, ...] = (*SCENARIOS,),
+    maps: tuple[str, ...] = (*BASES,),
+    show: bool = False,
+) -> bool:
+    """Print the misses, or with show each case; return whether the figures are missed."""
+    hits, counted, accused = singles(scenarios, maps, show=show)
+    third = random_pairs(scenarios, maps, pairs, show=show) if pairs else 0
+    return hits < 0.95 * counted or third > 0 or accused > 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command(main)

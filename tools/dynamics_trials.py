@@ -18,15 +18,11 @@ a fault, or is not explained.
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections import Counter
 from contextlib import closing
-from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
+from trials import command
 
 from bodycheck.adapters.contract import Setting
 from bodycheck.adapters.execution import Case, record, refusal
@@ -66,7 +62,7 @@ def is_named(fault: PlantedTreeFault, found: EngineDynamics) -> bool:
     )
 
 
-def faults(names: list[str], trees: int) -> int:
+def faults(*names: str, trees: int = 8) -> int:
     """Print a line per fault, and return the number of those that are not named."""
     missed = 0
     for fault in PLANTED:
@@ -84,7 +80,7 @@ def faults(names: list[str], trees: int) -> int:
     return missed
 
 
-def healthy(names: list[str], trees: int) -> int:
+def healthy(*names: str, trees: int = 100) -> int:
     """Print the answers of healthy engines, and return the number of wrong readings."""
     accused = 0
     for engine in names or _HEALTHY:
@@ -95,7 +91,7 @@ def healthy(names: list[str], trees: int) -> int:
     return accused
 
 
-def conditions(names: list[str]) -> int:
+def conditions(*names: str) -> None:
     """Print the worst deviations of each engine, and those over 10 + cond M."""
     seed = DynamicsOptions().seed
     handed = [(name, handed_tree(name)) for name in HANDED if name != "physical-pendulum"]
@@ -117,10 +113,9 @@ def conditions(names: list[str]) -> int:
                         f"over 10 + cond M {max(shares):.1e}",
                         flush=True,
                     )
-    return 0
 
 
-def motions(names: list[str]) -> int:
+def motions(*names: str) -> bool:
     """Print a line per fault and tree, and return whether fewer than 90 % are named."""
     named = trials = 0
     for tree in TREES:
@@ -134,10 +129,10 @@ def motions(names: list[str]) -> int:
             text = "not examined" if found is None else f"{found.base}: {found.sentence}"
             print(f"{'named ' if right else 'MISSED'} {tree:12} {fault.name:20} {text}", flush=True)
     print(f"{named} of {trials} named first, with parameters within 5 %")
-    return int(named < 0.9 * trials)
+    return named < 0.9 * trials
 
 
-def healthy_motions(names: list[str], trees: int) -> int:
+def healthy_motions(*names: str, trees: int = 50) -> int:
     """Print a line per method, and return the number of motions that are accused."""
     scenes = [tree.scene for name in tree_names() for _, tree in load_trees(name)]
     for number in range(trees):
@@ -179,23 +174,5 @@ def healthy_motions(names: list[str], trees: int) -> int:
     return accused
 
 
-def main() -> int:
-    """Run a trial."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("trial", choices=("faults", "healthy", "conditions", "motions", "healthy-motions"))
-    parser.add_argument("names", nargs="*")
-    parser.add_argument("--trees", type=int)
-    given = parser.parse_intermixed_args()
-    if given.trial == "faults":
-        return int(bool(faults(given.names, given.trees or 8)))
-    if given.trial == "conditions":
-        return conditions(given.names)
-    if given.trial == "motions":
-        return motions(given.names)
-    if given.trial == "healthy-motions":
-        return int(bool(healthy_motions(given.names, 50 if given.trees is None else given.trees)))
-    return int(bool(healthy(given.names, given.trees or 100)))
-
-
 if __name__ == "__main__":
-    raise SystemExit(main())
+    command(faults, healthy, conditions, motions, healthy_motions)

@@ -6,7 +6,6 @@ figures: kernels, scaling, mujoco, quantiles, hunt [default: all].
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import resource
@@ -17,6 +16,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from trials import command
 
 from bodycheck.adapters.batches import Batch, record_batch
 from bodycheck.adapters.contract import Setting
@@ -161,15 +161,13 @@ def hunt() -> None:
 _PARTS = {part.__name__: part for part in (kernels, scaling, mujoco, quantiles, hunt)}
 
 
-def main() -> None:
+def main(*parts: str) -> None:
     """Run the requested parts, and print the load of the machine."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("parts", nargs="*", choices=[*_PARTS, []], metavar="PART")
-    for name in parser.parse_args().parts or _PARTS:
+    for name in parts or _PARTS:
         print(f"{name} (load {os.getloadavg()[0]:.1f})")
         _PARTS[name]()
     print(f"peak memory of this process: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

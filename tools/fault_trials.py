@@ -9,7 +9,6 @@ undisturbed run. Prints the figures. Exit status 1 if a trial failed.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import random
@@ -26,9 +25,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 import pandas as pd
+from trials import FaultFound, Planted, command
 
 from bodycheck._util.files import opened
 from bodycheck.runs.directory import partial_of
@@ -41,10 +39,6 @@ WORDS = ["run", "mine.toml", "--engine", "reference:m1,reference:rk4,mujoco:eule
 PATIENCE_S = 120.0
 
 Tables = dict[str, pd.DataFrame]
-
-
-class FaultFound(Exception):  # noqa: N818 - the result that the trials search for
-    """A trial that did not end as required."""
 
 
 @dataclass
@@ -265,40 +259,29 @@ def check(trial: Trial, expected: Tables) -> None:
         raise FaultFound("the report is cut off")
 
 
-def main() -> int:
-    """Run the trials and print the number of each kind of ending."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    options.add_argument("--trials", type=int, default=200)
-    options.add_argument("--seed", type=int, default=1)
-    requested = options.parse_args()
-    begin = time.monotonic()
-    harmed: Counter[str] = Counter()
+def main(trials: int = 200, seed: int = 1) -> bool:
+    """Run the trials; return whether one failed."""
+    planted = Planted(seed)
     notes: Counter[str] = Counter()
-    failed = []
     with tempfile.TemporaryDirectory(prefix="fault-trials-") as place:
         sound = prepared(Path(place, "sound"), random.Random(0))
         ended(sound.start(*WORDS, "--fresh", "--out", "out"), {0})
         expected = tables(sound.out)
         most_lines = len(expected["results"])
-        for number in range(requested.trials):
-            dice = random.Random(f"{requested.seed}/{number}")
-            trial = prepared(Path(place, str(number)), dice)
-            harm = HARMS[number % len(HARMS)]
-            harmed[harm.__name__] += 1
+        for number in range(trials):
+            trial = prepared(Path(place, str(number)), random.Random(f"{seed}/{number}"))
+            harm, fault = HARMS[number % len(HARMS)], None
             try:
                 harm(trial, most_lines)
                 go_on(trial)
                 check(trial, expected)
-            except (FaultFound, subprocess.TimeoutExpired, OSError) as fault:
-                failed.append(number)
-                print(f"trial {number} ({harm.__name__}): {fault}", flush=True)
+            except (FaultFound, subprocess.TimeoutExpired, OSError) as found:
+                fault = str(found)
+            planted.add(number, harm.__name__, fault, f" ({harm.__name__})")
             notes += trial.notes
             shutil.rmtree(trial.folder, ignore_errors=True)
-    seconds = time.monotonic() - begin
-    print(f"{requested.trials} trials of seed {requested.seed} in {seconds:.0f} s: {dict(harmed)}")
     print(f"{dict(notes)}; {most_lines} results a run")
-    print(f"{len(failed)} failed" + (f": {failed}" if failed else ""))
-    return 1 if failed else 0
+    return planted.summed_up("trials")
 
 
 def prepared(folder: Path, dice: random.Random) -> Trial:
@@ -309,4 +292,4 @@ def prepared(folder: Path, dice: random.Random) -> Trial:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command(main)

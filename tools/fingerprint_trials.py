@@ -6,18 +6,16 @@ ratio of a break to its tolerance over all laws that a method must obey, and the
 
 from __future__ import annotations
 
-import argparse
 import time
+
+from trials import command
 
 from bodycheck.runs.engine_checks import fingerprints, laws
 
 
-def main() -> None:
-    """Print two lines per method, and one per engine."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    installed = ["mujoco", "pybullet", "dart", "reference"]
-    parser.add_argument("engines", nargs="*", default=installed, help="NAME[==VERSION][:METHOD]")
-    for engine in parser.parse_args().engines:
+def main(*engines: str) -> None:
+    """Print two lines per method, and one per engine; engines: NAME[==VERSION][:METHOD]."""
+    for engine in engines or ("mujoco", "pybullet", "dart", "reference"):
         begin = time.process_time()
         rows = fingerprints(engine, timeout_s=600.0)
         named = time.process_time()
@@ -35,4 +33,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

@@ -11,14 +11,13 @@ that is unstable has grown beyond all bounds, which is a fact and not a verdict.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 import time
 from collections import Counter
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from trials import command
 
 import bodycheck
 from bodycheck.adapters.registry import default_engines
@@ -40,17 +39,13 @@ _AT_ONCE = 10
 _TRUE = ("property", "unstable")
 
 
-def main() -> int:
-    """Run the trials; return the exit status."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--scenarios", type=int, default=200, help="number of scenarios [default: 200]")
-    parser.add_argument("--seed", type=int, default=1, help="seed of the first scenario [default: 1]")
-    asked = parser.parse_args()
+def main(scenarios: int = 200, seed: int = 1) -> int:
+    """Run the trials from the first seed on; return the number of accusations."""
     begin = time.perf_counter()
     found: Counter[tuple[bool, str]] = Counter()
     states: Counter[str] = Counter()
     cases = 0
-    seeds = range(asked.seed, asked.seed + asked.scenarios)
+    seeds = range(seed, seed + scenarios)
     with tempfile.TemporaryDirectory() as folder:
         paths = [write_scenario(seed, Path(folder)) for seed in seeds]
         for first in range(0, len(paths), _AT_ONCE):
@@ -65,14 +60,13 @@ def main() -> int:
                     if method not in _DEPARTING and one.kind != "property":
                         print(f"{method}: {one.sentence}\n    {one.reproduce}", flush=True)
             print(f"{first + len(some)} done in {time.perf_counter() - begin:.0f} s", file=sys.stderr)
-    print(f"{asked.scenarios} scenarios, {cases} cases in {time.perf_counter() - begin:.0f} s")
+    print(f"{scenarios} scenarios, {cases} cases in {time.perf_counter() - begin:.0f} s")
     print("pairs of method and scenario: " + ", ".join(f"{n} {state}" for state, n in states.most_common()))
     for departing, whose in ((False, "healthy methods"), (True, "pybullet's @defaults")):
         kinds = {kind: n for (of, kind), n in found.items() if of == departing}
         print(f"findings of {whose}: " + (", ".join(f"{n} {kind}" for kind, n in kinds.items()) or "none"))
-    accused = sum(n for (departing, kind), n in found.items() if not departing and kind not in _TRUE)
-    return 1 if accused else 0
+    return sum(n for (departing, kind), n in found.items() if not departing and kind not in _TRUE)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command(main)

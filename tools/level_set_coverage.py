@@ -13,14 +13,13 @@ coverage of all ten is outside 93 to 97 %. Set OMP_NUM_THREADS=1, or the jobs co
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from trials import command
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.scenarios.level_sets import HALF_WIDTH, Estimate, estimate
@@ -108,23 +107,17 @@ def _share(held: Array) -> str:
     return f"{100 * held.mean():5.1f} +- {100 * error:3.1f}"
 
 
-def main() -> int:
-    """Run the trials and print their figures."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=100)
-    parser.add_argument("--columns", default="10,12", help="numbers of columns as powers of two, like 10,12")
-    parser.add_argument("--solid", action="append", choices=list(SOLIDS), help="only this one; repeatable")
-    parser.add_argument("--jobs", type=int, default=2)
-    requested = parser.parse_args()
+def main(
+    seeds: int = 100, columns: str = "10,12", solid: tuple[str, ...] = (*SOLIDS,), jobs: int = 2
+) -> bool:
+    """Print the figures of these solids; columns: their numbers as powers of two."""
     print(f"{'solid':28} {'':5}  {'mass, %':12}  {'all ten, %':12}  half width/mass  scatter")
-    with ProcessPoolExecutor(requested.jobs) as pool:
+    with ProcessPoolExecutor(jobs) as pool:
         found = [
-            coverage(name, int(columns), requested.seeds, pool.map)
-            for columns in requested.columns.split(",")
-            for name in requested.solid or SOLIDS
+            coverage(name, int(power), seeds, pool.map) for power in columns.split(",") for name in solid
         ]
-    return int(not all(_RANGE[0] <= share <= _RANGE[1] for share in found))
+    return not all(_RANGE[0] <= share <= _RANGE[1] for share in found)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command(main)

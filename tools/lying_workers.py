@@ -11,23 +11,20 @@ Exit status 1 if a trial failed, or if no worker received a case.
 
 from __future__ import annotations
 
-import argparse
 import os
 import random
 import shutil
 import subprocess
 import sys
 import tempfile
-import time
-from collections import Counter
+from functools import partial
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 import pandas as pd
+from trials import FaultFound, Planted, command
 
 from bodycheck._util.untrusted import LONGEST_LINE
 from bodycheck.adapters import registry
@@ -41,10 +38,6 @@ from tests.helpers.scenario_texts import RUN_SPECIFIC_COLUMNS, SCENARIO
 TIMEOUT_S, START_S, LIMIT_S, MAX_MEGABYTES = 2.0, 10.0, 120.0, 500.0
 
 
-class FaultFound(Exception):  # noqa: N818 - the result that the trials search for
-    """A run that did not end as required."""
-
-
 def trial(folder: Path, seed: str, engines: str, timeout_s: float, start_s: float = START_S) -> str:
     """Return how a run by these engines ended; raise FaultFound if that is not allowed."""
     (folder / "mine.toml").write_text(SCENARIO)
@@ -53,13 +46,7 @@ def trial(folder: Path, seed: str, engines: str, timeout_s: float, start_s: floa
         "mine.toml",
         "--engine",
         engines,
-        "--dt",
-        "0.05,0.02",
-        "--out",
-        "out",
-        "--fresh",
-        "--jobs",
-        "1",
+        *["--dt", "0.05,0.02", "--out", "out", "--fresh", "--jobs", "1"],
     ]
     speed = [] if random.Random(seed).random() < 0.3 else ["--no-speed"]
     with (
@@ -103,52 +90,36 @@ def reference_rows(folder: Path) -> pd.DataFrame:
     return rows[rows["engine"] == "reference"].drop(columns=RUN_SPECIFIC_COLUMNS).reset_index(drop=True)
 
 
-def main() -> int:
-    """Run the trials and print the number of each kind of ending."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    options.add_argument("--trials", type=int, default=200)
-    options.add_argument("--seed", type=int, default=1)
-    options.add_argument("--patience", type=float, default=1.0)
-    requested = options.parse_args()
-    limits_s = requested.patience * TIMEOUT_S, requested.patience * START_S
-    begin, endings, failed = time.monotonic(), Counter[str](), []
-    megabytes, slowest = 0.0, 0.0
+def main(trials: int = 200, seed: int = 1, patience: float = 1.0) -> bool:
+    """Run the trials; return whether one failed, or none got as far as a case."""
+    os.environ.setdefault("PYTHONPATH", os.pathsep.join(filter(None, sys.path)))
+    limits_s = patience * TIMEOUT_S, patience * START_S
+    planted = Planted(seed, MAX_MEGABYTES)
     with tempfile.TemporaryDirectory(prefix="lying-workers-") as place:
         sound = Path(place, "sound")
         sound.mkdir()
         # a time limit that includes compiling the reference, so that no trial has to compile it
-        run_in_child(lambda: trial(sound, "sound", "reference:m1", LIMIT_S), 10 * LIMIT_S)
+        run_in_child(partial(trial, sound, "sound", "reference:m1", LIMIT_S), 10 * LIMIT_S)
         expected = reference_rows(sound)
         if set(expected["outcome"]) != {"ok"}:
             raise FaultFound(f"the reference alone: {expected['message'].tolist()}")
-        for number in range(requested.trials):
-            folder, seed = Path(place, str(number)), f"{requested.seed}/{number}"
+        for number in range(trials):
+            folder = Path(place, str(number))
             folder.mkdir()
-            ended = run_in_child(
-                lambda folder=folder, seed=seed: trial(folder, seed, "liar,reference:m1", *limits_s),  # type: ignore[misc]
-                requested.patience * LIMIT_S,
-            )
-            megabytes, slowest = max(megabytes, ended.megabytes), max(slowest, ended.seconds)
+            act = partial(trial, folder, f"{seed}/{number}", "liar,reference:m1", *limits_s)
+            ended = planted.in_child(act, patience * LIMIT_S)
             fault = ended.error
             if fault is None and (folder / "out").exists():
                 rows = reference_rows(folder)
                 differing = [name for name in rows if not rows[name].equals(expected[name])]
                 fault = f"the reference's rows differ in {', '.join(differing)}" if differing else None
-            if fault is not None:
-                failed.append(number)
-                print(f"trial {number}: {fault[-1500:]}", flush=True)
-            endings[str(ended.value) if fault is None else "failed"] += 1
+            planted.add(number, "failed" if fault else str(ended.value), fault)
             shutil.rmtree(folder)
-    print(f"{requested.trials} lying workers of seed {requested.seed} in {time.monotonic() - begin:.0f} s")
-    print(dict(endings))
-    print(f"slowest run {slowest:.1f} s, at most {megabytes:.0f} MB")
-    print(f"{len(failed)} failed" + (f": {failed}" if failed else ""))
-    if endings["engine unavailable"] == requested.trials:
+    failed = planted.summed_up("lying workers")
+    if planted.endings["engine unavailable"] == trials:
         print("no worker got as far as a case: the trials show nothing")
-        return 1
-    return 1 if failed or megabytes > MAX_MEGABYTES else 0
+    return failed or planted.endings["engine unavailable"] == trials
 
 
 if __name__ == "__main__":
-    os.environ.setdefault("PYTHONPATH", os.pathsep.join(filter(None, sys.path)))
-    sys.exit(main())
+    command(main)

@@ -22,18 +22,17 @@ closed parts, to 1e-8. Needs pybullet, and trimesh from the extra "bench". Print
 
 from __future__ import annotations
 
-import argparse
-import json
 import logging
-import sys
 from collections import Counter
 from fractions import Fraction
+from json import dumps
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pybullet_data
 import trimesh
+from trials import command
 
 from benchmarks.exact_solid import exact_solid
 from bodycheck._util.errors import InputError
@@ -178,31 +177,30 @@ def _volume(a: Any, b: Any, c: Any, d: Any) -> Any:
     return u1 * (v2 * w3 - v3 * w2) - u2 * (v1 * w3 - v3 * w1) + u3 * (v1 * w2 - v2 * w1)
 
 
-def main() -> int:
-    """Survey all files and print the results."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--most-triangles", type=int, default=20000, help="limit for the exact integrals")
-    parser.add_argument("--every", type=int, default=1, help="only every n-th file of random_urdfs")
-    parser.add_argument("--folder", type=Path, default=Path(pybullet_data.getDataPath()))
-    parser.add_argument("--json", type=Path, help="write all rows to this file")
-    requested = parser.parse_args()
+def main(
+    most_triangles: int = 20000,
+    every: int = 1,
+    folder: Path | None = None,
+    json: Path | None = None,
+) -> bool:
+    """Print the results; most_triangles: limit for exact integrals; every: of random_urdfs; json: of all."""
     logging.disable(logging.WARNING)
-    root = requested.folder
-    files = sorted(path for path in root.rglob("*") if path.suffix.lower() in MESH_SUFFIXES)
+    folder = folder or Path(pybullet_data.getDataPath())
+    files = sorted(path for path in folder.rglob("*") if path.suffix.lower() in MESH_SUFFIXES)
     random = [path for path in files if "random_urdfs" in path.parts]
-    files = [path for path in files if "random_urdfs" not in path.parts] + random[:: requested.every]
+    files = [path for path in files if "random_urdfs" not in path.parts] + random[::every]
     rows = []
     for path in files:
-        rows.append(survey(path, str(path.relative_to(root)), requested.most_triangles))
+        rows.append(survey(path, str(path.relative_to(folder)), most_triangles))
         if not rows[-1].explained or (rows[-1].error or 0.0) > _TOLERANCE:
             print(rows[-1], flush=True)
-    if requested.json is not None:
-        requested.json.write_text(json.dumps([row._asdict() for row in rows], indent=1))
+    if json is not None:
+        json.write_text(dumps([row._asdict() for row in rows], indent=1))
     return _summed_up(rows)
 
 
-def _summed_up(rows: list[Row]) -> int:
-    """Print a row per kind, and return 1 if something is wrong."""
+def _summed_up(rows: list[Row]) -> bool:
+    """Print a row per kind, and return whether something is wrong."""
     print(f"{'kind':40} files unexplained  checked by fractions  largest error")
     for kind, count in sorted(Counter(row.kind for row in rows).items()):
         of_kind = [row for row in rows if row.kind == kind]
@@ -211,8 +209,8 @@ def _summed_up(rows: list[Row]) -> int:
         print(f"{kind:40} {count:5} {unexplained:11} {len(errors):21}  {max(errors, default=0.0):.1e}")
     wrong = [row for row in rows if not row.explained or (row.error or 0.0) > _TOLERANCE]
     print(f"{len(rows)} files; refused wrongly or with too large an error: {len(wrong)}")
-    return int(bool(wrong))
+    return bool(wrong)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command(main)

@@ -18,7 +18,6 @@ Prints the figures. Exit status 1 if a trial failed.
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import os
 import random
@@ -30,10 +29,9 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 import numpy as np
 import pandas as pd
+from trials import command
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.history.archive import History
@@ -51,36 +49,33 @@ _WITHIN = 5
 _SLOWER = 1.2
 
 
-def main() -> int:
-    """Run the requested trials; return the exit status."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--kills", type=int, default=50)
-    parser.add_argument("--resumed", type=int, default=20)
-    parser.add_argument("--unchanged", type=int, default=20)
-    parser.add_argument("--measured", type=int, default=20)
-    parser.add_argument("--sequences", type=int, default=100)
-    parser.add_argument("--creeping", type=int, default=40)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument(
-        "--keep", type=Path, help="history of the measured nightly runs, created or continued"
-    )
-    requested = parser.parse_args()
+def main(
+    kills: int = 50,
+    resumed: int = 20,
+    unchanged: int = 20,
+    measured: int = 20,
+    sequences: int = 100,
+    creeping: int = 40,
+    seed: int = 1,
+    keep: Path | None = None,
+) -> int:
+    """Run so many trials of each kind; keep: the history of the measured nightly runs, to be continued."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "tumble.toml").write_text(_SCENARIO)
-        failed = killed(folder, requested.kills, requested.seed) if requested.kills else 0
-        failed += resumed(folder, requested.resumed, requested.seed) if requested.resumed else 0
-        failed += unchanged(folder, requested.unchanged) if requested.unchanged else 0
-        failed += crept(requested.creeping, requested.seed) if requested.creeping else 0
-        if requested.measured:
-            kept = (requested.keep or folder / "measured").absolute()
-            measure(folder, kept, requested.measured)
+        failed = killed(folder, kills, seed) if kills else 0
+        failed += killed_and_resumed(folder, resumed, seed) if resumed else 0
+        failed += repeated(folder, unchanged) if unchanged else 0
+        failed += crept(creeping, seed) if creeping else 0
+        if measured:
+            kept = (keep or folder / "measured").absolute()
+            measure(folder, kept, measured)
             nights = measured_nights(kept)
-            failed += as_they_came(nights) + simulated(nights, requested.sequences, requested.seed)
-    return 1 if failed else 0
+            failed += as_they_came(nights) + simulated(nights, sequences, seed)
+    return failed
 
 
-def resumed(folder: Path, kills: int, seed: int) -> int:
+def killed_and_resumed(folder: Path, kills: int, seed: int) -> int:
     """Kill nightly runs at random moments and resume them; return how many differ from an undisturbed one."""
     history, chance, failed, late = folder / "resumed", random.Random(seed), 0, 0
     for _ in range(2):  # the first one compiles
@@ -185,7 +180,7 @@ def killed(folder: Path, kills: int, seed: int) -> int:
     return failed
 
 
-def unchanged(folder: Path, nights: int) -> int:
+def repeated(folder: Path, nights: int) -> int:
     """Repeat the same nightly run; return the number of wrong exit statuses and reported changes."""
     history, reported = folder / "unchanged", 0
     for night in range(nights + 1):
@@ -203,11 +198,7 @@ def measure(folder: Path, kept: Path, nights: int) -> None:
     """Store nightly runs of the smoke suite with their speeds until there are this many."""
     words = [
         sys.executable,
-        "-m",
-        "bodycheck",
-        "nightly",
-        "smoke",
-        "--engine",
+        *["-m", "bodycheck", "nightly", "smoke", "--engine"],
         _TIMED,
         "--history",
         str(kept),
@@ -325,4 +316,4 @@ def alarms(speeds: Speeds) -> list[tuple[tuple[str, str], int, float]]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command(main)

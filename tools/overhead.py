@@ -11,13 +11,13 @@ work on the machine can only increase it.
 
 from __future__ import annotations
 
-import argparse
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from trials import command
 
 from bodycheck.adapters.contract import Adapter, Engine
 from bodycheck.adapters.execution import Answer, Case, record
@@ -85,7 +85,7 @@ def spent(engine_pool: EnginePool, engine: Engine) -> float:
     return time.process_time() + 1e-9 * int(worker.split()[0])
 
 
-def overheads(scenarios: list[str], engines: list[str] | None) -> dict[str, list[tuple[float, float]]]:
+def overheads(scenarios: Sequence[str], engines: list[str] | None) -> dict[str, list[tuple[float, float]]]:
     """Return the milliseconds per case in addition to its stepping, by engine: all, and those of messages."""
     selection = select(scenarios, engines)
     engine_pool, answers = EnginePool(), Answers(None, None, 120.0)
@@ -122,13 +122,9 @@ def overheads(scenarios: list[str], engines: list[str] | None) -> dict[str, list
     return found
 
 
-def main() -> None:
-    """Print one line per engine, and one for all."""
-    parser = argparse.ArgumentParser(description="Measure the cost of a case without its stepping, in ms.")
-    parser.add_argument("scenarios", nargs="*", default=["standard"])
-    parser.add_argument("--engine", help="separated by commas [default: all]")
-    given = parser.parse_args()
-    found = overheads(given.scenarios, given.engine.split(",") if given.engine else None)
+def main(*scenarios: str, engine: str | None = None) -> None:
+    """Print one line per engine, and one for all; engine: separated by commas, all by default."""
+    found = overheads(scenarios or ("standard",), engine.split(",") if engine else None)
     print(f"{'engine':12s} {'cases':>5s} {'median':>7s} {'mean':>7s} {'90 %':>7s}   of it asking, median")
     for name, cases in [*found.items(), ("all", [case for each in found.values() for case in each])]:
         whole, asking = np.array(cases).T
@@ -137,4 +133,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

@@ -16,17 +16,14 @@ of the least mean rounding error of omega per step that explains an error at the
 
 from __future__ import annotations
 
-import argparse
 import math
-import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
 from statistics import fmean, median
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from trials import command
 
 import bodycheck
 from bodycheck.adapters.contract import Setting
@@ -53,17 +50,16 @@ _TRUE = ("property", "unstable")
 _WITHOUT_EFFECT = ("velocity", "position")  # a constant acceleration, and a position on which nothing depends
 
 
-def main() -> int:
-    """Print the figures; return the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--engine", help="methods as NAME:METHOD,...; print only their floors and biases")
-    parser.add_argument("--dt", help="steps in s, separated by commas [default: those of each scenario]")
-    requested = parser.parse_args()
-    steps = None if requested.dt is None else [float(step) for step in requested.dt.split(",")]
-    if requested.engine is not None:
-        return int(_floors(requested.engine.split(","), steps))
+def main(engine: str | None = None, dt: str | None = None) -> bool:
+    """Print the figures; engine: methods as NAME:METHOD,..., of which only floors and biases are printed.
+
+    dt: steps in s, separated by commas; by default those of each scenario.
+    """
+    steps = None if dt is None else [float(step) for step in dt.split(",")]
+    if engine is not None:
+        return _floors(engine.split(","), steps)
     missed = [_floors([f"reference:{name}" for name in _METHODS], steps), _predictions(), _casts()]
-    return int(any(missed))
+    return any(missed)
 
 
 def _floors(engines: list[str], steps: list[float] | None) -> bool:
@@ -181,4 +177,4 @@ def _casts() -> bool:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command(main)

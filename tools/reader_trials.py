@@ -9,13 +9,10 @@ raised anything but bodycheck's own errors or took more than 10 s, or the proces
 
 from __future__ import annotations
 
-import argparse
 import json
-import os
 import random
 import shutil
 import signal
-import sys
 import tempfile
 import time
 from collections import Counter
@@ -24,10 +21,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 import numpy as np
 import pandas as pd
+from trials import command
 
 import bodycheck
 from bodycheck._util.errors import BodycheckError
@@ -425,13 +421,8 @@ def _together(batch: list[tuple[Reader, str]], folder: Path, sound: Path) -> Chi
     )
 
 
-def main() -> int:
-    """Run the trials and print the number of each kind of ending."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    options.add_argument("--trials", type=int, default=20_000)
-    options.add_argument("--seed", type=int, default=1)
-    options.add_argument("--only", help="name of the only reader to try")
-    requested = options.parse_args()
+def main(trials: int = 20_000, seed: int = 1, only: str | None = None) -> bool:
+    """Run the trials, with one reader only if it is named; return whether one failed."""
     signal.signal(signal.SIGALRM, _late)
     begin = time.monotonic()
     results: list[Tried] = []
@@ -439,7 +430,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="reader-trials-") as place:
         sound, folder = Path(place, "sound"), Path(place, "damaged")
         sound.mkdir()
-        readers = [one for one in all_readers(sound) if requested.only in (None, one.name)]
+        readers = [one for one in all_readers(sound) if only in (None, one.name)]
         shutil.copytree(sound, folder)
         intact = run_in_child(
             lambda: [one.read(folder / one.file.relative_to(sound)) for one in readers], 600.0
@@ -448,9 +439,9 @@ def main() -> int:
             raise RuntimeError(f"an intact file is refused: {intact.error}")
         total = sum(reader.weight for reader in readers)
         seeds = [
-            (reader, f"{requested.seed}/{reader.name}/{k}")
+            (reader, f"{seed}/{reader.name}/{k}")
             for reader in readers
-            for k in range(round(requested.trials * reader.weight / total))
+            for k in range(round(trials * reader.weight / total))
         ]
         while seeds:
             batch, seeds = seeds[:BATCH], seeds[BATCH:]
@@ -464,11 +455,11 @@ def main() -> int:
                 died = Tried(one[0].name, "died", True, alone.seconds, one[1], str(alone.error))
                 results += [died] if alone.error is not None else alone.value
                 megabytes = max(megabytes, alone.megabytes)
-    return report(results, megabytes, time.monotonic() - begin, requested.seed)
+    return report(results, megabytes, time.monotonic() - begin, seed)
 
 
-def report(results: list[Tried], megabytes: float, seconds: float, seed: int) -> int:
-    """Print one line per reader and the totals; return the status."""
+def report(results: list[Tried], megabytes: float, seconds: float, seed: int) -> bool:
+    """Print one line per reader and the totals; return whether one failed."""
     heads = f"{'tried':>6s} {'passed':>7s} {'taken':>6s} {'refused':>8s} {'faults':>7s} {'slowest':>8s}"
     print(f"{'reader':26s} {heads}")
     for name in dict.fromkeys(one.reader for one in results):
@@ -484,9 +475,8 @@ def report(results: list[Tried], megabytes: float, seconds: float, seed: int) ->
     passed = sum(one.passed for one in results)
     print(f"\n{len(results)} mutations of seed {seed} in {seconds:.0f} s; {passed} past the first parser")
     print(f"{Counter(one.ending for one in results)}; at most {megabytes:.0f} MB")
-    return 1 if bad or megabytes > MAX_MEGABYTES else 0
+    return bool(bad) or megabytes > MAX_MEGABYTES
 
 
 if __name__ == "__main__":
-    os.environ.setdefault("BODYCHECK_CACHE_DIR", tempfile.mkdtemp())
-    sys.exit(main())
+    command(main, own_cache=True)

@@ -18,7 +18,6 @@ Needs a package index. Exit status 1 if a check failed.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import shutil
@@ -29,7 +28,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+from trials import ROOT, FaultFound, command
+
 UNWANTED = shutil.ignore_patterns(
     ".venv",
     ".mypy_cache",
@@ -51,10 +51,6 @@ _FIXTURE = """def test_fixture(bodycheck):
 _EPOCH = "1700000000"
 
 
-class NotAsItShould(Exception):  # noqa: N818 - the result that the trials search for
-    """A command that did not do what is required."""
-
-
 def printed(*words: str | Path, folder: Path, **environment: str) -> str:
     """Run a command and return its output; raise an error if its status is not 0."""
     kept = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
@@ -63,16 +59,14 @@ def printed(*words: str | Path, folder: Path, **environment: str) -> str:
     )
     if done.returncode != 0:
         command = " ".join(map(str, words))
-        raise NotAsItShould(
-            f"{command}: status {done.returncode}\n{done.stdout[-2000:]}{done.stderr[-2000:]}"
-        )
+        raise FaultFound(f"{command}: status {done.returncode}\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
     return done.stdout
 
 
 def must(held: bool, what: str) -> None:
     """Raise an error if a condition does not hold."""
     if not held:
-        raise NotAsItShould(what)
+        raise FaultFound(what)
 
 
 def uv(*words: str | Path, folder: Path) -> str:
@@ -172,8 +166,8 @@ def _keeps_history(bodycheck: Callable[..., str], folder: Path) -> None:
     words = ("nightly", "free-flight", "--history", "nights", "--engine", "reference:rk4", "--no-speed")
     try:
         bodycheck(*words)
-        raise NotAsItShould("the first nightly run has a baseline")
-    except NotAsItShould as first:
+        raise FaultFound("the first nightly run has a baseline")
+    except FaultFound as first:
         must("status 3" in str(first), str(first))
     bodycheck(*words)
     counted = bodycheck("history", "query", "nights", "SELECT count(*) AS n FROM nights", "--format", "json")
@@ -181,43 +175,31 @@ def _keeps_history(bodycheck: Callable[..., str], folder: Path) -> None:
     must((folder / "nights").is_dir(), "no history")
 
 
-def main() -> int:
-    """Test every Python that is given."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    options.add_argument("python", nargs="+")
-    options.add_argument("--lowest", action="store_true", help="only [all], at the lowest versions")
-    options.add_argument("--resolve", action="store_true", help="only find out whether there are wheels")
-    requested = options.parse_args()
+def main(*pythons: str, lowest: bool = False, resolve: bool = False) -> int:
+    """Test each Python, with lowest or resolve only [all]; return the number of failures."""
     failed = 0
     with tempfile.TemporaryDirectory(prefix="release-trials-") as place:
-        wheel = None if requested.resolve else built(Path(place))
-        for python in requested.python:
-            for extra in EXTRAS[-1:] if requested.lowest or requested.resolve else EXTRAS:
+        wheel = None if resolve else built(Path(place))
+        for python in pythons:
+            for extra in EXTRAS[-1:] if lowest or resolve else EXTRAS:
                 folder = Path(place, f"{python.replace('/', '-')}{extra}")
-                lowest = ("--resolution", "lowest-direct") if requested.lowest else ()
+                options = ("--resolution", "lowest-direct") if lowest else ()
                 try:
                     if wheel is None:
                         versions = ("--python-version", python, "--only-binary", ":all:")
-                        uv(
-                            "pip",
-                            "compile",
-                            *versions,
-                            "--extra",
-                            "all",
-                            ROOT / "pyproject.toml",
-                            folder=Path(place),
-                        )
+                        compiled = ("pip", "compile", *versions, "--extra", "all", ROOT / "pyproject.toml")
+                        uv(*compiled, folder=Path(place))
                         summary = "there are wheels for everything"
                     else:
-                        environment = environment_of(python, wheel, extra, folder, *lowest)
+                        environment = environment_of(python, wheel, extra, folder, *options)
                         summary = tried(environment, extra, folder)
                     print(f"{python} {extra or 'no extra'}: {summary}", flush=True)
-                except (NotAsItShould, OSError) as fault:
+                except (FaultFound, OSError) as fault:
                     failed += 1
                     print(f"{python} {extra or 'no extra'}: {fault}", flush=True)
                 shutil.rmtree(folder, ignore_errors=True)
-    return 1 if failed else 0
+    return failed
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command(main)

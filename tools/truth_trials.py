@@ -18,16 +18,13 @@ worst error over its bound of each kind and quantity. Exit status 1 if a ratio e
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import sys
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from trials import command
 
 from bodycheck.reference_impl.rotations import quaternion_product
 from bodycheck.reference_impl.scene import Scene
@@ -76,7 +73,7 @@ def _enclosed_trials(free: int, forced: int) -> Iterator[tuple[str, int, Scene, 
 
 
 def _tree_trials(trees: int) -> int:
-    """Compare random trees, and print the worst ratio of each quantity; return the exit status."""
+    """Compare random trees; print the worst ratio of each quantity, return how many are outside a bound."""
     worst: dict[str, float] = {}
     wrong = 0
     for seed in range(trees):
@@ -86,7 +83,7 @@ def _tree_trials(trees: int) -> int:
         print(seed, {name: float(f"{ratio:.2g}") for name, ratio in found.items()}, flush=True)
     print("worst", {name: float(f"{ratio:.3g}") for name, ratio in worst.items()})
     print(f"{trees} trees, {wrong} outside a bound")
-    return 1 if wrong else 0
+    return wrong
 
 
 def _aba_trial() -> int:
@@ -117,24 +114,19 @@ def _aba_trial() -> int:
     return int(max(angles, rates) > 1e-11)
 
 
-def main() -> int:
-    """Run the trials; return the exit status."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--free", type=int, default=400, help="number of free motions [default: 400]")
-    parser.add_argument("--forced", type=int, default=300, help="number of forced motions [default: 300]")
-    parser.add_argument("--enclosed", action="store_true", help="compare with enclosures in ball arithmetic")
-    parser.add_argument("--trees", type=int, default=0, help="number of random trees, in place of the others")
-    parser.add_argument("--aba", action="store_true", help="compare the free chain with Pinocchio's ABA")
-    requested = parser.parse_args()
-    if requested.aba:
+def main(
+    free: int = 400, forced: int = 300, enclosed: bool = False, trees: int = 0, aba: bool = False
+) -> int:
+    """Run the trials of these numbers, or those of enclosures, trees or ABA; return what is wrong."""
+    if aba:
         return _aba_trial()
-    if requested.trees:
-        return _tree_trials(requested.trees)
+    if trees:
+        return _tree_trials(trees)
     begin, worst, counts, wrong = time.perf_counter(), {}, {}, []
-    trials = _enclosed_trials if requested.enclosed else _trials
-    for kind, seed, scene, times in trials(requested.free, requested.forced):
+    trials = _enclosed_trials if enclosed else _trials
+    for kind, seed, scene, times in trials(free, forced):
         truth = solve_truth(truth_scene(kind, scene), np.array(times))
-        if requested.enclosed:
+        if enclosed:
             found = errors = largest_ratios(truth, enclosures(scene, times))
         else:
             found, errors = ratios(truth, exact_motion(kind, scene, times))
@@ -151,8 +143,8 @@ def main() -> int:
     for kind, largest in worst.items():
         print(f"{kind:20} {counts[kind]:8d} " + " ".join(f"{ratio:10.3f}" for ratio in largest))
     print(f"{sum(counts.values())} motions, {len(wrong)} outside a bound")
-    return 1 if wrong else 0
+    return len(wrong)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command(main)

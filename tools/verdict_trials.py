@@ -13,14 +13,10 @@ status 1 if one is missed.
 
 from __future__ import annotations
 
-import argparse
-import sys
 from dataclasses import fields, replace
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
+from trials import command
 
 from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.arrays import Array
@@ -29,7 +25,8 @@ from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reports.measurement import order as fits
 from bodycheck.reports.measurement.convergence import Criteria, Point, convergence_of
 from bodycheck.scenarios.library import load_scenarios
-from tests.reports.test_order import LADDERS, series
+from tests.reports.test_order import LADDERS
+from tests.reports.test_order import series as healthy_series
 
 _STEPS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0005)
 _FLOOR = 1e-14
@@ -45,15 +42,9 @@ _SECONDS = {
 """The power of the second in the units of the parameters of loads; 0 for all others."""
 
 
-def main() -> int:
-    """Run the trials; return the exit status."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--series", type=int, default=400)
-    parser.add_argument("--healthy", type=int, default=2000)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--scales", default="-40,-30,-21,30,40", help="powers of two")
-    asked = parser.parse_args()
-    chance = np.random.default_rng(asked.seed)
+def main(series: int = 400, healthy: int = 2000, seed: int = 1, scales: str = "-40,-30,-21,30,40") -> bool:
+    """Print the figures; return whether one is missed. scales: powers of two."""
+    chance = np.random.default_rng(seed)
     failed = 0
     for points in (6, 7, 8):
         ordered = sum(
@@ -61,27 +52,27 @@ def main() -> int:
                 _STEPS[:points], tuple(0.3 * 10.0 ** chance.uniform(-10.0, 0.0, points)), _FLOOR
             )
             is not None
-            for _ in range(asked.series)
+            for _ in range(series)
         )
-        print(f"{points} points without a law: {asked.series}, with an order: {ordered}", flush=True)
-        failed += ordered > 0.02 * asked.series
+        print(f"{points} points without a law: {series}, with an order: {ordered}", flush=True)
+        failed += ordered > 0.02 * series
     for order in (1, 2, 4, 6):
-        found = sum(one_wrong(chance, order) for _ in range(asked.series))
-        print(f"order {order}, one wrong step: {asked.series}, found: {found}", flush=True)
-        failed += found < 0.95 * asked.series
+        found = sum(one_wrong(chance, order) for _ in range(series))
+        print(f"order {order}, one wrong step: {series}, found: {found}", flush=True)
+        failed += found < 0.95 * series
     accused = changed = 0
-    for number in range(asked.healthy):
+    for number in range(healthy):
         steps = np.array(LADDERS[4 + number % 4])
-        _, errors, floor = series(chance, steps, 10.0 ** chance.uniform(-3.0, -2.0))
+        _, errors, floor = healthy_series(chance, steps, 10.0 ** chance.uniform(-3.0, -2.0))
         points = [Point(h, e) for h, e in zip(steps, errors, strict=True)]
         accused += convergence_of(points, Criteria(floor)).verdict in ("does-not-converge", "error-grows")
         changed += with_fit(tuple(steps), tuple(errors), floor)
-    print(f"healthy: {asked.healthy}, accused: {accused}, with another order: {changed}")
-    powers = [int(text) for text in asked.scales.split(",")]
+    print(f"healthy: {healthy}, accused: {accused}, with another order: {changed}")
+    powers = [int(text) for text in scales.split(",")]
     equal = sum(has_equal_bits(name, power) for name in _SCENES for power in powers)
     print(f"scaled in time: {len(_SCENES) * len(powers)}, with equal bits: {equal}")
     failed += equal < len(_SCENES) * len(powers)
-    return int(failed + accused + changed > 0)
+    return failed + accused + changed > 0
 
 
 def one_wrong(chance: np.random.Generator, order: int) -> bool:
@@ -154,4 +145,4 @@ def has_equal_bits(name: str, power: int) -> bool:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command(main)

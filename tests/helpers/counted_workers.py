@@ -1,6 +1,7 @@
-"""A plugin for tools/coverage.sh: engine workers store which lines they executed before they are killed.
+"""A plugin for tools/coverage.sh: which lines workers and each test executed.
 
-coverage stores them on SIGTERM (`sigterm` in pyproject.toml); a run sends SIGKILL, which prevents that.
+coverage stores the lines of a worker on SIGTERM (`sigterm` in pyproject.toml); a run sends SIGKILL, which
+prevents that. The context of a line is the test, by which tools/mutation_trials.py finds the tests of a line.
 """
 
 from __future__ import annotations
@@ -8,7 +9,11 @@ from __future__ import annotations
 import os
 import signal
 import time
+from collections.abc import Generator
 from contextlib import suppress
+
+import coverage
+import pytest
 
 from bodycheck.adapters.workers.worker_process import WorkerProcess
 
@@ -29,3 +34,12 @@ def _ended(worker: WorkerProcess) -> None:
 def pytest_configure() -> None:
     """Replace the function that ends a worker, in each process of pytest-xdist."""
     WorkerProcess.kill = _ended  # type: ignore[method-assign]
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """Name the test to coverage, with its fixtures."""
+    running = coverage.Coverage.current()
+    assert running is not None
+    running.switch_context(item.nodeid)
+    return (yield)
