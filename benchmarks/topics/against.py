@@ -1,4 +1,4 @@
-"""Work and precision: every contender tuned for every error, and timed beside the others."""
+"""Work and precision: every contender tuned for every error, and timed next to the others."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def against(effort: Effort) -> tuple[list[Measured], Points]:
 
 
 def ratios(points: Points, missing: dict[str, str]) -> list[Measured]:
-    """Return how many times as fast ours is at each problem and target, beside each rival.
+    """Return how many times as fast ours is at each problem and target, relative to each rival.
 
     Against an engine or a general solver ours is the faster of the closed form, its set-up included, and
     the stepped method; against heyoka, which steps by the same method, it is the stepped one.

@@ -1,4 +1,4 @@
-"""Mass properties of a fine mesh, against exact rational arithmetic and beside trimesh."""
+"""Mass properties of a fine mesh, against exact rational arithmetic and next to trimesh."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ _TRANSLATION: tuple[Load, ...] = (Drag(_WEAK, np.zeros((3, 3))),)
 
 
 def specialised(effort: Effort) -> list[Measured]:
-    """Time a free motion beside every load, and a forced one beside the centre of mass's motion."""
+    """Time a free motion next to every load, and a forced one next to the centre of mass's motion."""
     return [
         _gain("specialised.free", FREE, (*_ROTATION, *_TRANSLATION), effort),
         _gain("specialised.rotation", WORLD_TORQUE, _TRANSLATION, effort),

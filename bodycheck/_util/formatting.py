@@ -83,7 +83,7 @@ def suggestion(typed: str, known: Iterable[str]) -> str:
 
 
 def unread(path: Path, error: OSError) -> str:
-    """Return "PATH: cannot be read: ..."; a missing file names the file beside it that resembles it."""
+    """Return "PATH: cannot be read: ..."; a missing file names the file next to it that resembles it."""
     reason = f"{path}: cannot be read: {error.strerror or error}"
     if not isinstance(error, FileNotFoundError):
         return reason

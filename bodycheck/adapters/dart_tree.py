@@ -186,7 +186,7 @@ class DartTree(TreeModel):
             self._world.addSkeleton(self._skeleton)
 
     def push(self, loads: Sequence[tuple[TreeLoad, float]]) -> None:
-        """Keep the loads, which every step sets anew: DART turns world forces with the body otherwise."""
+        """Keep the loads, which every step sets again: DART turns world forces with the body otherwise."""
         self._loads = tuple(loads)
         self._set_loads()
 

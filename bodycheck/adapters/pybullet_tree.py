@@ -280,7 +280,7 @@ class PyBulletTree(TreeModel):
         self.stepping = "python" if loads or is_damped else "native"
 
     def advance(self, steps: int) -> None:
-        """Make many steps in one call, unless loads or dampers act anew in each."""
+        """Make many steps in one call, unless loads or dampers are renewed in each."""
         if self.stepping == "native":
             for substeps in powers_of_two(steps * self._substeps):
                 set_substeps(self._at["physicsClientId"], self._dt_s / self._substeps, substeps)
@@ -295,7 +295,7 @@ class PyBulletTree(TreeModel):
     def _push_loads(self) -> None:
         """Apply the loads at the present state.
 
-        A force acts about the centre of mass of the last kinematics, which getLinkState computes anew.
+        A force acts about the centre of mass of the last kinematics, which getLinkState computes again.
         """
         held = held_loads(self._scene, self._loads, self._steps * self._dt_s, self.state()[0])
         places = self.poses()[:, :3]

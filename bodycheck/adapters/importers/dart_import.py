@@ -146,7 +146,7 @@ def _joint(joint: Any) -> StatedJoint:
         reference=0.0,
         effort=limit_of(float(joint.getForceUpperLimit(0))),
         velocity=limit_of(float(joint.getVelocityUpperLimit(0))),
-        mimic=("", math.nan, math.nan) if follows else None,  # dartpy does not tell of which joint
+        mimic=("", math.nan, math.nan) if follows else None,  # dartpy does not report which joint
         gains=(0.0, 0.0),
     )
 

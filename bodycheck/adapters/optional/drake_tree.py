@@ -197,7 +197,7 @@ class DrakeTree(TreeModel):
         return None
 
     def start(self, method: str, dt_s: float) -> None:
-        """Build the plant of the method anew, and set the start."""
+        """Build a new plant of the method, and set the start."""
         is_discrete = method == "discrete"
         self._build(dt_s if is_discrete else 0.0)
         self._dt_s, self._steps = dt_s, 0

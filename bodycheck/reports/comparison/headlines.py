@@ -1,4 +1,4 @@
-"""One line per changed method: what became worse or better, by which factor, and why; the gravest first.
+"""One line per changed method: what became worse or better, by which factor, and why; the most severe first.
 
 Consoles, Markdown, pages, feeds and annotations show these lines as they are.
 """
@@ -44,7 +44,7 @@ class Headline:
 
     @property
     def weight(self) -> tuple[bool, float]:
-        """The sort key, the gravest last: changes without a size outweigh any factor."""
+        """The sort key, the most severe last: changes without a size outweigh any factor."""
         sizes = [abs(one.decades) for one in self.changes if one.decades is not None]
         return any(one.kind in BROKEN for one in self.changes), max(sizes, default=0.0)
 
@@ -139,7 +139,7 @@ def by_weight(lines: Iterable[Headline]) -> list[Headline]:
 
 
 def headlines(lines: Sequence[Headline]) -> list[str]:
-    """Return the texts of the gravest lines of each direction, and how many more there are."""
+    """Return the texts of the most severe lines of each direction, and how many more there are."""
     found = []
     for direction in ("worse", "improved", "moved"):
         own = [one for one in lines if one.direction == direction]

@@ -224,7 +224,7 @@ def feed(
 def _entries(
     runs: Iterable[tuple[Mapping[str, Any], NightlyState]], acceptances: Mapping[str, Acceptance]
 ) -> Iterator[_Entry]:
-    """Yield the entries of each run, the gravest last."""
+    """Yield the entries of each run, the most severe last."""
     told: set[str] = set()
     for run, state in runs:
         measured = f"{count(run['cases'], 'case')} of {run['engines']} on {run['machine']}"

@@ -100,7 +100,7 @@ class OpenLine:
 
 
 def open_lines(regressions: Iterable[Regression]) -> list[OpenLine]:
-    """Return the lines of open regressions: what is newly worse first, then the gravest."""
+    """Return the lines of open regressions: what is newly worse first, then the most severe."""
     of_method: dict[tuple[str, str, bool, bool], list[Regression]] = {}
     for one in sorted(regressions, key=lambda one: -one.change.size):
         group = one.change.engine, one.change.method, one.newly, one.is_failing

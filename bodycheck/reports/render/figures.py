@@ -49,7 +49,7 @@ WIDTHS_IN = {1: 3.5, 2: 7.2}
 _HEIGHT_IN = 2.4
 _LEGEND_LINE_IN = 0.115  # of a line of a legend of 6 points
 _LABEL_LETTERS = 52  # of a line of the legend, so that it fits one column
-_NAME_LETTERS = 36  # of a line of names beside the axes
+_NAME_LETTERS = 36  # of a line of names next to the axes
 _MOST_ENTRIES = 12  # of a legend; the other lines are grey
 _OTHERS = "#b5b5b5"
 _DOTS_PER_INCH = 300
@@ -311,7 +311,7 @@ _LABEL_GAP = 0.055  # of the height of the axes
 
 
 def _end_labels(axes: Axes, appearance: Appearance) -> None:
-    """Write the name of each line of the legend beside its right end, the names apart from each other."""
+    """Write the name of each line of the legend next to its right end, the names apart from each other."""
     ends: list[tuple[float, str, Any]] = []
     for line in axes.lines:
         label, xy = str(line.get_label()), np.asarray(line.get_xydata())

@@ -131,7 +131,7 @@ class LiveProgress:
         self._show("motions", total=self._listed, unit=" cases")
 
     def task_started(self, name: str) -> None:
-        """Show what an engine began last, beside the number of cases."""
+        """Show what an engine began last, next to the number of cases."""
         self._bar.update(self._task, note=f" ({name})")
 
     def case_done(self) -> None:

@@ -108,7 +108,7 @@ def _read_table(path: Path, kind: TableKind) -> list[Row]:
 
 
 def _beside(folder: Path) -> Iterator[Path]:
-    """Yield the runs beside a folder."""
+    """Yield the runs next to a folder."""
     yield from (path.parent for path in islice(folder.parent.glob(f"*/{MANIFEST}"), _MAX_INSIDE))
 
 

@@ -18,7 +18,7 @@ function moveCursor(section, t) {
   for (const plot of section.querySelectorAll("[data-plot=drift]")) if (plot._fullLayout) placeCursor(plot, t);
 }
 
-// A click at a line tells its time and its case; a plot that was zoomed or resized moves its cursor.
+// A click at a line selects its time and its case; a plot that was zoomed or resized moves its cursor.
 function followTime(plot, section) {
   plot.on("plotly_click", ({ points: [point] }) => {
     if (point.xaxis._name !== "xaxis") return; // a mark at the edge has no time
