@@ -125,7 +125,7 @@ def test_agreeing_machines_have_no_finding(parts: list[Path]) -> None:
     """Shards of one machine have the same bits for every sentinel."""
     assert findings(parts) == []
     sentinels = [read_sentinels(part) for part in parts]
-    assert [one.case for one in sentinels[0]] == [one.case for one in sentinels[1]]
+    assert [one.answer.name for one in sentinels[0]] == [one.answer.name for one in sentinels[1]]
     assert len(sentinels[0]) == 4
 
 
@@ -133,20 +133,20 @@ def test_agreeing_machines_have_no_finding(parts: list[Path]) -> None:
 @pytest.mark.parametrize("size", [0.0, 1e-15, 1e-9])
 def test_disagreeing_sentinel_is_a_finding(parts: list[Path], size: float) -> None:
     """A finding names the engine, the case, the machines and the digits; the run is merged anyway."""
-    answers = {part.name: list(read_sentinels(part)) for part in parts}
-    sound = answers["part-2"][1]
+    sentinels = {part.name: list(read_sentinels(part)) for part in parts}
+    sound = sentinels["part-2"][1]
     assert sound.trajectory is not None
     moved = sound.trajectory.velocity_m_s.copy()
     spin = np.array(sound.trajectory.omega_body_rad_s)
     spin[-1] *= 1.0 + size
     trajectory = replace(sound.trajectory, omega_body_rad_s=spin, velocity_m_s=moved)
-    answers["part-2"][1] = replace(sound, trajectory=trajectory)
-    found = disagreements(answers)
+    sentinels["part-2"][1] = replace(sound, trajectory=trajectory)
+    found = disagreements({part: [one.answer for one in each] for part, each in sentinels.items()})
     if size < np.finfo(float).eps:
         assert found == ([] if size == 0.0 else found)
         return
     assert len(found) == 1
-    words = f"{sound.name}: compared with shards part-1, part-3, shard part-2 agrees to "
+    words = f"{sound.answer.name}: compared with shards part-1, part-3, shard part-2 agrees to "
     assert found[0].startswith(words)
     digits = float(found[0].removeprefix(words).split()[0])
     assert abs(digits + np.log10(size)) < 0.3
@@ -155,8 +155,8 @@ def test_disagreeing_sentinel_is_a_finding(parts: list[Path], size: float) -> No
 @pytest.mark.slow
 def test_different_outcome_of_a_sentinel_is_a_finding(parts: list[Path]) -> None:
     """A sentinel that failed on one machine is reported with both outcomes."""
-    answers = {part.name: list(read_sentinels(part)) for part in parts}
-    answers["part-3"][0] = replace(answers["part-3"][0], outcome="failed", trajectory=None)
+    answers = {part.name: [one.answer for one in read_sentinels(part)] for part in parts}
+    answers["part-3"][0] = answers["part-3"][0]._replace(outcome="failed", arrays={})
     (found,) = disagreements(answers)
     assert found.endswith("shard part-3 ended failed, not ok")
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
 
@@ -12,10 +12,11 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.shard import Shard
-from bodycheck.audit.audit import Audit, Body, Difference, read_audit, write_audit
+from bodycheck.audit.audit import Audit, read_audit, write_audit
 from bodycheck.audit.audit_page import audit_page
 from bodycheck.audit.audit_run import spins_in
-from bodycheck.reports.run_files.sentinels import machine_facts
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reports.run_files.sentinels import MachineAnswer, machine_facts
 from bodycheck.reports.run_files.writer import atomic_folder
 from bodycheck.runs.manifest import machine, software
 from bodycheck.runs.shards import StoredShard, all_shards, machine_findings
@@ -26,6 +27,12 @@ class _Part(StoredShard):
     """A shard with its audit."""
 
     audit: Audit
+
+    @cached_property
+    def answers(self) -> Sequence[MachineAnswer]:
+        """What each importer holds of all links, which every shard imports."""
+        columns = self.audit.columns
+        return [MachineAnswer(c.name, c.version, c.outcome, _held(self.audit, c.name)) for c in columns]
 
 
 def write_shard(audit: Audit, shard: Shard, out: Path) -> None:
@@ -47,7 +54,7 @@ def merge_audits(folders: Sequence[Path], out: Path) -> tuple[Audit, list[str]]:
         for index, link in enumerate(first.links)
     ]
     audit = replace(first, links=tuple(links))
-    findings = [*machine_findings(parts), *_disagreements(parts)]
+    findings = machine_findings(parts)
     with atomic_folder(out) as folder:
         write_audit(audit, folder, bodycheck=version("bodycheck"), findings=findings)
         (folder / "audit.html").write_text(audit_page(audit), encoding="utf-8")
@@ -72,39 +79,12 @@ def _owner(parts: Sequence[_Part], link: str) -> _Part:
     return next(part for part in parts if spins_in(part.shard, link))
 
 
-def _disagreements(parts: Sequence[_Part]) -> Iterator[str]:
-    """Yield which importers hold other numbers, or end otherwise, on some machines than on the first.
-
-    All shards import the whole file: its links are the sentinels.
-    """
-    first, *others = parts
-    for other in others:
-        for index, column in enumerate(first.audit.columns):
-            its = other.audit.columns[index]
-            if its.outcome != column.outcome:
-                yield (
-                    f"{column.name}: ended {its.outcome} in shard {other.shard}, and {column.outcome} in "
-                    f"shard {first.shard}"
-                )
-        for own, link in zip(first.audit.links, other.audit.links, strict=True):
-            for name in own.held.keys() & link.held.keys():
-                digits = _digits(own.held[name].held, link.held[name].held)
-                if digits is not None:
-                    yield (
-                        f"{name}: {link.name} as held in shard {other.shard} agrees with shard "
-                        f"{first.shard} to {digits:.1f} digits"
-                    )
-
-
-def _digits(one: Body | None, other: Body | None) -> float | None:
-    """Return to how many digits two bodies agree, None where they have the same bits or neither is held."""
-    if one is None or other is None:
-        return None if one is other else 0.0
-    if _bits(one) == _bits(other):
-        return None
-    gap = Difference.between(one, other).largest
-    return -math.log10(gap) if 0.0 < gap < 1.0 else 0.0
-
-
-def _bits(body: Body) -> bytes:
-    return np.array([body.mass_kg, *body.centre_m, *body.inertia_kg_m2.flat]).tobytes()
+def _held(audit: Audit, importer: str) -> dict[str, Array]:
+    """Return the numbers that an importer holds of each link."""
+    held = [(link.name, link.held[importer].held) for link in audit.links if importer in link.held]
+    return {
+        f"{attribute} of {name}": np.asarray(getattr(body, attribute))
+        for name, body in held
+        if body is not None
+        for attribute in ("mass_kg", "centre_m", "inertia_kg_m2")
+    }

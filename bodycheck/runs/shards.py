@@ -11,7 +11,12 @@ from typing import Any, TypeVar
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.shard import Shard
-from bodycheck.reports.run_files.sentinels import Sentinel, differing_facts, disagreements, read_sentinels
+from bodycheck.reports.run_files.sentinels import (
+    MachineAnswer,
+    differing_facts,
+    disagreements,
+    read_sentinels,
+)
 
 _LONGEST = 200
 """Characters of two values that a message still shows."""
@@ -31,9 +36,9 @@ class StoredShard:
     facts: Mapping[str, str]
 
     @cached_property
-    def sentinels(self) -> tuple[Sentinel, ...]:
-        """The answers to the cases that every shard runs."""
-        return read_sentinels(self.folder)
+    def answers(self) -> Sequence[MachineAnswer]:
+        """The answers to what every shard asks."""
+        return [one.answer for one in read_sentinels(self.folder)]
 
 
 _Stored = TypeVar("_Stored", bound=StoredShard)
@@ -55,7 +60,7 @@ def machine_findings(shards: Sequence[StoredShard]) -> list[str]:
     """Return in which facts the machines differ, and which sentinels have other bits on some of them."""
     return [
         *differing_facts({str(one.shard): one.facts for one in shards}),
-        *disagreements({str(one.shard): one.sentinels for one in shards}),
+        *disagreements({str(one.shard): one.answers for one in shards}),
     ]
 
 

@@ -696,7 +696,7 @@ def _damaged(folder: Path, tmp_path: Path, change: Callable[[dict[str, Any]], No
 
 @pytest.mark.slow
 def test_merging_reports_importers_that_disagree(shards: tuple[Path, Audit], tmp_path: Path) -> None:
-    """All shards import all links: other numbers are reported with link, importer, shards and digits."""
+    """All shards import all links: other numbers are reported with importer, link, shards and digits."""
 
     def change(reported: dict[str, Any]) -> None:
         reported["machine"]["cpu"] = "another"
@@ -705,7 +705,8 @@ def test_merging_reports_importers_that_disagree(shards: tuple[Path, Audit], tmp
     parts = _damaged(shards[0], tmp_path, change)
     machine, held = merge_audits(parts, tmp_path / "whole")[1]
     assert machine.endswith("another in shard 2/2")
-    assert held == "mujoco:default: link_1 as held in shard 2/2 agrees with shard 1/2 to 6.0 digits"
+    agreement = "shard 2/2 agrees to 6.0 digits, the least in mass_kg of link_1"
+    assert held == f"mujoco:default: compared with shard 1/2, {agreement}"
 
 
 def _another_file(reported: dict[str, Any]) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,6 +35,15 @@ _COLUMNS = (
 _TABLE, _FOLDER = "sentinels.csv", "sentinels"
 
 
+class MachineAnswer(NamedTuple):
+    """What an engine answered on one machine; arrays: by quantity, {} for none."""
+
+    name: str
+    engine_version: str
+    outcome: str
+    arrays: Mapping[str, Array]
+
+
 @dataclass(frozen=True, eq=False)
 class Sentinel:
     """The answer of one machine to a case that every shard runs; setting: its step or tolerance as text."""
@@ -58,14 +67,11 @@ class Sentinel:
         return cls(*identity, setting_text, answer.outcome, answer.message, build, motion)
 
     @property
-    def case(self) -> tuple[str, str, str, str]:
-        """What was run: scenario, engine, method, setting."""
-        return self.scenario, self.engine, self.method, self.setting
-
-    @property
-    def name(self) -> str:
-        """The case as text."""
-        return f"{self.engine}:{self.method} on {self.scenario}, {self.setting}"
+    def answer(self) -> MachineAnswer:
+        """The answer, under the case as text."""
+        name = f"{self.engine}:{self.method} on {self.scenario}, {self.setting}"
+        arrays = {} if self.trajectory is None else stored_arrays(self.trajectory)
+        return MachineAnswer(name, self.engine_version, self.outcome, arrays)
 
 
 def write_sentinels(sentinels: Sequence[Sentinel], folder: Path) -> None:
@@ -134,21 +140,21 @@ def differing_facts(facts: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
             yield f"shards differ in {name}: {'; '.join(values)}"
 
 
-def disagreements(sentinels: Mapping[str, Sequence[Sentinel]]) -> list[str]:
-    """Return a sentence for each sentinel whose answers are not the same bits on all machines.
+def disagreements(answers: Mapping[str, Sequence[MachineAnswer]]) -> list[str]:
+    """Return a sentence for each answer that has not the same bits on all machines.
 
-    sentinels: those of each shard by the shard's name. A shard without a sentinel lacks the engine.
+    answers: those of each shard by the shard's name. A shard without an answer lacks the engine.
     """
-    by_case: dict[tuple[str, ...], dict[str, Sentinel]] = {}
-    for shard, answers in sentinels.items():
-        for answer in answers:
-            by_case.setdefault(answer.case, {})[shard] = answer
-    return [found for answers in by_case.values() if (found := _disagreement(answers))]
+    by_name: dict[str, dict[str, MachineAnswer]] = {}
+    for shard, each in answers.items():
+        for answer in each:
+            by_name.setdefault(answer.name, {})[shard] = answer
+    return [found for same in by_name.values() if (found := _disagreement(same))]
 
 
-def _disagreement(answers: Mapping[str, Sentinel]) -> str:
+def _disagreement(answers: Mapping[str, MachineAnswer]) -> str:
     """Return how the answers to one case differ, grouped by equal answers; empty where they do not."""
-    groups: list[dict[str, Sentinel]] = []
+    groups: list[dict[str, MachineAnswer]] = []
     for shard, answer in answers.items():
         same = (group for group in groups if _is_same(next(iter(group.values())), answer))
         group = next(same, None)
@@ -163,32 +169,29 @@ def _disagreement(answers: Mapping[str, Sentinel]) -> str:
     return f"{reference.name}: compared with {_shards(first)}, {'; '.join(differences)}"
 
 
-def _shards(group: Mapping[str, Sentinel]) -> str:
+def _shards(group: Mapping[str, MachineAnswer]) -> str:
     return f"shard{'s' * (len(group) > 1)} {', '.join(group)}"
 
 
-def _is_same(a: Sentinel, b: Sentinel) -> bool:
-    if a.outcome != b.outcome or (a.trajectory is None) != (b.trajectory is None):
-        return False
-    return a.trajectory is None or b.trajectory is None or not _differences(a.trajectory, b.trajectory)
+def _is_same(a: MachineAnswer, b: MachineAnswer) -> bool:
+    return a.outcome == b.outcome and not _differences(a.arrays, b.arrays)
 
 
-def _against(a: Sentinel, b: Sentinel) -> str:
+def _against(a: MachineAnswer, b: MachineAnswer) -> str:
     version = (
         ""
         if a.engine_version == b.engine_version
         else f" (version {b.engine_version}, not {a.engine_version})"
     )
-    if a.outcome != b.outcome or a.trajectory is None or b.trajectory is None:
+    if a.outcome != b.outcome or not a.arrays or not b.arrays:
         return f"ended {b.outcome}, not {a.outcome}{version}"
-    digits = _differences(a.trajectory, b.trajectory)
+    digits = _differences(a.arrays, b.arrays)
     worst = min(digits, key=lambda name: digits[name])
     return f"agrees to {max(digits[worst], 0.0):.1f} digits, the least in {worst}{version}"
 
 
-def _differences(a: Trajectory, b: Trajectory) -> dict[str, float]:
+def _differences(one: Mapping[str, Array], other: Mapping[str, Array]) -> dict[str, float]:
     """Return -log10(max |a - b| / max |a|) of each quantity that has not the same bits in both."""
-    one, other = stored_arrays(a), stored_arrays(b)
     return {
         name: _digits(one.get(name), other.get(name))
         for name in {**one, **other}
