@@ -22,7 +22,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -205,24 +205,18 @@ def damaged(files: int = 500, seed: int = 1) -> None:
     texts = [random_urdf(np.random.default_rng(k)) for k in range(20)]
     texts += [sdf_of(text) for text in texts]
     texts += [random_mjcf(np.random.default_rng(k)) for k in range(20)]
+
+    def read(path: Path) -> str:
+        found = audit(path, AuditOptions(engines=[], spins=False))
+        return "read; names files outside" if found.outside else "read"
+
     endings: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as folder:
-        for k in range(files):
-            path = Path(folder) / "model.xml"
+        path = Path(folder) / "model.xml"
+        for _ in range(files):
             path.write_bytes(mutated(rng.choice(texts).encode(), rng))
-            try:
-                found = audit(path, AuditOptions(engines=[], spins=False))
-            except InputError as error:
-                lines = str(error).count("\n") + 1
-                endings["one line" if lines == 1 and str(path) in str(error) else f"UNCLEAR: {error}"] += 1
-            except Exception as error:  # noqa: BLE001 - the trial searches for any exception
-                endings[f"FAULT {type(error).__name__}: {error}"[:200]] += 1
-                path.rename(Path(tempfile.gettempdir()) / f"fault-{k}.xml")
-            else:
-                endings["read; names files outside" if found.outside else "read"] += 1
-    print(f"{files} damaged files")
-    for what, amount in endings.most_common():
-        print(f"  {amount:6d}  {what}")
+            endings[_ended(path, read)] += 1
+    _print_counts(f"{files} damaged files", endings)
 
 
 def stages(files: int = 500, seed: int = 1) -> None:
@@ -239,16 +233,26 @@ def stages(files: int = 500, seed: int = 1) -> None:
             sound = (text, binary)[k % 2]
             path = Path(folder) / f"model{sound.suffix}"
             path.write_bytes(mutated(sound.read_bytes(), rng))
-            try:
-                read_model(path)
-            except InputError as error:
-                unclear = "\n" in str(error) or not str(error).startswith(str(path))
-                endings[f"UNCLEAR: {error}" if unclear else "one line"] += 1
-            except Exception as error:  # noqa: BLE001 - the trial searches for any exception
-                endings[f"FAULT {type(error).__name__}: {error}"[:200]] += 1
-            else:
-                endings["read"] += 1
-    print(f"{files} damaged stages")
+            endings[_ended(path, read_model)] += 1
+    _print_counts(f"{files} damaged stages", endings)
+
+
+def _ended(path: Path, read: Callable[[Path], object]) -> str:
+    """Return how reading a damaged file ended; a file that raises anything else than InputError is kept."""
+    try:
+        found = read(path)
+        return found if isinstance(found, str) else "read"
+    except InputError as error:
+        clear = "\n" not in str(error) and str(path) in str(error)
+        return "one line" if clear else f"UNCLEAR: {error}"
+    except Exception as error:  # noqa: BLE001 - the trial searches for any exception
+        kept = tempfile.mkstemp(prefix="fault-", suffix=path.suffix)[1]
+        Path(kept).write_bytes(path.read_bytes())
+        return f"FAULT {kept} {type(error).__name__}: {error}"[:200]
+
+
+def _print_counts(title: str, endings: Counter[str]) -> None:
+    print(title)
     for what, amount in endings.most_common():
         print(f"  {amount:6d}  {what}")
 
@@ -301,9 +305,7 @@ def converters(trials: int = 200, seed: int = 1) -> None:
             else:
                 named = len(found) == 3 and all(why.startswith(cause) for why in found)
                 endings[f"{cause}: {'named' if named else f'NOT NAMED: {found}'}"] += 1
-    print(f"{trials} stages")
-    for what, amount in endings.most_common():
-        print(f"  {amount:6d}  {what}")
+    _print_counts(f"{trials} stages", endings)
 
 
 def joints(trials: int = 200, seed: int = 1) -> None:
@@ -330,8 +332,7 @@ def joints(trials: int = 200, seed: int = 1) -> None:
             stated.write_text(text)
             changed.write_text(other)
             endings[_ending(changed, stated, f"MJCF, {name}", "j", MJCF_SLIPS[name].cause)] += 1
-    for what, amount in endings.most_common():
-        print(f"  {amount:6d}  {what}")
+    _print_counts(f"{trials} slips", endings)
     _healthy_joints(trials, rng)
 
 

@@ -1,4 +1,4 @@
-"""Measure how well the floors of the reference's float32 methods are predicted, and if casts are detected.
+"""Measure how well the floors of the reference's float32 methods are predicted.
 
     python tools/precision_trials.py
     python tools/precision_trials.py --engine rapier:semi-implicit --dt 2e-3,1e-3,5e-4
@@ -7,8 +7,7 @@ Runs rk4-f32 and m1-f32 on the suite `standard`, and prints for each scenario th
 error, and the predicted floor if the floor was reached. Then it fits both branches of the error to all
 steps except the two finest, and predicts these. An error on the floor scatters by a factor of 1.8 between
 steps that differ by a hundredth, so the fit uses single cases and the geometric means of five neighbouring
-steps. Then it rounds one quantity of one stage of a float64 rk4 to float32, and checks the probe's result.
-Exit status 1 if a method is invalid or accused, or if a figure misses its target.
+steps. Exit status 1 if a method is invalid or accused, or if a figure misses its target.
 
 With --engine, prints only the floors of these methods and their rounding bias: the median over the scenarios
 of the least mean rounding error of omega per step that explains an error at the floor, (e / u - S) / (R N).
@@ -19,7 +18,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from statistics import fmean, median
 from typing import Any
 
@@ -29,8 +27,6 @@ import bodycheck
 from bodycheck.adapters.contract import Setting
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
-from bodycheck.adapters.step_function import StepFunction
-from bodycheck.examine.probes.probe import built_in_probes, precision_finding
 from bodycheck.reports.measurement.case import measured_by, stable_motion
 from bodycheck.reports.measurement.convergence import LARGEST_ERROR
 from bodycheck.reports.measurement.measures import ORIENTATION
@@ -39,7 +35,6 @@ from bodycheck.reports.measurement.round_off import RoundOff, fitted
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.scenarios.library import load_scenarios
 from tests.helpers.reported_results import reported_results
-from tests.helpers.single_stages import PARTS, STAGES, rk4_with_a_single_stage
 
 _METHODS = {"rk4-f32": 4, "m1-f32": 1}
 _LADDER = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
@@ -47,7 +42,6 @@ _NEIGHBOURS = (-2, -1, 0, 1, 2)
 _MIN_FIT = 2  # steps, in addition to the two that are predicted
 _SHARE = 0.9
 _TRUE = ("property", "unstable")
-_WITHOUT_EFFECT = ("velocity", "position")  # a constant acceleration, and a position on which nothing depends
 
 
 def main(engine: str | None = None, dt: str | None = None) -> bool:
@@ -58,7 +52,7 @@ def main(engine: str | None = None, dt: str | None = None) -> bool:
     steps = None if dt is None else [float(step) for step in dt.split(",")]
     if engine is not None:
         return _floors(engine.split(","), steps)
-    missed = [_floors([f"reference:{name}" for name in _METHODS], steps), _predictions(), _casts()]
+    missed = [_floors([f"reference:{name}" for name in _METHODS], steps), _predictions()]
     return any(missed)
 
 
@@ -152,28 +146,6 @@ def _errors(problem: Problem, method: str, strides: Sequence[int]) -> Iterator[f
         motion = stable_motion(scene, answer.trajectory, problem.motion)
         if not isinstance(motion, str):
             yield float(measured_by(problem, answer.trajectory, motion).columns[ORIENTATION])
-
-
-def _casts() -> bool:
-    probe = built_in_probes()[1]
-    step = probe.steps_s[-1]
-    scene = replace(probe.scene, samples=round(probe.scene.duration_s / step) + 1)
-    found = total = 0
-    for stage in STAGES:
-        for part in PARTS:
-            for of_rate in (True, False):
-                if part == _WITHOUT_EFFECT[not of_rate]:
-                    continue
-                engine = StepFunction(rk4_with_a_single_stage(scene, stage, part, of_rate=of_rate))
-                answer = record(engine, Case(scene, "step", Setting(dt_s=step)))
-                assert answer.trajectory is not None
-                finding = precision_finding(answer.trajectory, "float64")
-                total += 1
-                found += finding.verdict == "inconsistent"
-                where = f"{'rate' if of_rate else 'state'} of {part} in stage {stage + 1}"
-                print(f"float32 {where}: round-off of a step {finding.measured:.1e}, {finding.verdict}")
-    print(f"casts of one stage to float32 detected: {found} of {total}")
-    return found < total
 
 
 if __name__ == "__main__":
