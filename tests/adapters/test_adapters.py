@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from bodycheck.adapters.contract import DEFAULTS, VARIANT, Adapter, Reading, Simulation, read_back_mismatch
@@ -21,6 +20,7 @@ from bodycheck.reference_impl.scene import ConstantLoad, PointForce, RigidBody, 
 from bodycheck.reference_impl.wrench import Wrench, wrench_between
 from tests.helpers.engine_methods import adapter_of, engine_methods
 from tests.helpers.first_order_maps import SpinStep, explicit_step, implicit_gyroscopic_step, implicit_step
+from tests.helpers.textbook_motion import solved_end
 
 ENGINES = ("mujoco", "pybullet", "dart")
 
@@ -326,9 +326,8 @@ def matrix_of(q: Array) -> Array:
     return Rotation.from_quat(q, scalar_first=True).as_matrix()
 
 
-def force_and_body_torque(scene: Scene, q: Array) -> tuple[Array, Array]:
+def force_and_body_torque(scene: Scene, r: Array) -> tuple[Array, Array]:
     """Sum the loads and the weight at an orientation: force in world axes, torque in body axes."""
-    r = matrix_of(q)
     force, torque = scene.body.mass * scene.gravity, np.zeros(3)
     for load in scene.loads:
         value = load.value if load.axes == "body" else r.T @ load.value
@@ -357,7 +356,7 @@ def mapped(
     initial = scene.initial
     x, v, q, w = initial.position, initial.velocity, initial.quaternion, initial.omega_body
     for _ in range(steps):
-        force, torque = force_and_body_torque(scene, q)
+        force, torque = force_and_body_torque(scene, matrix_of(q))
         torque_world = matrix_of(q) @ torque
         for _ in range(substeps):
             w = w + spin_step(scene.body.inertia, w, matrix_of(q).T @ torque_world, h / substeps)
@@ -444,20 +443,14 @@ def test_semi_implicit_fall_is_ahead_by_half_a_step(adapter: Adapter, method: st
 
 
 def true_motion(scene: Scene) -> tuple[Array, Array, Array, Array]:
-    """Solve the equations of motion with a relative tolerance of 1e-13; return the tuple of state_of."""
+    """Return the end of the textbook's motion as the tuple of state_of."""
 
-    def rate(_: float, y: Array) -> Array:
-        q, w = y[6:10], y[10:]
-        force, torque = force_and_body_torque(scene, q)
-        spin = np.linalg.solve(scene.body.inertia, torque - np.cross(w, scene.body.inertia @ w))
-        turn = 0.5 * np.array([-q[1:] @ w, *(q[0] * w + np.cross(q[1:], w))])
-        return np.concatenate([y[3:6], force / scene.body.mass, turn, spin])
+    def wrench(_t: float, _x: Array, rotation: Array, _v: Array, _omega: Array) -> tuple[Array, Array]:
+        force, torque = force_and_body_torque(scene, rotation)
+        return force, rotation @ torque
 
-    initial = scene.initial
-    start = np.concatenate([initial.position, initial.velocity, initial.quaternion, initial.omega_body])
-    solved = solve_ivp(rate, (0.0, scene.duration_s), start, method="DOP853", rtol=1e-13, atol=1e-13)
-    y = solved.y[:, -1]
-    return y[:3], y[3:6], matrix_of(y[6:10]), y[10:]
+    end = solved_end(scene.body, scene.initial, wrench, scene.duration_s)
+    return end.position, end.velocity, end.rotation, end.omega_body
 
 
 @pytest.mark.parametrize("kind", LOADS)

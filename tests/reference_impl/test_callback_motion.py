@@ -7,7 +7,6 @@ import math
 import numba
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators import INTEGRATORS
@@ -15,13 +14,12 @@ from bodycheck.reference_impl.integrators.callback_motion import solve_with_call
 from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
 from bodycheck.reference_impl.rotations import (
     geodesic_angle,
-    matrix_to_quaternion,
     normalised,
-    project_to_so3,
 )
 from bodycheck.reference_impl.scene import RigidBody, State
 from bodycheck.reference_impl.wrench import Wrench
 from tests.helpers.expected_messages import ExpectedMessage
+from tests.helpers.textbook_motion import solved_end
 
 EPS = float(np.finfo(np.float64).eps)
 
@@ -83,30 +81,14 @@ def test_compiled_function_gives_the_same_motion() -> None:
     assert np.max(np.abs(plain.omega_body - fast.omega_body)) <= 64 * EPS
 
 
-def solved(end: float) -> tuple[Array, Array]:
-    """Return x and R at the end by scipy, with R and L in world axes as the variables."""
-    inverse = np.linalg.inv(BODY.inertia)
-
-    def rates(t: float, y: Array) -> Array:
-        rotation, momentum, position, velocity = y[:9].reshape(3, 3), y[9:12], y[12:15], y[15:18]
-        omega = rotation @ inverse @ rotation.T @ momentum
-        force, torque = of_everything(t, position, rotation, velocity, omega)
-        return np.concatenate([np.cross(omega, rotation.T).T.ravel(), torque, velocity, force / BODY.mass])
-
-    momentum = START.rotation @ BODY.inertia @ START.omega_body
-    y0 = np.concatenate([START.rotation.ravel(), momentum, START.position, START.velocity])
-    y = solve_ivp(rates, (0.0, end), y0, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
-    return y[12:15], matrix_to_quaternion(project_to_so3(y[:9].reshape(3, 3)))
-
-
 def test_order_is_eight_for_a_wrench_of_everything() -> None:
     """The function receives time, position, attitude, velocity and omega in world axes at each stage."""
-    position, quaternion = solved(2.0)
+    end = solved_end(BODY, START, of_everything, 2.0)
     steps = (10, 14, 20)
     found = [solve_with_callback(BODY, START, of_everything, np.array([0.0, 2.0]), 2.0 / n) for n in steps]
     for errors in (
-        [float(geodesic_angle(motion.attitude[-1], quaternion)) for motion in found],
-        [float(np.linalg.norm(motion.position_m[-1] - position)) for motion in found],
+        [float(geodesic_angle(motion.attitude[-1], end.quaternion)) for motion in found],
+        [float(np.linalg.norm(motion.position_m[-1] - end.position)) for motion in found],
     ):
         assert -np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(8.0, abs=0.5)
         assert errors[-1] <= 1e-9

@@ -13,7 +13,6 @@ from typing import TypeAlias
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from bodycheck.adapters.reference import Reference
@@ -35,6 +34,7 @@ from bodycheck.reference_impl.rotations import (
 )
 from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.wrench import wrench_between
+from tests.helpers.textbook_motion import solved_end
 
 EPS = float(np.finfo(np.float64).eps)
 
@@ -141,36 +141,21 @@ def stepped(scene: Scene, method: Integrator, steps: int, dt_s: float | None = N
 
 
 def solved(scene: Scene) -> Motion:
-    """Solve the motion by DOP853 in other variables: R and the angular momentum, both in world axes."""
-    inverse, start = np.linalg.inv(scene.body.inertia), scene.initial
+    """Return the end of the textbook's motion."""
 
-    def rates(_t: float, y: Array) -> Array:
-        rotation, momentum = y[:9].reshape(3, 3), y[9:12]
-        omega = rotation @ (inverse @ (rotation.T @ momentum))
+    def wrench(_t: float, _x: Array, rotation: Array, _v: Array, _omega: Array) -> tuple[Array, Array]:
         force, torque = scene.body.mass * scene.gravity, np.zeros(3)
         for load in constant_loads(scene):
             value = rotation @ load.value if load.axes == "body" else load.value
             if isinstance(load, Torque):
                 torque = torque + value
             else:
-                force = force + value
-                torque = torque + np.cross(rotation @ load.at, value)
-        return np.concatenate(
-            [np.cross(omega, rotation.T).T.ravel(), torque, y[15:18], force / scene.body.mass]
-        )
+                force, torque = force + value, torque + np.cross(rotation @ load.at, value)
+        return force, torque
 
-    spin = start.rotation @ (scene.body.inertia @ start.omega_body)
-    y0 = np.concatenate([start.rotation.ravel(), spin, start.position, start.velocity])
-    y = solve_ivp(rates, (0.0, scene.duration_s), y0, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
-    rotation = project_to_so3(y[:9].reshape(3, 3))
-    return Motion(
-        y[12:15],
-        y[15:18],
-        matrix_to_quaternion(rotation),
-        inverse @ rotation.T @ y[9:12],
-        y[9:12],
-        rotation,
-    )
+    end = solved_end(scene.body, scene.initial, wrench, scene.duration_s)
+    momentum = end.rotation @ scene.body.inertia @ end.omega_body
+    return Motion(end.position, end.velocity, end.quaternion, end.omega_body, momentum, end.rotation)
 
 
 def gaps(one: Motion, other: Motion) -> dict[str, float]:

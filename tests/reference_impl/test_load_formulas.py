@@ -5,7 +5,6 @@ from __future__ import annotations
 import mpmath as mp
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from bodycheck.adapters.contract import Reading
 from bodycheck.adapters.reference import FixedStep, Reference
@@ -22,7 +21,6 @@ from bodycheck.reference_impl.rotations import (
     exp_matrix,
     geodesic_angle,
     normalised,
-    quaternion_product,
     quaternion_to_matrix,
 )
 from bodycheck.reference_impl.scene import (
@@ -37,6 +35,7 @@ from bodycheck.reference_impl.scene import (
     TorsionSpring,
 )
 from bodycheck.reference_impl.trajectory import Trajectory
+from tests.helpers.textbook_motion import solved_end
 
 EPS = float(np.finfo(np.float64).eps)
 INERTIA = np.array([[2.0, 0.1, -0.2], [0.1, 2.5, 0.3], [-0.2, 0.3, 3.0]])
@@ -197,24 +196,17 @@ def distances(reading: Reading, truth: Trajectory) -> tuple[float, float, float,
 
 
 def solved(scene: Scene) -> Trajectory:
-    """Return the end of a motion, solved to a relative tolerance of 1e-13, as a trajectory of one sample.
-
-    The loads are those of the tests above.
-    """
-    loads, start, inertia = packed_continuous_loads(scene), scene.initial, scene.body.inertia
-
-    def rates(t: float, y: Array) -> Array:
-        x, v, q, w = np.split(y, [3, 6, 10])
-        r = quaternion_to_matrix(q)
-        wrench = continuous_wrench_at(t, x, r, v, r @ w, loads)
-        angular_acceleration = np.linalg.solve(inertia, r.T @ wrench[3:] - np.cross(w, inertia @ w))
-        quaternion_rate = 0.5 * quaternion_product(q, np.array([0.0, *w]))
-        return np.concatenate([v, wrench[:3] / scene.body.mass, quaternion_rate, angular_acceleration])
-
-    y0 = np.concatenate([start.position, start.velocity, start.quaternion, start.omega_body])
-    y = solve_ivp(rates, (0.0, scene.duration_s), y0, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1:].T
+    """Return the end of a motion under the loads of the tests above, as a trajectory of one sample."""
+    loads = packed_continuous_loads(scene)
+    end = solved_end(
+        scene.body, scene.initial, lambda *at: np.split(continuous_wrench_at(*at, loads), 2), scene.duration_s
+    )
     return Trajectory(
-        np.array([scene.duration_s]), y[:, :3], y[:, 3:6], y[:, 6:10], omega_body_rad_s=y[:, 10:]
+        np.array([scene.duration_s]),
+        end.position[None],
+        end.velocity[None],
+        end.quaternion[None],
+        omega_body_rad_s=end.omega_body[None],
     )
 
 
