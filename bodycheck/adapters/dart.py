@@ -46,6 +46,12 @@ class Dart:
     version: str = dartpy.__version__
     methods: Mapping[str, Method] = {method.name: method for method in (_SEMI_IMPLICIT, _WITH_DEFAULTS)}
 
+    def __init__(self) -> None:
+        """Raise ImportError for a release whose free joints have velocities in body axes."""
+        major, minor = map(int, self.version.split(".")[:2])
+        if (major, minor) < (6, 17):
+            raise ImportError(f"velocities of free joints have body axes in {self.version}; 6.17 is needed")
+
     @property
     def tree_model(self) -> type[TreeModel]:
         """What builds trees."""

@@ -98,3 +98,10 @@ def test_read_back_reads_the_engine(planted: str) -> None:
         case "gravity":
             simulation._skeleton.setGravity(np.zeros(3))
     assert planted in str(read_back_mismatch(scene, 1e-2, simulation.read_back()))
+
+
+def test_release_with_other_velocities_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before 6.17 the velocities of a free joint have body axes: motions from turned poses would be others."""
+    monkeypatch.setattr(Dart, "version", "6.16.7")
+    with pytest.raises(ImportError, match=r"6\.16\.7"):
+        Dart()
