@@ -101,7 +101,7 @@ def test_read_back_reads_the_engine(planted: str) -> None:
 
 
 def test_release_with_other_velocities_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Before 6.17 the velocities of a free joint have body axes: motions from turned poses would be others."""
+    """Before 6.17 the velocities of a free joint have body axes: motions from turned poses would differ."""
     monkeypatch.setattr(Dart, "version", "6.16.7")
     with pytest.raises(ImportError, match=r"6\.16\.7"):
         Dart()
