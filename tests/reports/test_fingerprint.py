@@ -37,7 +37,7 @@ from bodycheck.reference_impl.one_step_maps.one_step_map import (
     held_acceleration,
     scene_loads,
 )
-from bodycheck.reference_impl.rotations import geodesic_angle
+from bodycheck.reference_impl.rotations import geodesic_angle, normalised
 from bodycheck.reference_impl.scene import RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.run_files.method_words import (
@@ -226,15 +226,31 @@ def test_a_map_that_diverges_is_unknown_or_not_measured(gain: float) -> None:
 
 def test_a_map_that_does_not_exist_for_a_state_is_far(monkeypatch: pytest.MonkeyPatch) -> None:
     """An implicit step may have no solution; the maps that have one are compared nevertheless."""
-
-    def no_solution(*_: object) -> Motion:
-        raise np.linalg.LinAlgError("Singular matrix")
-
     missing = BY_ALIAS["M2"]
+
+    def no_solution(solid: Solid, motion: Motion, dt: Array, loads: Loads) -> Motion:
+        return replace(missing.step(solid, motion, dt, loads), omega=np.nan * motion.omega)
+
     assert found_for(missing.step).name == missing.name
     monkeypatch.setitem(MAPS, missing.name, replace(missing, step=no_solution))
     assert found_for(BY_ALIAS["M1"].step).name == BY_ALIAS["M1"].name
     assert found_for(missing.step).name != missing.name
+
+
+@pytest.mark.parametrize("spin", [80.0, 1e4, 1e160, np.inf])
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_a_step_without_a_solution_is_no_error(spin: float) -> None:
+    """Whatever the spin, each map returns a state, of NaN where its equations are singular."""
+    inertia = np.array([[0.05, 0.0003, -0.0002], [0.0003, 0.051, 0.0004], [-0.0002, 0.0004, 0.052]])
+    dice, count = np.random.default_rng(1), 64
+    omega = dice.normal(size=(count, 3))
+    omega[: count // 2] *= spin
+    attitude = normalised(dice.normal(size=(count, 4)))
+    solid, none = Solid(np.ones(count), np.tile(inertia, (count, 1, 1))), np.zeros((count, 3))
+    for one in MAPS.values():
+        begin = Motion(np.zeros(count), none, none, attitude, omega)
+        end = one.step(solid, begin, np.full(count, 0.01), lambda *_: (none, none))
+        assert np.isfinite(end.omega[count // 2 :]).all(), one.name
 
 
 def test_an_unrenormalised_quaternion_differs_from_a_renormalised_one() -> None:

@@ -26,7 +26,7 @@ from bodycheck.examine.diagnosis.engine_model import (
     times,
     transposed_times,
 )
-from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.arrays import Array, inverted
 from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.integrators.facts import Tableau
 from bodycheck.reference_impl.loads.load import Instants
@@ -132,7 +132,7 @@ class Flow:
         self._dt = dt_s * np.array([model.step_factor for model in models])[:, None]
         inertia = np.stack([model.turning_inertia for model in models], axis=-1)
         self._inertia = inertia[..., None]
-        self._inverse: Array = np.moveaxis(_inverses(np.moveaxis(inertia, -1, 0)), 0, -1)[..., None]
+        self._inverse: Array = np.moveaxis(inverted(np.moveaxis(inertia, -1, 0)), 0, -1)[..., None]
         packed = [np.stack(part, axis=-1) for part in zip(*(m.packed_loads() for m in models), strict=True)]
         self._packed = [np.moveaxis(part, 0, -1) for part in packed]  # (..., c, p)
         self._needs = [bool(np.any(part)) for part in self._packed]
@@ -581,13 +581,6 @@ _WRONGLY = {
 def _moment_of(m: Array) -> Array:
     """Return the sum of a x F (3, ...) of the sum m of a F^T (3, 3, ...)."""
     return np.stack([m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0]])
-
-
-def _inverses(inertia: Array) -> Array:
-    """Return the inverses of tensors (c, 3, 3); NaN for one that a fit has made singular."""
-    singular = ~(np.abs(np.linalg.det(inertia)) > 0.0)
-    inverse = np.linalg.inv(np.where(singular[:, None, None], np.eye(3), inertia))
-    return np.asarray(np.where(singular[:, None, None], np.nan, inverse), dtype=np.float64)
 
 
 def _clamped(value: Array, which: str, axes: ClampAxes, limit: Array, q: Array) -> Array:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bodycheck.examine.dynamics.batch_dynamics import StackedTrees
-from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.arrays import Array, solved
 from bodycheck.reference_impl.loads.kinds.force import PointForce
 from bodycheck.reference_impl.one_step_maps.lie_group import inverse_dexp
 from bodycheck.reference_impl.rotations import (
@@ -158,7 +158,7 @@ class TreeFlow:
             applied = applied - h * stiffness * u
         if self._name == "M2":
             matrix += (h * self._velocity)[..., None] * trees.change_with_rates(q, u)
-        return np.linalg.solve(matrix, (applied - bias)[..., None])[..., 0]
+        return solved(matrix, applied - bias)
 
     def _coordinates(self, q: Array) -> Array:
         """Return the coordinates at the places of the rates; 0 where there is no spring."""

@@ -434,10 +434,8 @@ def _largest_distance(steps: Steps, one: OneStepMap, parts: int = 1) -> float:
 
     It is infinite where the map does not exist, as for the huge states of a method that diverges.
     """
-    try:
-        return float(np.max(distances(steps, _many(one, steps, parts))))
-    except np.linalg.LinAlgError:
-        return math.inf
+    found = distances(steps, _many(one, steps, parts))
+    return float(np.max(np.nan_to_num(found, nan=math.inf, posinf=math.inf)))
 
 
 def _substepped(steps: Steps, limit: float) -> list[Match]:

@@ -13,7 +13,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.arrays import Array, solved
 from bodycheck.reference_impl.one_step_maps.one_step_map import (
     Attitude,
     Loads,
@@ -59,15 +59,6 @@ def gyroscopic_derivative(solid: Solid, omega: Array) -> Array:
     return np.asarray(hat(omega) @ solid.inertia - hat(times(solid.inertia, omega)))
 
 
-def _solved(matrix: Array, vector: Array) -> Array:
-    """Return x (..., 3) of A x = b; NaN where A is singular, as in a step without a solution."""
-    try:
-        return np.asarray(np.linalg.solve(matrix, vector[..., None])[..., 0])
-    except np.linalg.LinAlgError:
-        singular = ~(np.abs(np.linalg.det(matrix)) > 0.0)[..., None, None]
-        return _solved(np.where(singular, np.nan, matrix), vector)
-
-
 def _explicit(solid: Solid, omega: Array, torque: Array, dt: Array) -> Array:
     return omega + dt * times(solid.inverse, torque - gyroscopic(solid, omega))
 
@@ -78,8 +69,8 @@ def _linearised(
     matrix = solid.inertia + weight * dt[..., None] * gyroscopic_derivative(solid, omega)
     gyroscopic_torque = gyroscopic(solid, omega)
     if torque_inside:
-        return omega + dt * _solved(matrix, torque - gyroscopic_torque)
-    return omega - dt * _solved(matrix, gyroscopic_torque) + dt * times(solid.inverse, torque)
+        return omega + dt * solved(matrix, torque - gyroscopic_torque)
+    return omega - dt * solved(matrix, gyroscopic_torque) + dt * times(solid.inverse, torque)
 
 
 def _implicit(
@@ -95,7 +86,7 @@ def _implicit(
         at = omega + weight * (found - omega)
         residual = times(solid.inertia, found - omega) - dt * (acting - gyroscopic(solid, at))
         matrix = solid.inertia + weight * dt[..., None] * gyroscopic_derivative(solid, at)
-        found = found - _solved(matrix, residual)
+        found = found - solved(matrix, residual)
     return found if torque_inside else found + dt * times(solid.inverse, torque)
 
 
@@ -105,7 +96,7 @@ def _trapezoidal(solid: Solid, omega: Array, torque: Array, dt: Array) -> Array:
     for _ in range(_NEWTON_STEPS):
         mean = 0.5 * (gyroscopic_torque + gyroscopic(solid, found))
         matrix = solid.inertia + 0.5 * dt[..., None] * gyroscopic_derivative(solid, found)
-        found = found - _solved(matrix, times(solid.inertia, found - omega) - dt * (torque - mean))
+        found = found - solved(matrix, times(solid.inertia, found - omega) - dt * (torque - mean))
     return found
 
 
@@ -128,9 +119,7 @@ def _rescaled_momentum(
 
 def _linear_in_new_omega(solid: Solid, omega: Array, torque: Array, dt: Array) -> Array:
     momentum = times(solid.inertia, omega)
-    return _solved(solid.inertia - dt[..., None] * hat(momentum), momentum) + dt * times(
-        solid.inverse, torque
-    )
+    return solved(solid.inertia - dt[..., None] * hat(momentum), momentum) + dt * times(solid.inverse, torque)
 
 
 @dataclass(frozen=True)
@@ -361,8 +350,8 @@ def _with_matrix(motion: Motion, matrix: Array) -> Motion:
 
 def momentum_of(solid: Solid, matrix: Array, omega_world: Array) -> Array:
     """L (n, 3) with omega = R I^-1 R^T L, for an R that need not be orthogonal."""
-    inward = _solved(matrix, omega_world)
-    return _solved(np.swapaxes(matrix, -1, -2), times(solid.inertia, inward))
+    inward = solved(matrix, omega_world)
+    return solved(np.swapaxes(matrix, -1, -2), times(solid.inertia, inward))
 
 
 def _omega_of(solid: Solid, after: Motion, momentum: Array) -> Array:

@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.arrays import Array, solved
 from bodycheck.reference_impl.one_step_maps.first_order import CARRIED, Carried, gyroscopic
 from bodycheck.reference_impl.one_step_maps.one_step_map import (
     Loads,
@@ -332,7 +332,7 @@ def _moser_veselov(solid: Solid, quaternion: Array, momentum: Array, h: Array) -
             (_discrete_momentum(solid, f + axis) - _discrete_momentum(solid, f - axis)) / (2.0 * _DIFFERENCE)
             for axis in np.eye(3) * _DIFFERENCE
         ]
-        f = f - np.linalg.solve(np.stack(columns, axis=-1), (value - h * momentum)[..., None])[..., 0]
+        f = f - solved(np.stack(columns, axis=-1), value - h * momentum)
     return rotated(quaternion, f), back(quaternion_to_matrix(exp_quaternion(f)), momentum)
 
 

@@ -11,7 +11,7 @@ from typing import cast
 
 import numpy as np
 
-from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.arrays import Array, inverted
 from bodycheck.reference_impl.integrators.dop853 import TABLEAU as _DOP853
 from bodycheck.reference_impl.one_step_maps.first_order import CARRIED, Carried, gyroscopic, momentum_of
 from bodycheck.reference_impl.one_step_maps.one_step_map import (
@@ -194,7 +194,7 @@ class _Implicit:
         derivative = self._derivative(solid, t, y, loads)
         product = np.einsum("ij,nkl->nikjl", self.tableau.a, derivative)
         matrix = np.eye(stages * size) - h[:, None, None] * product.reshape(n, stages * size, stages * size)
-        return np.asarray(np.linalg.inv(matrix))
+        return inverted(matrix)
 
     def _derivative(self, solid: Solid, t: Array, y: Array, loads: Loads) -> Array:
         """dy'/dy (n, size, size), by central differences."""
