@@ -216,7 +216,7 @@ def _overview(engine: str, methods: Sequence[MeasuredMethod]) -> tuple[str, ...]
         str(len(methods)),
         _range([f"{order:.1f}" for order in sorted(orders)]),
         _range([scientific(error) for error in sorted(errors)]),
-        "; ".join(_together(refused, methods)) or "all represented",
+        "; ".join(_together(refused, methods)).replace("`", "") or "all represented",
         ", ".join(wrong) or "none",
     )
 

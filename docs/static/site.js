@@ -4,7 +4,7 @@ for (const table of document.querySelectorAll("article table.docutils")) {
   const heads = [...table.querySelectorAll("thead th")].map((head) => head.innerText.trim());
   for (const cell of table.querySelectorAll("tbody td")) {
     const head = heads[cell.cellIndex];
-    if (head && cell.cellIndex) cell.dataset.head = `${head}:`;
+    if (head && cell.cellIndex && cell.innerText.trim()) cell.dataset.head = `${head}:`;
     if (!/\S{25}/.test(cell.textContent)) continue;
     cell.classList.add("long");
     for (const part of cell.querySelectorAll("p, span.pre")) {
