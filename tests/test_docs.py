@@ -404,8 +404,11 @@ LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]+))?\)")
 
 
 def anchors(page: Path) -> set[str]:
-    """Return the anchors of a page: its headings as a Markdown viewer converts them."""
-    headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    """Return the anchors of a page and of what it includes: headings as a Markdown viewer converts them."""
+    text = page.read_text(encoding="utf-8")
+    for name in re.findall(r"^```\{include\} (\S+)", text, flags=re.MULTILINE):
+        text += (page.parent / name).read_text(encoding="utf-8")
+    headings = re.findall(r"^#+ (.+)$", text, flags=re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
