@@ -24,7 +24,7 @@ from bodycheck.reports.cache.truths import known_truth
 from bodycheck.reports.document import Column, Document, Sentence, Table
 from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.run_files.trajectory_files import COLUMNS, state_columns, tree_table
+from bodycheck.reports.run_files.trajectory_files import COLUMNS, read_arrays, state_columns, tree_table
 from bodycheck.scenarios.tree_model import TreeScenario
 
 _UNITS = {
@@ -71,8 +71,9 @@ def judged_tree(
     dt_s: the step of the program that wrote it, with which its cause is named. Raises InputError where the
     file has no column of the tree, or others, or times outside the scenario.
     """
-    recording, scene = read_recording(path, ""), tree.scene
-    t_s = recording.values("t_s") if "t_s" in recording.names else None
+    scene = tree.scene
+    columns = _columns(path, scene)
+    t_s = columns.get("t_s")
     if t_s is None or len(t_s) < 1 or np.any(np.diff(t_s) <= 0.0) or not 0.0 <= t_s[0] <= t_s[-1]:
         raise InputError(f"{path}: t_s: needs ascending times in s from 0 on")
     if t_s[-1] > scene.duration_s * (1.0 + 1e-9):
@@ -85,8 +86,7 @@ def judged_tree(
         raise InputError(f"{path}: the truth ends before the first time in t_s: {truth.end_reason}")
     table = tree_table(scene, truth.trajectory)
     right = {str(name): table[name].to_numpy() for name in table.columns}
-    ignored = ("t_s", *(name for name in recording.names if name.startswith("bound_")))
-    own = {name: recording.values(name) for name in recording.names if name not in ignored}
+    own = {name: v for name, v in columns.items() if name != "t_s" and not name.startswith("bound_")}
     for name in own:
         if name not in right:
             raise InputError(f"{path}: {name}: no column of this tree{suggestion(name, right)}")
@@ -95,6 +95,21 @@ def judged_tree(
     bounds = {kind: getattr(truth, kind) for _, _, kind in _UNITS.values()}
     errors = tuple(_errors(own, right, t_s, trusted, bounds))
     return JudgedTree(path, errors, _cause(tree, spec, own, t_s, dt_s, cache))
+
+
+def _columns(path: Path, scene: TreeScene) -> dict[str, Array]:
+    """Return the columns of a file; the arrays (n, bodies, ...) that a run stores have those of `truth`."""
+    recording = read_recording(path, "")
+    if "position_m[0][0]" not in recording.names:
+        return {name: recording.values(name) for name in recording.names}
+    arrays = read_arrays(path)
+    shapes = {"position_m": (len(scene.bodies), 3), "q": scene.q0.shape, "u": scene.u0.shape}
+    for name, shape in shapes.items():
+        held = arrays[name].shape[1:] if name in arrays else None
+        if held != shape:
+            raise InputError(f"{path}: {name} has {held or 'no values'} per sample, not {shape} as this tree")
+    table = tree_table(scene, Trajectory(**arrays))
+    return {str(name): table[name].to_numpy() for name in table.columns}
 
 
 def _errors(

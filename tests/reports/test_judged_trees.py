@@ -6,12 +6,13 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from bodycheck.reference_impl.one_step_maps.tree_maps import TREE_MAPS
 from bodycheck.reference_impl.trees.tree_bodies import tree_trajectory
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
-from bodycheck.reports.run_files.trajectory_files import tree_table
+from bodycheck.reports.run_files.trajectory_files import COLUMNS, npz, stored_arrays, tree_table
 from bodycheck.scenarios.library import load_trees
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.in_process_cli import run_bodycheck
@@ -65,6 +66,34 @@ def test_motion_of_a_map_is_wrong_by_its_error_and_named(tmp_path: Path) -> None
     (joint,) = [one for one in errors if (one["name"], one["quantity"]) == ("joint of l2", "angle")]
     assert round(joint["error"], 4) == 0.0497
     assert "M1 of trees" in str(found["cause"])
+
+
+def test_the_arrays_that_a_run_stores_are_read(tmp_path: Path, expected_message: ExpectedMessage) -> None:
+    """The file of a tree is judged as its columns are; of another tree, it is refused with the shape."""
+    _m1(tmp_path / "m.csv")
+    scene = _scene()
+    motion = pd.read_csv(tmp_path / "m.csv")
+    q = motion[[f"joint.{name}.q_rad" for name in ("l1", "l2")]].to_numpy()
+    u = motion[[f"joint.{name}.rate" for name in ("l1", "l2")]].to_numpy()
+    base = motion[
+        [f"body.base.{name}" for name in (*COLUMNS["position_m"], *COLUMNS["quaternion"])]
+    ].to_numpy()
+    speed = motion[
+        [f"body.base.{name}" for name in (*COLUMNS["velocity_m_s"], *COLUMNS["omega_body_rad_s"])]
+    ].to_numpy()
+    stored = tree_trajectory(scene, scene.sample_times, np.hstack([base, q]), np.hstack([speed, u]))
+    (tmp_path / "m.npz").write_bytes(npz(stored_arrays(stored)))
+    read = [
+        json.loads(run_bodycheck(tmp_path, "judge", name, "--scenario", "free-chain", "--json").stdout)[
+            "errors"
+        ]
+        for name in ("m.csv", "m.npz")
+    ]
+    errors = [{(one["name"], one["quantity"]): one["error"] for one in each} for each in read]
+    assert errors[1] == pytest.approx(errors[0], abs=1e-12)
+    shown = run_bodycheck(tmp_path, "judge", "m.npz", "--scenario", "double-pendulum")
+    assert (shown.returncode, shown.stdout) == (2, "")
+    expected_message(shown.stderr)
 
 
 def test_a_column_of_another_tree_is_refused(tmp_path: Path, expected_message: ExpectedMessage) -> None:
