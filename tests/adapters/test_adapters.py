@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 from typing import Any
 
@@ -18,9 +18,9 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import geodesic_angle, matrix_to_quaternion
 from bodycheck.reference_impl.scene import ConstantLoad, PointForce, RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.wrench import Wrench, wrench_between
-from tests.helpers.engine_methods import adapter_of, engine_methods
+from tests.helpers.engine_methods import adapter_of, engine_methods, state_of
 from tests.helpers.first_order_maps import SpinStep, explicit_step, implicit_gyroscopic_step, implicit_step
-from tests.helpers.textbook_motion import solved_end
+from tests.helpers.textbook_motion import solved_end, wrench_at
 
 ENGINES = ("mujoco", "pybullet", "dart")
 
@@ -326,18 +326,6 @@ def matrix_of(q: Array) -> Array:
     return Rotation.from_quat(q, scalar_first=True).as_matrix()
 
 
-def force_and_body_torque(scene: Scene, r: Array) -> tuple[Array, Array]:
-    """Sum the loads and the weight at an orientation: force in world axes, torque in body axes."""
-    force, torque = scene.body.mass * scene.gravity, np.zeros(3)
-    for load in scene.loads:
-        value = load.value if load.axes == "body" else r.T @ load.value
-        if isinstance(load, Torque):
-            torque = torque + value
-        else:
-            force, torque = force + r @ value, torque + np.cross(load.at, value)
-    return force, torque
-
-
 @cache  # methods with the same map share its motion
 def mapped(
     body: str,
@@ -356,8 +344,8 @@ def mapped(
     initial = scene.initial
     x, v, q, w = initial.position, initial.velocity, initial.quaternion, initial.omega_body
     for _ in range(steps):
-        force, torque = force_and_body_torque(scene, matrix_of(q))
-        torque_world = matrix_of(q) @ torque
+        r = matrix_of(q)
+        force, torque_world = wrench_at(scene, 0.0, x, r, v, r @ w)
         for _ in range(substeps):
             w = w + spin_step(scene.body.inertia, w, matrix_of(q).T @ torque_world, h / substeps)
             v = v + h / substeps * force / scene.body.mass
@@ -365,17 +353,6 @@ def mapped(
             turned = Rotation.from_quat(q, scalar_first=True) * Rotation.from_rotvec(h / substeps * w)
             q = turned.as_quat(scalar_first=True)
     return x, v, matrix_of(q), w
-
-
-def state_of(reading: Reading) -> tuple[Array, Array, Array, Array]:
-    """Return position, velocity, rotation and omega_body of a reading."""
-    r = reading.rotation
-    assert r is not None
-    omega_body = reading.omega_body
-    if omega_body is None:
-        assert reading.omega_world is not None
-        omega_body = r.T @ reading.omega_world
-    return reading.position, reading.velocity, r, omega_body
 
 
 def spin_step_of(adapter: Adapter, method: str) -> SpinStep:
@@ -444,12 +421,7 @@ def test_semi_implicit_fall_is_ahead_by_half_a_step(adapter: Adapter, method: st
 
 def true_motion(scene: Scene) -> tuple[Array, Array, Array, Array]:
     """Return the end of the textbook's motion as the tuple of state_of."""
-
-    def wrench(_t: float, _x: Array, rotation: Array, _v: Array, _omega: Array) -> tuple[Array, Array]:
-        force, torque = force_and_body_torque(scene, rotation)
-        return force, rotation @ torque
-
-    end = solved_end(scene.body, scene.initial, wrench, scene.duration_s)
+    end = solved_end(scene.body, scene.initial, partial(wrench_at, scene), scene.duration_s)
     return end.position, end.velocity, end.rotation, end.omega_body
 
 

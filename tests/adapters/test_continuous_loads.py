@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bodycheck.adapters.contract import Adapter, Reading, Simulation, read_back_mismatch
+from bodycheck.adapters.contract import Adapter, Simulation, read_back_mismatch
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.loads import load_kinds
 from bodycheck.reference_impl.loads.kinds.magnetic_dipole import MagneticDipole
@@ -32,9 +32,9 @@ from bodycheck.reference_impl.scene import (
     TorsionSpring,
 )
 from bodycheck.reference_impl.wrench import wrench_between
-from tests.helpers.engine_methods import ADAPTERS, adapter_of, engine_methods
+from tests.helpers.engine_methods import ADAPTERS, adapter_of, engine_methods, state_of
 from tests.helpers.first_order_maps import SpinStep, explicit_step, implicit_gyroscopic_step, implicit_step
-from tests.helpers.textbook_motion import solved_end
+from tests.helpers.textbook_motion import solved_end, wrench_at
 
 
 def stepping(adapter: Adapter, method: str) -> bool:
@@ -114,58 +114,9 @@ def built(adapter: Adapter, scene: Scene, method: str, dt_s: float) -> Iterator[
 Motion = tuple[Array, Array, Array, Array]
 
 
-def state_of(reading: Reading) -> Motion:
-    """Return position, velocity, rotation and omega_body of a reading."""
-    r = reading.rotation
-    if r is None:
-        assert reading.quaternion is not None
-        r = Rotation.from_quat(reading.quaternion, scalar_first=True).as_matrix()
-    omega_body = reading.omega_body
-    if omega_body is None:
-        assert reading.omega_world is not None
-        omega_body = np.linalg.solve(r, reading.omega_world)
-    return reading.position, reading.velocity, r, omega_body
-
-
 def gap(one: Motion, other: Motion) -> float:
     """Return the largest difference in any component."""
     return max(float(np.max(np.abs(a - b))) for a, b in zip(one, other, strict=True))
-
-
-def wrench_at(scene: Scene, t: float, x: Array, r: Array, v: Array, omega: Array) -> tuple[Array, Array]:
-    """Sum loads and weight: force and torque about the centre of mass, world axes, omega in body axes."""
-    force, torque = scene.body.mass * scene.gravity, np.zeros(3)
-    for load in scene.loads:
-        match load:
-            case Torque():
-                torque = torque + (r @ load.value if load.axes == "body" else load.value)
-            case PointForce():
-                push = r @ load.value if load.axes == "body" else load.value
-                force, torque = force + push, torque + np.cross(r @ load.at, push)
-            case SineTorque():
-                value = load.amplitude * np.sin(load.rate * t + load.phase)
-                torque = torque + (r @ value if load.axes == "body" else value)
-            case Drag():
-                force, torque = force - load.linear * v, torque - r @ (load.angular @ omega)
-            case Spring():
-                d = x + r @ load.at - load.anchor
-                length = float(np.linalg.norm(d))
-                pull = -load.stiffness * (length - load.rest_length) / length * d
-                force, torque = force + pull, torque + np.cross(r @ load.at, pull)
-            case TorsionSpring():
-                turn = Rotation.from_matrix(r @ scene.initial.rotation.T).as_rotvec()
-                torque = torque - load.stiffness * turn
-            case GravityGradient():
-                u = np.array([-np.sin(load.rate * t), 0.0, -np.cos(load.rate * t)])
-                torque = torque + 3.0 * load.rate**2 * np.cross(u, r @ scene.body.inertia @ r.T @ u)
-            case MagneticDipole():
-                torque = torque + np.cross(r @ load.moment, load.field)
-            case CallbackLoad():
-                push, turn = load.function(t, x, r, v, r @ omega)
-                force, torque = force + push, torque + turn
-            case _:
-                raise NotImplementedError(f"wrench_at has no formula of {load.kind}")
-    return force, torque
 
 
 def moment_of_inertia(scene: Scene) -> Array:
@@ -178,7 +129,7 @@ def moment_of_inertia(scene: Scene) -> Array:
 
 def accelerations(scene: Scene, t: float, x: Array, r: Array, v: Array, w: Array) -> tuple[Array, Array]:
     """Return v' of a free body, world axes, and the moment about pivot or centre of mass, body axes."""
-    force, torque = wrench_at(scene, t, x, r, v, w)
+    force, torque = wrench_at(scene, t, x, r, v, r @ w)
     arm = np.zeros(3) if scene.pivot is None else r @ -scene.pivot
     return force / scene.body.mass, r.T @ (torque + np.cross(arm, force))
 
@@ -279,7 +230,7 @@ def test_callback_load_equals_the_loads_it_computes(
     weightless = replace(scene, loads=scene.continuous_loads, gravity=np.zeros(3))
 
     def function(t: float, x: Array, r: Array, v: Array, omega: Array) -> tuple[Array, Array]:
-        return wrench_at(weightless, t, x, r, v, r.T @ omega)
+        return wrench_at(weightless, t, x, r, v, omega)
 
     hidden = replace(scene, loads=(CallbackLoad("loads:function", function), *scene.piecewise_constant_loads))
     if (adapter.name, method) == ("reference", "euler"):

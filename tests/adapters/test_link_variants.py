@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bodycheck.adapters.contract import VARIANT, Reading, Simulation, read_back_mismatch
+from bodycheck.adapters.contract import VARIANT, Simulation, read_back_mismatch
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Link, Load, PointForce, RigidBody, Scene, SineTorque, State, Torque
 from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reference_impl.wrench import wrench_between
-from tests.helpers.engine_methods import adapter_of
+from tests.helpers.engine_methods import adapter_of, state_of
 from tests.helpers.first_order_maps import skew
+from tests.helpers.textbook_motion import wrench_at
 
 BUILDS = ("unaligned", "welded")
 EXPLICIT = ("mujoco:euler", "dart:semi-implicit")
@@ -77,36 +78,7 @@ def built(name: str, scene: Scene, dt_s: float) -> Iterator[Simulation]:
         simulation.close()
 
 
-State4 = tuple[Array, Array, Array, Array]
-
-
-def state_of(reading: Reading) -> State4:
-    """Return position, velocity, rotation and omega_body of a reading."""
-    r = reading.rotation
-    assert r is not None
-    if reading.omega_body is not None:
-        return reading.position, reading.velocity, r, reading.omega_body
-    assert reading.omega_world is not None
-    return reading.position, reading.velocity, r, r.T @ reading.omega_world
-
-
-def force_and_body_torque(scene: Scene, t: float, r: Array) -> tuple[Array, Array]:
-    """Sum the loads and the weight: force in world axes, torque about the centre of mass in body axes."""
-    force, torque = scene.body.mass * scene.gravity, np.zeros(3)
-    for load in scene.loads:
-        if isinstance(load, SineTorque):
-            torque = torque + load.amplitude * np.sin(load.rate * t + load.phase)
-            continue
-        assert isinstance(load, Torque | PointForce)
-        value = load.value if load.axes == "body" else r.T @ load.value
-        if isinstance(load, Torque):
-            torque = torque + value
-        else:
-            force, torque = force + r @ value, torque + np.cross(load.at, value)
-    return force, torque
-
-
-def by_the_origin(scene: Scene, h: float, *, implicit: bool) -> State4:
+def by_the_origin(scene: Scene, h: float, *, implicit: bool) -> tuple[Array, Array, Array, Array]:
     """Step (v of the link's origin in world axes, omega in body axes), then the pose.
 
     M = [[m, -m R [c]x], [m [c]x R^T, I_o]], bias b = (m R omega x (omega x c), omega x I_o omega), c the
@@ -121,7 +93,7 @@ def by_the_origin(scene: Scene, h: float, *, implicit: bool) -> State4:
     x, v = initial.position - r @ c, initial.velocity - r @ np.cross(w, c)
     for step in range(round(scene.duration_s / h)):
         r = turn.as_matrix()
-        force, torque = force_and_body_torque(scene, step * h, r)
+        force, torque = wrench_at(scene, step * h, x, r, v, r @ w)
         mass = np.block([[m * np.eye(3), -m * r @ skew(c)], [m * skew(c) @ r.T, about_origin]])
         bias = np.concatenate([m * r @ np.cross(w, np.cross(w, c)), np.cross(w, about_origin @ w)])
         if implicit:
@@ -129,7 +101,7 @@ def by_the_origin(scene: Scene, h: float, *, implicit: bool) -> State4:
             gyroscopic = skew(w) @ about_origin - skew(about_origin @ w)
             mass[:3, 3:] += h * m * r @ swing
             mass[3:, 3:] += h * gyroscopic
-        push = np.concatenate([force, torque + np.cross(c, r.T @ force)])
+        push = np.concatenate([force, r.T @ torque + np.cross(c, r.T @ force)])
         change = np.linalg.solve(mass, h * (push - bias))
         v, w = v + change[:3], w + change[3:]
         x, turn = x + h * v, turn * Rotation.from_rotvec(h * w)

@@ -6,9 +6,12 @@ import importlib
 from collections.abc import Callable, Iterable
 from typing import Any
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from bodycheck.adapters.contract import Adapter
+from bodycheck.adapters.contract import Adapter, Reading
+from bodycheck.reference_impl.arrays import Array
 
 ADAPTERS = {"mujoco": "MuJoCo", "pybullet": "PyBullet", "dart": "Dart", "reference": "Reference"}
 """Engine -> the name of its adapter's class."""
@@ -35,3 +38,16 @@ def engine_methods(engines: Iterable[str], accepts: Callable[[Adapter, str], boo
             if accepts(adapter, method)
         ]
     return found
+
+
+def state_of(reading: Reading) -> tuple[Array, Array, Array, Array]:
+    """Return position, velocity, rotation and omega_body of a reading."""
+    r = reading.rotation
+    if r is None:
+        assert reading.quaternion is not None
+        r = Rotation.from_quat(reading.quaternion, scalar_first=True).as_matrix()
+    omega_body = reading.omega_body
+    if omega_body is None:
+        assert reading.omega_world is not None
+        omega_body = np.linalg.solve(r, reading.omega_world)
+    return reading.position, reading.velocity, r, omega_body

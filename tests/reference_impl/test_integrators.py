@@ -34,7 +34,7 @@ from bodycheck.reference_impl.rotations import (
 )
 from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.wrench import wrench_between
-from tests.helpers.textbook_motion import solved_end
+from tests.helpers.textbook_motion import solved_end, wrench_at
 
 EPS = float(np.finfo(np.float64).eps)
 
@@ -142,18 +142,7 @@ def stepped(scene: Scene, method: Integrator, steps: int, dt_s: float | None = N
 
 def solved(scene: Scene) -> Motion:
     """Return the end of the textbook's motion."""
-
-    def wrench(_t: float, _x: Array, rotation: Array, _v: Array, _omega: Array) -> tuple[Array, Array]:
-        force, torque = scene.body.mass * scene.gravity, np.zeros(3)
-        for load in constant_loads(scene):
-            value = rotation @ load.value if load.axes == "body" else load.value
-            if isinstance(load, Torque):
-                torque = torque + value
-            else:
-                force, torque = force + value, torque + np.cross(rotation @ load.at, value)
-        return force, torque
-
-    end = solved_end(scene.body, scene.initial, wrench, scene.duration_s)
+    end = solved_end(scene.body, scene.initial, partial(wrench_at, scene), scene.duration_s)
     momentum = end.rotation @ scene.body.inertia @ end.omega_body
     return Motion(end.position, end.velocity, end.quaternion, end.omega_body, momentum, end.rotation)
 
