@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import sys
 from importlib.metadata import version as version_of
-from importlib.util import find_spec
 from pathlib import Path
 
 from sphinx.search.en import SearchEnglish
@@ -27,9 +26,8 @@ extensions = [
     "generated_pages",
     "plain_docstrings",
     "search_words",
+    "sphinx_copybutton",
 ]
-if find_spec("sphinx_copybutton"):  # the pages are the same without their buttons
-    extensions.append("sphinx_copybutton")
 copybutton_prompt_text = "$ "  # of console blocks, of which only the commands are copied
 smartquotes = False  # options begin with two hyphens, and are copied
 html_math_renderer = "mathml"
