@@ -17,6 +17,7 @@ from bodycheck.reference_impl.one_step_maps import formula_of
 from bodycheck.reports.document import markdown_table
 
 ENGINES = Path(__file__).parent / "engines"
+_UNPUBLISHED = " Nothing is published yet: in a checkout, `.` stands for `bodycheck`."
 _Fact = TypeVar("_Fact", bound=Hashable)
 _ENVIRONMENT = "the first run makes [an environment](../versions.md#the-environments) for it"
 _INSTALL = {
@@ -52,7 +53,7 @@ def _installation(engine: str) -> list[str]:
         install = f"Node.js and npm; {_ENVIRONMENT}"
     scenario = "intermediate-axis" if engine in ("mujoco", "pybullet", "dart", "reference") else "quick"
     return [
-        f"- [Install](../start.md#install): {install}.",
+        f"- [Install](../start.md#install): {install}.{_UNPUBLISHED * ('pip' in install)}",
         f"- Test: `bodycheck run {scenario} --engine {engine}`.",
     ]
 
