@@ -231,14 +231,14 @@ FAULTS: Mapping[str, AdapterFault] = {
     "body torque as world torque": AdapterFault(
         applies(lambda w: replace(w, torque_body=np.zeros(3), torque_world=w.torque_world + w.torque_body)),
         "loads",
-        "the body torque acts in world axes",
+        "a torque in body axes acts in world axes",
     ),
     "force at the centre": AdapterFault(
         applies(
             lambda w: replace(w, point_forces=tuple((np.zeros(3), force) for _, force in w.point_forces))
         ),
         "loads",
-        "the world force acts at the centre of mass, not at its point",
+        "forces act at the centre of mass, not at their points",
     ),
     "force off its point": AdapterFault(
         applies(
@@ -262,7 +262,7 @@ FAULTS: Mapping[str, AdapterFault] = {
     "float32 stated as float64": AdapterFault(
         SinglePrecision, "model", 'the engine holds float32: state precision="float32" in its Method'
     ),
-    "gravity reversed": AdapterFault(ReversesGravity, "loads", "gravity has the opposite sign"),
+    "gravity reversed": AdapterFault(ReversesGravity, "loads", "gravity is reversed"),
     "link origin": AdapterFault(
         reads(_link_origin), "link", "the position is that of the link's origin, not of the centre of mass"
     ),
