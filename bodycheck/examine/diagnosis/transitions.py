@@ -269,8 +269,9 @@ class Transitions:
         columns = {"position": path.position_m, "velocity": path.velocity_m_s, "omega": omega}
         errors = [
             (QUANTITIES[name].start + axis, rows)
-            for name in columns.keys() & self.known
-            for axis, numbers in enumerate(columns[name].T)
+            for name, values in columns.items()
+            if name in self.known
+            for axis, numbers in enumerate(values.T)
             for rows in _equally_spaced(numbers[:, None], getattr(self.resolution, name))
         ]
         if "attitude" in self.known:

@@ -109,8 +109,8 @@ def response_findings(motions: Sequence[Sampled], resolution: float) -> Iterator
     motions: of one scene from rest, coarsest step first. resolution: relative, of the states after all steps.
     """
     steps_s = [motion.dt_s for motion in motions]
-    yield from _gravity_responses(motions, resolution)
     weight = _gravity(motions, resolution)
+    yield from _gravity_responses(weight, motions)
     gravity = (
         weight.limit(steps_s).value[0] * weight.size / motions[0].scene.body.mass / _alone_until(motions)
     )
@@ -124,12 +124,12 @@ def response_findings(motions: Sequence[Sampled], resolution: float) -> Iterator
 
 def gravity_finding(motions: Sequence[Sampled], resolution: float) -> Finding:
     """Return the response to gravity over a motion without other loads."""
-    return next(_gravity_responses(motions, resolution))
+    return next(_gravity_responses(_gravity(motions, resolution), motions))
 
 
-def _gravity_responses(motions: Sequence[Sampled], resolution: float) -> Iterator[Finding]:
+def _gravity_responses(weight: _Window, motions: Sequence[Sampled]) -> Iterator[Finding]:
     span, alone = (0.0, _alone_until(motions)), replace(motions[0].scene, loads=())
-    yield from _responses([_gravity(motions, resolution)], motions, span, alone)
+    yield from _responses([weight], motions, span, alone)
 
 
 def _alone_until(motions: Sequence[Sampled]) -> float:
