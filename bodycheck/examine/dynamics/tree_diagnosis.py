@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bodycheck.examine.diagnosis.faults.fault import number_text
+from bodycheck.examine.dynamics.faults import TREE_FAULTS
+from bodycheck.examine.dynamics.faults.tree_fault import TreeFault
 from bodycheck.examine.dynamics.tree_case import TreeCase
-from bodycheck.examine.dynamics.tree_faults import TREE_FAULTS, TreeFault
 from bodycheck.reference_impl.arrays import Array
 
 _CASES = 3

@@ -16,8 +16,9 @@ from bodycheck.adapters.contract import Precision
 from bodycheck.adapters.stable_step import kinetic_limit
 from bodycheck.examine.diagnosis.diagnosis import Diagnosis, FittedFault, FittedParameter
 from bodycheck.examine.diagnosis.faults.fault import number_text
+from bodycheck.examine.dynamics.faults import TREE_FAULTS
+from bodycheck.examine.dynamics.faults.tree_fault import TreeFault
 from bodycheck.examine.dynamics.tree_case import TreeCase, TreeState
-from bodycheck.examine.dynamics.tree_faults import TREE_FAULTS, TreeFault
 from bodycheck.examine.dynamics.tree_flow import TreeFlow, TreeHypothesis
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.one_step_maps.tree_maps import TREE_MAPS

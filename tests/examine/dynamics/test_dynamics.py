@@ -12,8 +12,9 @@ import pytest
 from bodycheck.adapters.registry import registered
 from bodycheck.adapters.workers.tree_readings import without_loads
 from bodycheck.examine.dynamics.batch_dynamics import batch_dynamics
+from bodycheck.examine.dynamics.faults import TREE_FAULTS
+from bodycheck.examine.dynamics.faults.tree_fault import TreeFault
 from bodycheck.examine.dynamics.tree_case import TreeCase, TreeState
-from bodycheck.examine.dynamics.tree_faults import TREE_FAULTS, TreeFault
 from bodycheck.examine.dynamics.tree_flow import TreeFlow, TreeHypothesis
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.loads.kinds.torque import Torque
