@@ -106,8 +106,8 @@ SCHEMAS: Mapping[str, Schema] = {
     schema.name: schema
     for schema in (
         Schema("scenario", "1.0", "A scenario file of bodycheck", _scenario),
-        Schema("gates", "1.0", "A file of gates of bodycheck", lambda: _tolerances("gate")),
-        Schema("thresholds", "1.0", "A file of thresholds of bodycheck", lambda: _tolerances("change")),
+        Schema("gates", "1.1", "A file of gates of bodycheck", lambda: _tolerances("gate")),
+        Schema("thresholds", "1.1", "A file of thresholds of bodycheck", lambda: _tolerances("change")),
         Schema("engines", "1.0", "A file of programs for --engines", ProgramsFile.model_json_schema),
         Schema("manifest", "1.0", "manifest.json of a run", ManifestFile.model_json_schema),
         Schema("results", "1.0", "The rows of results.csv, as JSON", _results),
