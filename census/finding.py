@@ -20,7 +20,7 @@ KINDS = {
     "defect": "the code computes something else than it documents, or something impossible",
     "omission": "an importer drops what a file states, without an error",
     "default": "the default changes the motion or the model, and another setting is correct",
-    "property": "the engine works as designed, and differs from what the equations of motion give",
+    "property": "the engine works as designed, unlike the equations of motion, or another of its releases",
 }
 NOT_FOUND = "none found"
 WITHIN = 0.02

@@ -159,7 +159,9 @@ def mjcf_site() -> list[float]:
     for text in ("<site/>" + body.format(""), body.format("<site/>")):
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "model.xml"
-            path.write_text(f"<mujoco><worldbody>{text}</worldbody></mujoco>")
+            # without a default, releases up to 6.19.5 end at any model
+            sphere = '<default><geom type="sphere"/></default>'
+            path.write_text(f"<mujoco>{sphere}<worldbody>{text}</worldbody></mujoco>")
             done = subprocess.run([sys.executable, "-c", code, str(path)], check=False)
         found.append(-done.returncode)
     return found

@@ -94,18 +94,22 @@ def mjcf_damping() -> list[float]:
 
 
 def spinning_centre() -> list[float]:
-    """How far the centre of mass of a free body, 0.2 m off its origin, moves in 1 s by Featherstone; true: 0.
+    """How far the centre of mass of a free body moves in 1 s by Featherstone; true: 0.
 
-    The body turns at 1 rad/s about a principal axis, and its centre is at rest.
+    The body turns at 1 rad/s about a principal axis, and its centre is at rest: 0.2 m off the origin of the
+    body, which is that of the world; then at the origin of the body, 5 m off that of the world.
     """
-    centre = 0.2
+    return [_moved_centre(0.2, 0.0), _moved_centre(0.0, 5.0)]
+
+
+def _moved_centre(centre: float, origin: float) -> float:
     builder = newton.ModelBuilder(gravity=0.0)
     builder.add_body(mass=1.0, com=wp.vec3(centre, 0.0, 0.0), inertia=wp.mat33(np.eye(3)), lock_inertia=True)
     model = builder.finalize(device="cpu")
     stepper = newton.solvers.SolverFeatherstone(model)
     now, after = model.state(), model.state()
     for one in (now, after):
-        one.body_q.assign(np.array([[0, 0, 0, 0, 0, 0, 1.0]]))
+        one.body_q.assign(np.array([[origin, 0, 0, 0, 0, 0, 1.0]]))
         one.body_qd.assign(np.array([[0, 0, 0, 0, 0, 1.0]]))
         newton.eval_ik(model, one, one.joint_q, one.joint_qd)
     for _ in range(1000):
@@ -113,4 +117,4 @@ def spinning_centre() -> list[float]:
         now, after = after, now
     x, y, z, w = (float(c) for c in now.body_q.numpy()[0][3:])
     place = np.array(now.body_q.numpy()[0][:3], dtype=float) + of_quaternion(w, x, y, z) @ [centre, 0.0, 0.0]
-    return [float(np.linalg.norm(place - [centre, 0.0, 0.0]))]
+    return float(np.linalg.norm(place - [origin + centre, 0.0, 0.0]))

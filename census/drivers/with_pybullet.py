@@ -227,12 +227,19 @@ def mjcf_density() -> list[float]:
 
 
 def mjcf_from_geom() -> list[float]:
-    """Mass that loadMJCF holds with inertiafromgeom: 1 kg by the geom, 7 kg by <inertial>."""
+    """Mass that loadMJCF holds with inertiafromgeom, 1 kg by the geom, 7 kg by <inertial>, and its moments.
+
+    The largest moment by default flags, and with URDF_USE_INERTIA_FROM_FILE.
+    """
     _client()
     text = """<mujoco><compiler inertiafromgeom="true"/><worldbody><body name="b"><freejoint/>
     <inertial pos="0 0 0" mass="7" diaginertia="1 1 1"/><geom type="box" size="0.05 0.05 0.05"/>
     </body></worldbody></mujoco>"""
-    return [p.getDynamicsInfo(_loaded(text, "loadMJCF", ".xml"), -1)[0]]
+    usual, from_file = (
+        p.getDynamicsInfo(_loaded(text, "loadMJCF", ".xml", flags=flags), -1)
+        for flags in (0, p.URDF_USE_INERTIA_FROM_FILE)
+    )
+    return [usual[0], max(usual[2]), max(from_file[2])]
 
 
 def mjcf_capsule() -> list[float]:
