@@ -28,7 +28,6 @@ from bodycheck.adapters.versions.environments import (
 )
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reference_impl.imu import ImuReadings, imu_mistake
-from bodycheck.reference_impl.one_step_maps import named_map
 from bodycheck.reference_impl.rotations import (
     cross,
     geodesic_angle,
@@ -38,9 +37,10 @@ from bodycheck.reference_impl.rotations import (
 )
 from bodycheck.reference_impl.scene import RigidBody, Scene, State, Torque
 from bodycheck.reports.cache.answers import Answers
-from bodycheck.reports.run_files.method_words import NO_KNOWN_MAP, NOT_MEASURED
+from bodycheck.reports.run_files.method_words import NOT_MEASURED
 from bodycheck.runs.dynamics_run import DynamicsOptions, dynamics
 from bodycheck.runs.engine_checks import check_adapter, fingerprints
+from tests.helpers.engine_methods import expected_map
 
 pytestmark = [pytest.mark.engines, pytest.mark.slow]
 
@@ -276,10 +276,8 @@ def test_trapezoidal_rule_of_jsbsim_errs_twice_as_much_as_its_default() -> None:
 
 @pytest.mark.parametrize("engine", optional_engines())
 def test_formula_of_each_method_is_its_measured_map(engine: str) -> None:
-    """The fingerprint of a method is the known map that it states, or of no known map."""
+    """The fingerprint of a method is the map that it states, if a known one."""
     made_or_skipped(engine)
     for row in fingerprints(engine, timeout_s=600.0):
         if row["fingerprint"] != NOT_MEASURED:
-            stated = stated_by(engine).methods[row["method"]].formula.partition("; ")[0]
-            expected = NO_KNOWN_MAP if named_map(stated) is None else stated
-            assert row["fingerprint"].startswith(expected), row["method"]
+            assert row["fingerprint"].startswith(expected_map(stated_by(engine).methods[row["method"]])), row

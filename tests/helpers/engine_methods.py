@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bodycheck.adapters.contract import Adapter, Reading
+from bodycheck.adapters.contract import Adapter, Method, Reading
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.one_step_maps import EXACT, named_map
+from bodycheck.reports.run_files.method_words import NO_KNOWN_MAP
 
 ADAPTERS = {"mujoco": "MuJoCo", "pybullet": "PyBullet", "dart": "Dart", "reference": "Reference"}
 """Engine -> the name of its adapter's class."""
@@ -38,6 +40,14 @@ def engine_methods(engines: Iterable[str], accepts: Callable[[Adapter, str], boo
             if accepts(adapter, method)
         ]
     return found
+
+
+def expected_map(method: Method) -> str:
+    """Return the known map that a method states; else that of none, or by a tolerance the exact flow."""
+    stated = method.formula.partition("; ")[0]
+    if named_map(stated) is not None:
+        return stated
+    return EXACT.name if method.control == "tolerance" else NO_KNOWN_MAP
 
 
 def state_of(reading: Reading) -> tuple[Array, Array, Array, Array]:
