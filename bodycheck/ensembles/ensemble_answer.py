@@ -43,8 +43,8 @@ def ensemble_document(result: EnsembleResult, folder: Path) -> Document:
         *(Sentence(text, strong=True) for text in _conclusion(result)),
         Table(columns, tuple(rows), title=title),
         Sentence(
-            "The range after +- is half of the 95 % error bar of a quantile; >= is its lower end, where too "
-            "few bodies were measured to bound the quantile from above."
+            "In brackets: the ends of the 95 % error bar of a quantile; >= is its lower end, where too few "
+            "bodies were measured to bound the quantile from above."
         ),
         *(Sentence(sentence) for sentence in _replay_sentences(result)),
         *(Sentence(finding) for finding in result.findings),
@@ -56,11 +56,11 @@ def ensemble_document(result: EnsembleResult, folder: Path) -> Document:
 def _conclusion(result: EnsembleResult) -> Iterator[str]:
     """Yield the method with the smallest error of nearly all bodies, and those with unstable bodies."""
     for share in reversed(_QUANTILES):
-        highs = [(one.quantile(ORIENTATION, share).high, key) for key, one in result.statistics if one.bodies]
-        bounded = [pair for pair in highs if math.isfinite(pair[0])]
+        found = [(one.quantile(ORIENTATION, share), key) for key, one in result.statistics if one.bodies]
+        bounded = [pair for pair in found if math.isfinite(pair[0].high)]
         if bounded:
-            high, key = min(bounded, key=lambda pair: pair[0])
-            below = f"{100 * share:g} % are below {scientific(high)} rad"
+            quantile, key = min(bounded, key=lambda pair: pair[0].high)
+            below = f"{100 * share:g} % are below {_quantile_text(quantile)} rad"
             yield f"{key_text(key)} has the smallest errors: {below}"
             break
     if unstable := [key_text(key) for key, one in result.statistics if one.endings["unstable"]]:
@@ -103,12 +103,12 @@ def _error(value: float) -> str:
 
 
 def _quantile_text(quantile: Quantile) -> str:
+    """Return "1.00e-4 [4.70e-5, 5.09e-4]", the ends of the error bar in brackets."""
     if not math.isfinite(quantile.value):
         return "unstable"
     if not math.isfinite(quantile.high):
         return f">= {scientific(quantile.low)}"
-    half = 0.5 * (quantile.high - quantile.low)
-    return f"{scientific(quantile.value)} +- {scientific(half)}"
+    return f"{scientific(quantile.value)} [{scientific(quantile.low)}, {scientific(quantile.high)}]"
 
 
 def ensemble_data(result: EnsembleResult, folder: Path) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import shlex
 import shutil
 import tomllib
@@ -11,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import duckdb
 import mujoco
@@ -30,12 +32,14 @@ from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.workers import protocol, received_messages
 from bodycheck.adapters.workers.case_messages import batch_message, batch_of
 from bodycheck.cli.rooms.ensemble_commands import _new_folder
+from bodycheck.ensembles.ensemble_answer import ensemble_document
 from bodycheck.ensembles.ensemble_cases import measured, replay_of, truth_of
 from bodycheck.ensembles.ensemble_merge import merge_ensembles
-from bodycheck.ensembles.ensemble_result import EnsembleRequest
+from bodycheck.ensembles.ensemble_result import EnsembleRequest, EnsembleResult
 from bodycheck.ensembles.ensemble_run import run_ensemble
 from bodycheck.ensembles.hunt_run import HuntRequest, hunt, write_hunt
 from bodycheck.reference_impl.random_bodies import Bodies
+from bodycheck.reports.document import Sentence, Table
 from bodycheck.reports.measurement.case import run_case
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.summary.quantiles import SHARES, QuantileSketch
@@ -315,6 +319,26 @@ def test_zeros_and_infinities_are_counted(values: list[float], expected_message:
 
 
 # ------------------------------------------------------------------------------------------------- runs
+
+
+def test_intervals_of_quantiles_stand_as_measured_and_alike_in_sentence_and_table() -> None:
+    """Their ends are not symmetric about the quantile: no error that is stated is below 0."""
+    key: Any = (SimpleNamespace(name="mine"), SimpleNamespace(name="rk4", control="dt"), Setting(dt_s=0.1))
+    request = EnsembleRequest(scenario="tumbling", engines=["mine:rk4"], n=300)
+    ensemble: Any = None
+    result = EnsembleResult.empty(request, ensemble, [key])
+    statistics = result.statistics[0][1]
+    for sketch in statistics.sketches.values():
+        sketch.add(10.0 ** np.random.default_rng(1).normal(-8.0, 3.0, 300))
+    first, table, *_ = ensemble_document(result, Path()).parts
+    assert isinstance(first, Sentence)
+    assert isinstance(table, Table)
+    cells = [str(cell) for cell in table.rows[0][1:3]]
+    for share, cell in zip((0.5, 0.95), cells, strict=True):
+        value, low, high = (float(part) for part in re.findall(r"[\d.]+(?:e-?\d+)?", cell))
+        bar = statistics.quantile("orientation_error_rad", share)
+        assert [low, value, high] == pytest.approx([bar.low, bar.value, bar.high], rel=1e-2)
+    assert cells[1] in first.text
 
 
 @pytest.mark.slow

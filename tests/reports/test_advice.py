@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from bodycheck._util.errors import InputError
-from bodycheck.reports.document import print_document
+from bodycheck.reports.document import Sentence, print_document
 from bodycheck.reports.measurement.case import SWITCH_NOTE, CaseResult
 from bodycheck.reports.summary.advice import (
     Advice,
@@ -274,6 +274,26 @@ def test_a_coarser_step_is_predicted_with_its_cost_and_command() -> None:
     assert option.snippet == "model.opt.timestep = 0.02"
 
 
+@pytest.mark.parametrize("error", [5e-14, 1e-14, 1e-16, 1e-30])
+def test_no_error_near_the_floor_or_below_it_is_promised(error: float) -> None:
+    """Finer steps only add round-off there: the smallest measured error is the best that is known."""
+    measured = [1e-3 / 16**k for k in range(8)]
+    exact = {"truth_bound_rad": 1e-32}
+    found = curves(sequence("rk4", measured, cost=1e-6, **exact), floor=1e-14)
+    (answer,) = settings_within(found, error, ["free"])
+    assert answer.options == ()
+    assert answer.nearest is not None
+    assert answer.nearest.error == measured[-1]
+    assert answer.without == (("mujoco", "near the floor of round-off and of the truth, 1e-14"),)
+    for dt_s in (1e-4, 1e-5):
+        (answer,) = errors_at(found, dt_s, ["free"])
+        (option,) = answer.options
+        assert option.error > 1e-13
+        assert option.why == "near the floor of round-off and of the truth"
+    few = curves([case("rk4", 0.1, 1e-3, 1.0, **exact)], floor=1e-14, order=4)
+    assert settings_within(few, error, ["free"])[0].options == ()
+
+
 def test_a_sure_option_takes_precedence_over_a_cheaper_unsure_one() -> None:
     """One point and the theoretical order give only a guess."""
     cases = [
@@ -305,6 +325,17 @@ def test_the_error_of_a_step_is_measured_or_predicted_for_each_method() -> None:
     (answer,) = errors_at(curves(cases), 0.03, ["free"])
     assert [one.basis for one in answer.options] == ["predicted", "predicted"]
     assert 9e-4 <= answer.options[0].error < 1.1e-3
+
+
+@pytest.mark.parametrize("only", [False, True])
+def test_the_reference_is_the_most_accurate_only_where_no_engine_is_shown(only: bool) -> None:
+    """It is listed last, so that the first line speaks of engines if there are any."""
+    cases = [case("dop853", 0.1, 1e-14, 1.0, engine="reference")]
+    cases += [] if only else [case("rk4", 0.1, 1e-9, 1.0)]
+    answers = errors_at(curves(cases), 0.1, ["free"])
+    first, *_ = advice_document(Advice(ERROR, None, 0.1, "there", answers)).parts
+    assert isinstance(first, Sentence)
+    assert first.text.partition(":")[0] == f"most accurate{'' if only else ' engine'} with dt = 0.1 s"
 
 
 @pytest.mark.parametrize(("dt_s", "confirmed"), [(0.025, True), (0.02, True), (0.03, False)])

@@ -141,20 +141,17 @@ def identity(tables: Tables) -> str:
 
 
 def sentences(comparison: Comparison) -> list[str]:
-    """Return what changed, one sentence per method, then the environment and how much was compared.
-
-    A different build under the same version comes first, because no version number shows it.
-    """
+    """Return what changed, one sentence per method, then the environment and how much was compared."""
     lines = lines_of(comparison)
     changed = [*headlines(lines), *(f"{text}." for text in moved_texts(comparison, lines))]
-    changed = changed if comparison.changes else [nothing(comparison)]
-    others = scope(comparison, lines)
-    first = BUILD_OF in others[0]
-    return [*others[:first], *changed, *others[first:]]
+    return [*(changed if comparison.changes else [nothing(comparison)]), *scope(comparison, lines)]
 
 
 def scope(comparison: Comparison, lines: Iterable[Headline]) -> list[str]:
-    """Return how much else changed, the environment, and how much was compared."""
+    """Return how much else changed, the environment, and how much was compared.
+
+    A different build under the same version comes first, because no version number shows it.
+    """
     found = []
     if collapsed := _collapsed(comparison, lines):
         found.append(collapsed)

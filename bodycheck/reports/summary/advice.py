@@ -297,8 +297,8 @@ def _why_none(curve: ErrorCurve, error: float | None) -> str:
         return "no measured setting meets it" if error is not None else "has no step"
     if curve.verdict in NO_BETTER:
         return f"{curve.verdict}: finer steps do not reduce the error reliably"
-    if error is not None and error <= curve.floor:
-        return f"below the floor of round-off and of the truth, {curve.floor:.2g}"
+    if error is not None and error < curve.least_predicted:
+        return f"near the floor of round-off and of the truth, {curve.floor:.2g}"
     if not curve.is_predictable:
         return "the errors at the measured steps follow no order, so that none is predicted"
     return f"needs more than {number(MAX_STEPS)} steps"

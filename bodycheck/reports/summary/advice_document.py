@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from bodycheck._util.formatting import brief, names, number, setting, step
+from bodycheck.adapters.engine_names import REFERENCE
 from bodycheck.reports.document import Column, Command, Document, Part, Sentence, Table
 from bodycheck.reports.measurement.verdicts import unit_of
 from bodycheck.reports.summary.advice import Advice, Option, ScenarioAdvice
@@ -67,7 +68,8 @@ def _conclusion(advice: Advice, answer: ScenarioAdvice, best: Option) -> str:
     error = f"error at most {brief(best.error)}{unit_of(advice.measure)}"
     basis = "" if best.basis == "measured" else f" ({best.basis})"
     if advice.error is None:
-        return f"most accurate with dt = {step(advice.dt_s)} s: {best.name}, {error}{basis}"
+        engine = "" if best.engine == REFERENCE else " engine"  # the reference is listed last
+        return f"most accurate{engine} with dt = {step(advice.dt_s)} s: {best.name}, {error}{basis}"
     tolerance = brief(advice.error)
     if best is answer.nearest:
         return f"no setting is known to meet {tolerance}; the nearest is {_named(best)}: {error}"

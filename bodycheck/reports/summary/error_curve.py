@@ -218,6 +218,11 @@ class ErrorCurve:
         """Whether there are enough measured steps for a prediction."""
         return len(self._fitted) >= _MIN_POINTS
 
+    @property
+    def least_predicted(self) -> float:
+        """The least error that any prediction states, since orders say nothing about round-off."""
+        return ABOVE_FLOOR * self.floor
+
     def _meets(self, dt_s: float, error: float) -> bool:
         found = self._predicted(dt_s)
         return found is not None and found.error <= error
@@ -281,7 +286,8 @@ class ErrorCurve:
         found = predicted_error(steps, errors, self.floor, dt_s)
         bound = bound_of(self.cases[0].columns, self.quantity)
         why = self._why_unsure(dt_s, found.error, found.high)
-        return ErrorEstimate(dt_s, found.high + bound, "unsure" if why else "predicted", why)
+        high = max(found.high, self._least(dt_s)) + bound
+        return ErrorEstimate(dt_s, high, "unsure" if why else "predicted", why)
 
     def _guessed(self, dt_s: float) -> ErrorEstimate | None:
         """e (h / h_f)^p with the order p in theory and the finest usable step h_f; None without either."""
@@ -290,7 +296,12 @@ class ErrorCurve:
         finest, error = self._usable[-1]
         why = f"predicted from dt {step(finest)} s and the theoretical order {self.order}"
         factor = math.exp(min(self.order * math.log(dt_s / finest), _LARGEST_LOG))
-        return ErrorEstimate(dt_s, error * factor, "unsure", why)
+        return ErrorEstimate(dt_s, max(error * factor, self._least(dt_s)), "unsure", why)
+
+    def _least(self, dt_s: float) -> float:
+        """Return the least error that is predicted at a step: 10 floors, which grow as a random walk."""
+        finest = min(case.dt_s or math.inf for case in self.cases)
+        return self.least_predicted * max(1.0, math.sqrt(finest / dt_s))
 
     def _why_unsure(self, dt_s: float, error: float, high: float) -> str:
         """Return why a prediction is unsure; "" where it is not."""
@@ -305,8 +316,7 @@ class ErrorCurve:
             return f"above {coarsest:g} s, up to which errors follow the order"
         if high > LARGEST_ERROR:
             return f"errors above {LARGEST_ERROR:g} do not follow the order"
-        finest = min(case.dt_s or math.inf for case in self.cases)
-        if error < ABOVE_FLOOR * self.floor * max(1.0, math.sqrt(finest / dt_s)):
+        if error < self._least(dt_s):
             return "near the floor of round-off and of the truth"
         if high > _WIDEST * error:
             return f"far from the measured steps: uncertain by a factor of {high / error:.2g}"

@@ -738,6 +738,12 @@ def test_sentences_summarise_the_comparison() -> None:
         "Different environment: cpu: none -> other.",
         "1 case compared; 2 new cases, 1 missing case.",
     ]
+    rebuilt = replace(compare(same, after), environment=("build of mujoco 4.0.0: 1 -> 2",))
+    assert [line.partition(":")[0] for line in sentences(rebuilt)[:3]] == [
+        "mujoco",
+        "Different environment",
+        "Single changes",
+    ]
     fewer = compare(run({}, {"method": "euler"}, {"method": "implicit"}), run({}))
     assert sentences(fewer)[0] == "mujoco: euler and implicit: no longer measured (2 cases) in brick."
     other = run({}, scenarios={"brick": {"duration_s": 2.0}})
