@@ -26,6 +26,7 @@ from bodycheck.cli.commands import app
 from bodycheck.reports.document import answer
 from bodycheck.reports.run_files.tables import TABLES
 from bodycheck.reports.summary.catalogue import catalogue, catalogue_document
+from bodycheck.runs.schemas import SCHEMAS
 from bodycheck.runs.selection import select
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.in_process_cli import run_bodycheck
@@ -525,10 +526,30 @@ def test_an_option_has_one_meaning_in_all_commands() -> None:
 
 @pytest.mark.parametrize(
     "words",
-    ["gate --tolerances t.toml", "compare a b --thresholdz t.toml", "advise --quantity omega_error"],
+    [
+        "gate --tolerances t.toml",
+        "compare a b --thresholdz t.toml",
+        "advise --quantity omega_error",
+        "history list --history nights",
+    ],
 )
 def test_an_unknown_option_gets_the_nearest_or_all(words: str, expected_message: ExpectedMessage) -> None:
-    """An option that resembles one is corrected; otherwise the message lists the options of the command."""
+    """One that resembles an option or an argument is corrected; else all options are listed."""
     done = run_bodycheck(Path(), *words.split())
     assert (done.returncode, done.stdout) == (2, "")
     expected_message(done.stderr.strip())
+
+
+@pytest.mark.parametrize("command", ["history", "environments", "schema"])
+def test_a_command_without_its_first_word_lists_the_words_one_a_line(
+    command: str, expected_message: ExpectedMessage
+) -> None:
+    """The status is 2; each line has a word and what it stands for."""
+    done = run_bodycheck(Path(), command)
+    assert (done.returncode, done.stdout) == (2, "")
+    first, *lines = done.stderr.splitlines()
+    expected_message(first)
+    group: Any = get_command(app)
+    names = [*SCHEMAS] if command == "schema" else [*group.commands[command].commands]
+    shown = {words[0]: words[1:] for line in lines if (words := line.split())}
+    assert all(len(shown[name]) > 1 for name in names)

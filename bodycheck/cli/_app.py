@@ -129,6 +129,9 @@ def _status_of(app: typer.Typer, name: str) -> int:
     except usage_error as error:
         context = getattr(error, "ctx", None)
         command = context.command_path if context else name
+        if type(error).__name__ == "NoArgsIsHelpError":  # its message is the help of a group of commands
+            _print_error(f"{command}: give one of its commands\n\n{error.format_message()}")
+            return int(error.exit_code)
         message = _unknown_option(error) or " ".join(error.format_message().split())
         _print_error(f"{_with_suggestion(message)} (help: {command} --help)")
         return int(error.exit_code)
@@ -141,6 +144,10 @@ def _unknown_option(error: Any) -> str | None:
     if not hasattr(error, "possibilities") or not hasattr(error, "option_name") or error.ctx is None:
         return None
     parameters = error.ctx.command.get_params(error.ctx)
+    for one in parameters:
+        label = str(one.metavar or one.name)
+        if one.param_type_name == "argument" and f"--{label.lower()}" == error.option_name:
+            return f"No such option: {error.option_name}; write {error.ctx.command_path} {label}"
     known = [name for one in parameters for name in one.opts if name.startswith("--") and name != "--help"]
     return f"No such option: {error.option_name}{suggestion(error.option_name, known)}"
 

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from bodycheck._util.errors import InputError
 from bodycheck.cli.options import PROJECT, Json, complete_engines, described
 
 project_commands = typer.Typer()
@@ -63,19 +64,23 @@ def init(
 )
 def schema(
     name: Annotated[
-        str,
+        str | None,
         typer.Argument(
             metavar="NAME",
             help="scenario, gates, thresholds, engines, manifest, results or protocol.",
             autocompletion=_complete_schemas,
+            show_default=False,
         ),
-    ],
+    ] = None,
 ) -> None:
     """Print the JSON Schema of a file or a message.
 
     An editor completes and checks a TOML file whose first line names a schema: #:schema scenario.schema.json
     """
     from bodycheck.reports.document import json_text
-    from bodycheck.runs.schemas import schema_of
+    from bodycheck.runs.schemas import SCHEMAS, schema_of
 
+    if name is None:
+        listed = (f"  {one.name:<12}{one.summary}" for one in SCHEMAS.values())
+        raise InputError("\n".join(["bodycheck schema NAME: give one of these names", *listed]))
     print(json_text(schema_of(name).document))

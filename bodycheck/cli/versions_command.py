@@ -178,6 +178,8 @@ def list_(json: Json = False) -> None:
     if json:
         print(json_text(every))
         return
+    if not every:
+        print("no environments: `bodycheck environments make` or the first run of an engine creates them")
     for found in every:
         print(f"{found.name}  {found.size / 1e6:.0f} MB  {found.folder}")
         for setting in found.packages_from:

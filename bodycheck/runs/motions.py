@@ -175,6 +175,7 @@ def run_motions(
         topic = f"replays of {', '.join(method.name for method in methods)}"
 
         def do(engine_pool: EnginePool) -> None:
+            progress.task_started(f"repeating motions of {engine.name}")
             derive = partial(replayed, engine, methods)
             replays[engine.name] = answers.derived(engine_pool, engine, topic, derive)
 

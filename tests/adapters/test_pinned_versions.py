@@ -566,7 +566,8 @@ def test_environment_commands_list_and_remove(tmp_path: Path, expected_message: 
     assert removed.stdout.split() == [str(places[0])]
     assert [place.exists() for place in places] == [False, True]
     run_bodycheck(tmp_path, "environments", "remove", "--all")
-    assert run_bodycheck(tmp_path, "environments", "list").stdout == ""
+    expected_message(run_bodycheck(tmp_path, "environments", "list").stdout.strip())
+    assert run_bodycheck(tmp_path, "environments", "list", "--json").stdout == "[]\n"
 
 
 @pytest.mark.parametrize(("status", "printed"), [(0, LISTED), (1, "")])

@@ -294,6 +294,21 @@ def test_no_error_near_the_floor_or_below_it_is_promised(error: float) -> None:
     assert settings_within(few, error, ["free"])[0].options == ()
 
 
+@pytest.mark.parametrize(("error", "setting"), [(1e-3, 0.1), (1e-5, 0.05), (1e-7, 0.025)])
+def test_a_wide_interval_far_below_the_error_leaves_a_coarse_step_predicted(
+    error: float, setting: float
+) -> None:
+    """The errors are those of mujoco:rk4 in tumbling, where 0.1 s was measured to have 8.53e-6."""
+    errors = {0.02: 1.35e-8, 0.01: 8.42e-10, 0.005: 5.26e-11, 0.002: 1.37e-12, 0.001: 9.36e-14}
+    cases = [case("rk4", dt_s, measured, 1e-4 / dt_s) for dt_s, measured in errors.items()]
+    found = curves(cases, floor=1.3e-14, stable_s=2.5)
+    (option,) = settings_within(found, error, ["free"])[0].options
+    assert (option.setting, option.basis) == (setting, "predicted")
+    assert option.error <= error
+    (answer,) = errors_at(found, 0.1, ["free"])
+    assert answer.options[0].basis == "unsure"  # without a tolerance, a factor of 2 matters
+
+
 def test_a_sure_option_takes_precedence_over_a_cheaper_unsure_one() -> None:
     """One point and the theoretical order give only a guess."""
     cases = [

@@ -90,7 +90,10 @@ def test_equal_methods_are_one_line_with_all_names(figure: str, run: Run) -> Non
 
 @pytest.mark.parametrize("figure", ["work-precision", "order"])
 def test_a_tolerance_is_a_line_with_the_setting_that_meets_it(figure: str, run: Run) -> None:
-    """The point of the setting is below the line; without a tolerance there is neither."""
+    """The point of the setting is below the line, in its engine's colour, its label beside its method's line.
+
+    Without a tolerance there is neither.
+    """
     look = Appearance(engines=("reference:rk4", "reference:m1"))
     plain, bounded = (figure_of(run, figure, replace(look, tolerance=at)) for at in (None, 1e-4))
     assert plain is not None
@@ -99,7 +102,14 @@ def test_a_tolerance_is_a_line_with_the_setting_that_meets_it(figure: str, run: 
     assert {float(y) for y in np.asarray(line.get_ydata())} == {1e-4}
     assert 0.0 < float(np.asarray(point.get_ydata())[0]) <= 1e-4
     (note,) = [text for text in bounded.texts if ", dt " in text.get_text()]
-    assert note.get_text().startswith("reference:")
+    name = note.get_text().partition(",")[0]
+    assert point.get_color() == COLOURS[engine_colour("reference")]
+    (own,) = [line for line in bounded.lines if str(line.get_label()).split(" = ")[0] == name]
+    bounded.figure.canvas.draw()
+    ends = own.get_transform().transform(np.asarray(own.get_xydata()))
+    box = note.get_window_extent()
+    along = np.linspace(ends[:-1], ends[1:], 200).reshape(-1, 2)
+    assert not any(box.contains(*at) for at in along)
 
 
 def test_a_label_replaces_the_name_of_a_method(run: Run) -> None:

@@ -64,6 +64,26 @@ def test_compiling_is_shown_with_how_much_is_done(monkeypatch: pytest.MonkeyPatc
     assert re.search(r"compiling 3/86 kernels \(first run, about 1 minute\), elapsed \d:\d\d", shown)
 
 
+def test_a_total_is_reached_only_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A compilation that goes on has at least one more kernel, whatever was expected."""
+    terminal = terminal_of(monkeypatch)
+    with LiveProgress(100) as progress:
+        progress.compiling(168, 168)
+        assert " 168/169 kernels" in last_line(terminal, progress)
+
+
+def test_what_goes_on_after_the_last_case_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The methods are examined then, which no count shows."""
+    terminal = terminal_of(monkeypatch)
+    with LiveProgress(2) as progress:
+        progress.motions_started()
+        progress.task_started("examining mujoco:rk4")
+        progress.case_done()
+        assert "motions 1/2 cases (examining mujoco:rk4)" in last_line(terminal, progress)
+        progress.case_done()
+        assert "after all cases: examining mujoco:rk4, elapsed" in last_line(terminal, progress)
+
+
 @pytest.mark.parametrize("columns", [30, 40, 60])
 def test_a_narrow_terminal_shows_the_counts_and_times_whole(
     columns: int, monkeypatch: pytest.MonkeyPatch

@@ -23,7 +23,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measure_bounds import TRUTH_BOUNDS, floor_of
 from bodycheck.reports.measurement.measures import MEASURES, scale_of
-from bodycheck.reports.render.styles import COLOURS, Style, heading, merged, styles
+from bodycheck.reports.render.styles import COLOURS, Style, engine_colour, heading, merged, styles
 from bodycheck.reports.run_files.run_tables import (
     MethodKey,
     Run,
@@ -252,7 +252,7 @@ def _tolerance(
         [best.error],
         marker="*",
         markersize=9,
-        color="#c44e00",
+        color=COLOURS[engine_colour(best.engine)],
         fillstyle="full" if is_measured else "none",
         linestyle="none",
         label="_point",
@@ -261,9 +261,18 @@ def _tolerance(
     text = f"{appearance.labels.get(best.name, best.name)}, {setting(best.control, best.setting)}"
     text += "" if is_measured else f" ({best.basis})"
     is_right = _within(axes, np.array([[x, best.error]]))[0, 0] > 0.5
-    side, offset = ("right", -6) if is_right else ("left", 6)
+    side, right = ("right", -6) if is_right else ("left", 6)
+    # the method's line falls with the time and rises with the step: the label is on its other side
+    above, up = ("bottom", 2) if is_right != (figure == "work-precision") else ("top", -2)
     axes.annotate(
-        text, (x, best.error), (offset, -2), textcoords="offset points", fontsize=6, ha=side, va="top"
+        text,
+        (x, best.error),
+        (right, up),
+        textcoords="offset points",
+        fontsize=6,
+        ha=side,
+        va=above,
+        bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6},  # over lines of slopes and others
     )
 
 

@@ -66,13 +66,16 @@ class _Line(ProgressColumn):
         """Return the line; a narrow terminal shows the phase shortened and the times whole."""
         amount = "" if task.total is None else f" {task.completed:.0f}/{task.total:.0f}"
         unit, note = task.fields.get("unit", ""), task.fields.get("note", "")
+        description = task.description
+        if note and task.finished:  # nothing is left to be counted, but the work goes on
+            description, amount, unit, note = f"after all{unit}: {note.strip(' ()')}", "", "", ""
         times = f", elapsed {_clock(task.elapsed)}"
         if task.time_remaining:  # None before two are done, 0 where only uncounted work is left
             times += f", remaining {_clock(task.time_remaining)}"
         room = self._console.width - _SPINNER_WIDTH - len(amount + unit + times)
-        text = f"{task.description}{amount}{unit}{note}{times}"
+        text = f"{description}{amount}{unit}{note}{times}"
         if len(text) > self._console.width - _SPINNER_WIDTH:
-            text = f"{shortened(task.description, room)}{amount}{unit}{times}"
+            text = f"{shortened(description, room)}{amount}{unit}{times}"
         return Text(text, no_wrap=True, overflow="ellipsis")
 
 
@@ -115,7 +118,8 @@ class LiveProgress:
         self._show(name)
 
     def compiling(self, done: int, total: int) -> None:
-        """Show how much is compiled; called only while something is."""
+        """Show how much is compiled; called only while something is, so that at least one more follows."""
+        total = max(total, done + 1)
         if not self._compiling:
             self._compiling = True
             note = f" (first run, about {_rounded(total * _S_PER_KERNEL)})"

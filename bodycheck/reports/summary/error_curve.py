@@ -192,7 +192,8 @@ class ErrorCurve:
         ]
         # errors fall with the step
         first = bisect_left(steps, True, key=lambda dt_s: self._meets(dt_s, error))
-        found = [one for dt_s in steps[first : first + _FINER] if (one := self._predicted(dt_s)) is not None]
+        nearest = steps[first : first + _FINER]
+        found = [one for dt_s in nearest if (one := self._predicted(dt_s, error)) is not None]
         sure = next((one for one in found if one.basis == "predicted"), None)
         return sure or (found[0] if found and not meeting else None)
 
@@ -277,7 +278,8 @@ class ErrorCurve:
         stable = [case.dt_s for case in self.cases if case.ok and case.dt_s is not None]
         return max((dt_s for dt_s in stable if dt_s < min(unstable, default=math.inf)), default=0.0)
 
-    def _predicted(self, dt_s: float) -> ErrorEstimate | None:
+    def _predicted(self, dt_s: float, tolerance: float = 0.0) -> ErrorEstimate | None:
+        """Return the error predicted at a step; far below the tolerance, a wide interval leaves it sure."""
         if self.control != "dt" or self.verdict in NO_BETTER:
             return None
         if not self.is_predictable:
@@ -285,7 +287,7 @@ class ErrorCurve:
         steps, errors = zip(*self._fitted, strict=True)
         found = predicted_error(steps, errors, self.floor, dt_s)
         bound = bound_of(self.cases[0].columns, self.quantity)
-        why = self._why_unsure(dt_s, found.error, found.high)
+        why = self._why_unsure(dt_s, found.error, found.high, tolerance)
         high = max(found.high, self._least(dt_s)) + bound
         return ErrorEstimate(dt_s, high, "unsure" if why else "predicted", why)
 
@@ -303,7 +305,7 @@ class ErrorCurve:
         finest = min(case.dt_s or math.inf for case in self.cases)
         return self.least_predicted * max(1.0, math.sqrt(finest / dt_s))
 
-    def _why_unsure(self, dt_s: float, error: float, high: float) -> str:
+    def _why_unsure(self, dt_s: float, error: float, high: float, tolerance: float) -> str:
         """Return why a prediction is unsure; "" where it is not."""
         if self._settled is None:
             return f"the measured steps do not determine the order ({self.verdict or 'too-few-points'})"
@@ -318,7 +320,8 @@ class ErrorCurve:
             return f"errors above {LARGEST_ERROR:g} do not follow the order"
         if error < self._least(dt_s):
             return "near the floor of round-off and of the truth"
-        if high > _WIDEST * error:
+        # half the interval on a logarithmic scale, once more above its end, still meets the tolerance
+        if high > _WIDEST * error and high * (high / error) > tolerance:
             return f"far from the measured steps: uncertain by a factor of {high / error:.2g}"
         return ""
 
