@@ -15,6 +15,8 @@ import pytest
 from bodycheck._util import distributions
 from bodycheck._util.compiled_cache import KERNELS_FOR_NOW, cache_directory
 from bodycheck.adapters.registry import optional_engines
+from bodycheck.reports.document import Sentence, Table
+from bodycheck.runs.doctor import MachineCheck, MachineReport, diagnosis_document
 from tests.helpers.bare_environment import make_environment
 from tests.helpers.doc_pages import ROOT, pages, text_of
 from tests.helpers.expected_messages import ExpectedMessage
@@ -118,6 +120,20 @@ def test_what_is_missing_is_said_with_the_line_that_installs_it(
     assert f"pip install 'bodycheck[{MISSING[line]}]'" in done.stderr
     expected_message(done.stderr.splitlines()[-1])
     assert not (bare.parents[1] / "nights").exists()
+
+
+def test_doctor_begins_with_what_is_broken_and_ends_with_what_nobody_installed() -> None:
+    """An extra that is not installed is not a fault of the installation."""
+    absent = MachineCheck("usd", False, "usd-core not installed", optional=True)
+    broken, sound = MachineCheck("cache", False, "read-only"), MachineCheck("dart", True, "6.20.0")
+    for checks, tint in (((absent, sound, broken), "bad"), ((absent, sound), "good")):
+        first, table, *_ = diagnosis_document(MachineReport({}, (), checks, {})).parts
+        assert isinstance(first, Sentence)
+        assert isinstance(table, Table)
+        assert first.tint == tint
+        assert not any(one.name in first.text for one in (absent, sound))
+        assert ("cache" in first.text) == (broken in checks)
+        assert [row[0] for row in table.rows] == [*["cache"][: len(checks) - 2], "dart", "usd"]
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from bodycheck._util.files import check_folder
 from bodycheck._util.formatting import names
 from bodycheck._util.platform_identity import cpu_model, usable_cores
 from bodycheck.adapters.contract import Engine
-from bodycheck.adapters.registry import default_engines, optional_engines
+from bodycheck.adapters.registry import default_engines, distribution_of, optional_engines
 from bodycheck.adapters.versions.uv import uv_program
 from bodycheck.adapters.workers.engine_pool import announced
 from bodycheck.reference_impl.precompile import closed_forms_compiled
@@ -33,11 +33,12 @@ _NOT_LISTED = {"", "all", "bench", "docs", "engines", "release", "test"}
 
 @dataclass(frozen=True)
 class MachineCheck:
-    """One capability: whether it works, and with what, or why not."""
+    """One capability: whether it works, and with what, or why not; optional: nothing else needs it."""
 
     name: str
     works: bool
     detail: str
+    optional: bool = False
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,9 @@ def _engines() -> Iterator[MachineCheck]:
         if isinstance(engine, Engine):
             yield MachineCheck(name, True, f"{engine.version}, {len(engine.methods)} methods")
         else:
-            yield MachineCheck(name, False, engine.removeprefix(f"{name} is "))
+            package = distribution_of(name)
+            absent = package is not None and installed(package) is None
+            yield MachineCheck(name, False, engine.removeprefix(f"{name} is "), optional=absent)
 
 
 def _cache_checks() -> Iterator[MachineCheck]:
@@ -111,11 +114,10 @@ def _optional() -> Iterator[MachineCheck]:
             try:
                 yield MachineCheck(extra, True, uv_program())
             except UnavailableError as error:
-                yield MachineCheck(extra, False, str(error))
+                yield MachineCheck(extra, False, str(error), optional=True)
         elif missing := [name for name in packages if installed(name) is None]:
-            yield MachineCheck(
-                extra, False, f"{', '.join(missing)} not installed: pip install 'bodycheck[{extra}]'"
-            )
+            why = f"{', '.join(missing)} not installed: pip install 'bodycheck[{extra}]'"
+            yield MachineCheck(extra, False, why, optional=True)
         else:
             yield MachineCheck(extra, True, ", ".join(f"{name} {_version(name)}" for name in packages))
 
@@ -124,7 +126,8 @@ def _javascript() -> MachineCheck:
     """Return the versions of node and npm, or which of them is missing."""
     programs = {name: shutil.which(name) for name in ("node", "npm")}
     if missing := [name for name, path in programs.items() if path is None]:
-        return MachineCheck("JavaScript engines", False, f"not on the path: {', '.join(missing)}, of Node.js")
+        why = f"not on the path: {', '.join(missing)}, of Node.js"
+        return MachineCheck("JavaScript engines", False, why, optional=True)
     found = []
     for name, path in programs.items():
         done = subprocess.run([str(path), "--version"], capture_output=True, text=True, check=False)
@@ -142,18 +145,20 @@ def _size(amount: int) -> str:
 
 
 def diagnosis_document(found: MachineReport) -> Document:
-    """Return what does not work, what works, then the folders of the cache and the versions."""
-    ordered = sorted(found.checks, key=lambda one: one.works)
-    checks = tuple(
-        (one.name, Span("works", "good") if one.works else Span("does not work", "bad"), one.detail)
-        for one in ordered
+    """Return what does not work, what works, what is not installed, then the caches and the versions."""
+    absent = [one for one in found.checks if one.optional and not one.works]
+    broken = [one for one in found.checks if not one.works and not one.optional]
+    works = [one for one in found.checks if one.works]
+    checks = (
+        *((one.name, Span("does not work", "bad"), one.detail) for one in broken),
+        *((one.name, Span("works", "good"), one.detail) for one in works),
+        *((one.name, Span("not installed", "open"), one.detail) for one in absent),
     )
-    missing = [one.name for one in ordered if not one.works]
-    first = Sentence(
-        f"{names(missing)} {'does' if len(missing) == 1 else 'do'} not work.", "bad", strong=True
-    )
-    if not missing:
-        first = Sentence("Everything works.", "good", strong=True)
+    text = "Everything that is installed works." if absent else "Everything works."
+    first = Sentence(text, "good", strong=True)
+    if broken:
+        verb = "does" if len(broken) == 1 else "do"
+        first = Sentence(f"{names([one.name for one in broken])} {verb} not work.", "bad", strong=True)
     caches = tuple((one.name, _size(one.bytes), str(one.folder)) for one in found.caches)
     return Document(
         "bodycheck doctor",
