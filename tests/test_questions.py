@@ -199,7 +199,7 @@ def test_advice_gives_the_error_of_a_step(command: Command) -> None:
     status, out, _ = command("advise", "--dt", "4e-3", "--run", "run", "free")
     assert status == 0
     lines = out.splitlines()
-    assert lines[0].startswith("most accurate with dt = 0.004 s: failing:m1, error at most ")
+    assert lines[0].startswith("most accurate engine with dt = 0.004 s: failing:m1, error at most ")
     assert lines[1] == "orientation_error_rad at dt 0.004 s in free, 1 s, from the run run"
     shown = {line.split()[0]: line.split() for line in lines if line.startswith("reference:")}
     assert shown["reference:rk4"][5] in ("measured", "predicted")
