@@ -69,7 +69,7 @@ def test_an_axis_of_a_decade_has_more_numbers_than_one(chromium: Browser) -> Non
 
 
 def test_failed_cases_are_at_the_edge_of_the_speed_plot(opened: Page) -> None:
-    """Failed, invalid and unstable cases have marks next to the axes; markup in a label is plain text."""
+    """Failed, invalid and unstable cases have marks at the edge, unsupported ones none; texts stay plain."""
     draw_all(opened)
     texts = opened.evaluate(
         """() => document.querySelector("[data-plot=speed]").data
@@ -77,6 +77,7 @@ def test_failed_cases_are_at_the_edge_of_the_speed_plot(opened: Page) -> None:
     )
     reported = " ".join(texts)
     assert all(word in reported for word in ("failed", "invalid", "unstable"))
+    assert "unsupported" not in reported
     opened.evaluate(
         """() => {
           const plot = document.querySelector("[data-plot=speed]");
@@ -88,7 +89,7 @@ def test_failed_cases_are_at_the_edge_of_the_speed_plot(opened: Page) -> None:
     overall = opened.evaluate(
         "() => document.querySelector('[data-plot=overall]').data.map(trace => trace.text)"
     )
-    assert sum("not measured" in str(text) for text in overall) == 4
+    assert sum("not measured" in str(text) for text in overall) == 3
 
 
 def test_a_choice_of_error_changes_plots_and_tables(opened: Page) -> None:

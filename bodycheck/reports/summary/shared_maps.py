@@ -10,7 +10,11 @@ from bodycheck._util.formatting import count, names, number
 from bodycheck.reports.measurement.tree_map_made import DISTANCE, MAP, NEXT
 from bodycheck.reports.run_files.run_tables import Tables, cases_by_method, coarsest_shared_step, key_of
 
-_ERRORS = ("joint_error_rad", "joint_error_m", "orientation_error_rad")
+_ERRORS = {
+    "joint_error_rad": "joint angles are",
+    "joint_error_m": "joint positions are",
+    "orientation_error_rad": "attitudes are",
+}
 _LOST = 1.0  # rad or m: an error beyond which nothing of the truth is left
 _OF_ONE_BODY = ("M1", "M2")  # maps of which trees have their own
 _FEWEST = 2  # methods, and engines, of which it says anything that they agree
@@ -82,7 +86,7 @@ def _stated(scenario: str, name: str, rows: Sequence[Mapping[str, Any]], facts: 
     spread = "" if max(errors) <= 1.001 * min(errors) else f"{number(min(errors), 3)} to "
     text = (
         f"{scenario}: {count(len(rows), 'method')} of {count(len(engines), 'engine')} make the same map "
-        f"{name}, {spread}{number(max(errors), 3)} {unit} from the truth"
+        f"{name}: {_ERRORS[measured]} {spread}{number(max(errors), 3)} {unit} from the truth"
     )
     details = (
         f"They agree to {number(apart, 1)} per step of {number(rows[0]['dt_s'], 3)} s, and the next map is "

@@ -15,6 +15,7 @@ from bodycheck.reports.measurement.joint_errors import joint_heading
 from bodycheck.reports.measurement.measure_bounds import floor_of
 from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, scale_of
 from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.measurement.verdicts import FAULTS
 from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, Cost
 from bodycheck.reports.render.page.downsampling import packed_line, rounded, thinned_maxima, thinned_times
 from bodycheck.reports.render.styles import Style, heading, merged
@@ -70,9 +71,11 @@ def plot_data(
         "dt": at_s,
         "t": [rounded(t) for t in thinned_times(problem.times)],
         "drifts": _drifts(problem, shown, _growths(method_rows, index)) if with_drifts else None,
-        "missing": [_mark(m, case) for m, case in shown.items() if not case.ok],
+        "missing": [_mark(m, case) for m, case in shown.items() if case.columns["outcome"] in FAULTS],
         "points": [_point(index[key_of(case.columns)], case) for case in cases if case.ok],
-        "faults": [_mark(index[key_of(case.columns)], case) for case in cases if not case.ok],
+        "faults": [
+            _mark(index[key_of(case.columns)], case) for case in cases if case.columns["outcome"] in FAULTS
+        ],
     }
 
 
@@ -174,8 +177,8 @@ def overall_data(
 ) -> list[dict[str, Any]]:
     """Return the data of the plot over all scenarios: for each error, the costs of every method.
 
-    found: error -> method -> its costs. A method that meets no tolerance in most of its scenarios has no line
-    and is listed under "faults".
+    found: error -> method -> its costs. drawn: the methods that some scenario supports. One that meets no
+    tolerance in most of its scenarios has no line and is listed under "faults".
     """
     return [
         {

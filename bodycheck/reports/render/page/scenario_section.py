@@ -18,7 +18,7 @@ from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trees.tree_scene import TreeBody
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.measurement.verdicts import STATES
+from bodycheck.reports.measurement.verdicts import FAULTS, STATES
 from bodycheck.reports.render.page.cheapest_settings import START, cell_data
 from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, Cheapest, cheapest_cases
 from bodycheck.reports.render.page.played_motions import motion_view
@@ -375,7 +375,7 @@ class Section:
     @property
     def has_faults(self) -> bool:
         """Whether any case did not end well."""
-        return not all(case.ok for case in self.cases)
+        return any(case.columns["outcome"] in FAULTS for case in self.cases)
 
     @property
     def has_speed(self) -> bool:
