@@ -33,7 +33,7 @@ SAME = 1e-9
 SINGLE = 2e-6
 """Relative difference up to which an import agrees as far as single precision can."""
 
-FOLLOWS = "follows from the bodies and joints that it holds"
+FOLLOWS = "all of it comes from the bodies and joints that differ"
 """The cause of a mass matrix that is right for what an importer holds."""
 
 _NOTICEABLE = 3.0  # times the error of the engine itself

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ from bodycheck.audit.audit_summary import (
     joint_groups,
     moving_joints,
     repeated,
+    said_once,
 )
 from bodycheck.audit.joint_causes import QUANTITIES
 from bodycheck.reference_impl.rotations import matrix_to_quaternion
@@ -148,6 +149,13 @@ def _differences(audit: Audit) -> Table:
     )
     rows = []
     known = repeated(audit)
+    for name in said_once(audit):
+        own = [one.held[name] for one in audit.links if (one.name, name) in known]
+        largest = Difference(
+            *map(max, zip(*(astuple(one.difference) for one in own if one.difference), strict=True))
+        )
+        cause = Span(own[0].causes[0].partition(":")[0], "bad")
+        rows.append((f"{count(len(own), 'link')}, at most", name, *_relative(largest), cause))
     for link in audit.links:
         for name, one in link.held.items():
             if one.state in ("differs", "absent") and (link.name, name) not in known:

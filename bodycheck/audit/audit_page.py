@@ -95,7 +95,7 @@ def _joint_row(audit: Audit, joint: JointAudit) -> _Row:
     for column in audit.columns:
         one = joint.held.get(column.name)
         if one is None:
-            cells.append(_Cell("none", column.outcome, (), (), Markup("")))
+            cells.append(_without(column.outcome))
             continue
         tint = (
             "fault" if one.state == "absent" else "bad" if one.causes else "open" if one.not_held else "good"
@@ -113,15 +113,23 @@ def _stated(link: LinkAudit) -> tuple[str, ...]:
 
 
 def _numbers(body: Body) -> tuple[str, ...]:
-    moments = ", ".join(number(value, 5) for value in body.principal[0])
-    centre = ", ".join(number(value, 5) for value in body.centre_m)
-    return f"m {number(body.mass_kg, 6)} kg", f"c ({centre}) m", f"J ({moments}) kg m²"
+    centre, moments, products = (
+        ", ".join(number(float(value), 5) for value in values)
+        for values in (body.centre_m, np.diag(body.inertia_kg_m2), body.inertia_kg_m2[[0, 0, 1], [1, 2, 2]])
+    )
+    tensor = f"I xx, yy, zz ({moments}) kg m²", f"I xy, xz, yz ({products}) kg m²"
+    return f"m {number(body.mass_kg, 6)} kg", f"c ({centre}) m", *tensor
+
+
+def _without(outcome: str) -> _Cell:
+    """Return the cell of an importer that holds nothing."""
+    return _Cell("none" if outcome in ("ok", "unsupported") else "fault", outcome, (), (), Markup(""))
 
 
 def _cell(link: LinkAudit, name: str, outcome: str, *, impossible: bool, repeated: bool) -> _Cell:
     one = link.held.get(name)
     if one is None:
-        return _Cell("none", outcome, (), (), Markup(""))
+        return _without(outcome)
     text: str = one.state
     if one.difference is not None and one.state != "agrees":
         text = f"{one.state}: {scientific(one.difference.largest)}"
@@ -135,7 +143,7 @@ def _cell(link: LinkAudit, name: str, outcome: str, *, impossible: bool, repeate
                 details += (f"{how}, spins {texts[follows]}: {scientific(error)} rad after 1 s",)
     tint = tint_of(one)
     if impossible and tint in ("good", "floor"):
-        tint, text = "open", f"{text}, which no body has"
+        tint, text = "open", f"{text}, but no body has these numbers"
     causes = () if repeated else one.causes  # the sentence on the importer states it
     return _Cell(tint, text, causes, details, _ellipsoids(one))
 

@@ -282,7 +282,7 @@ def compared(model: ModelFile, link: ModelLink, imported: Imported) -> LinkImpor
             return LinkImport("absent", causes=("the import has no link of this name",))
         cause = f"links merged: part of {into}"
         if into == "the world":
-            cause = "links merged into the world: the base is fixed and its mass is not held"
+            cause = "links merged into the world: the base is fixed, so that its mass moves nothing"
         return LinkImport("merged", causes=(cause,), into=into)
     members = model.members(link.name, absent)
     merged = tuple(one.name for one, _ in members[1:])

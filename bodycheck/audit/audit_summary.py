@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 
-from bodycheck._util.formatting import count, number
+from bodycheck._util.formatting import count, names, number
 from bodycheck.audit.audit import Audit, ImporterColumn, JointAudit, LinkAudit, LintFinding, Severity
 from bodycheck.reports.document import Sentence
 
@@ -33,32 +33,51 @@ def by_severity(findings: Sequence[LintFinding]) -> list[LintFinding]:
 
 def answer(audit: Audit) -> list[Sentence]:
     """Return a sentence about the file, and one about each importer; of two files, how they compare first."""
-    about, importers = _of_file(audit), _of_importers(audit)
+    clauses = {column.name: _clause(audit, column) for column in audit.columns}
+    about, importers = _of_file(audit, clauses), _of_importers(audit, clauses)
     if not audit.compared:
         return [about, *importers]
     compared = [replace(one, strong=True, tint="bad" if one.tint == "bad" else "good") for one in importers]
     return [*compared, replace(about, strong=False)]
 
 
-def _of_file(audit: Audit) -> Sentence:
+def _of_file(audit: Audit, clauses: Mapping[str, tuple[str, bool]]) -> Sentence:
     findings = by_severity(audit.findings)
     amounts = Counter(one.severity for one in findings)
     counted = ", ".join(count(amounts[level], level) for level in LEVELS if amounts[level])
     file, links = Path(audit.compared or audit.file).name, count(len(audit.links), "link")
-    if not findings:
-        return Sentence(f"{file}: no problem found in the file ({links}).", "good", strong=True)
+    if not findings or findings[0].severity == "note":
+        problems = f"{counted}, no error or warning" if findings else "no problem found in the file"
+        imports, changed = _changed(audit, clauses)
+        return Sentence(f"{file}: {problems} ({links}){imports}.", "open" if changed else "good", strong=True)
     first = findings[0]
-    if first.severity == "note":
-        return Sentence(f"{file}: {counted}, no error or warning ({links}).", "good", strong=True)
     where = f"{first.link}, line {first.line}: {first.message.partition('; ')[0]}"
     more = f" (and {len(findings) - 1} more below)" if len(findings) > 1 else ""
     return Sentence(f"{file}: {counted}: {where}{more}", TINTS[first.severity], strong=True)
 
 
-def _of_importers(audit: Audit) -> list[Sentence]:
+def _changed(audit: Audit, clauses: Mapping[str, tuple[str, bool]]) -> tuple[str, bool]:
+    """Return which imports of a file change or refuse it, as the end of a sentence, and whether any does."""
+    read = [one.name for one in audit.columns if one.outcome != "unsupported" and not audit.compared]
+    wrong = [name for name in read if not clauses[name][1] or _merges_all(audit, name)]
+    if not wrong:
+        return "; every import holds it" * bool(read), False
+    refused = set(audit.failed)
+    verbs = ["change"] * (not refused.issuperset(wrong)) + ["refuse"] * bool(refused)
+    if len(wrong) == 1:
+        verbs = [f"{verb}s" for verb in verbs]
+    return f"; {len(wrong)} of {count(len(read), 'import')} {' or '.join(verbs)} it: {names(wrong)}", True
+
+
+def _merges_all(audit: Audit, name: str) -> bool:
+    """Return whether no link is left that moves."""
+    return {link.held[name].state for link in audit.links if name in link.held} == {"merged"}
+
+
+def _of_importers(audit: Audit, every: Mapping[str, tuple[str, bool]]) -> list[Sentence]:
     found = []
     for engine, columns in groupby(audit.columns, key=lambda one: one.engine):
-        clauses = {column.flags: _clause(audit, column) for column in columns}
+        clauses = {column.flags: every[column.name] for column in columns}
         name, _, version = engine.partition("==")
         name = " ".join(filter(None, (_NAMES.get(name, name), version)))
         sound = all(good for _, good in clauses.values())
@@ -142,10 +161,15 @@ def _of_bodies(audit: Audit, column: ImporterColumn) -> tuple[str, bool]:
         return f"changes {len(differing)} of {count(total, 'link')} ({cause})", False
     if not total:
         return "reads it", True
-    if merged == total:
+    if _merges_all(audit, column.name):
         return "merges every link into the world", True
     held = "to single precision" if states["rounded"] else "as written"
-    return f"holds it {held}" + (f", with {count(merged, 'link')} merged" if merged else ""), True
+    fixed = sum(
+        link.held[column.name].into == "the world" for link in audit.links if column.name in link.held
+    )
+    base = ", but fixes the base, whose mass then moves nothing" if fixed else ""
+    within = f", with {count(merged - fixed, 'link')} merged" if merged > fixed else ""
+    return f"holds it {held}{within}{base}", True
 
 
 def _compared(audit: Audit, differing: int, total: int, *, single: bool) -> tuple[str, bool]:

@@ -348,7 +348,7 @@ def test_answer_begins_with_the_file(tmp_path: Path) -> None:
 
 
 def test_what_an_importer_always_does_is_said_once() -> None:
-    """A tensor that is discarded for every link is a sentence, and no row; another cause is a row."""
+    """A tensor that is discarded for every link is a sentence and one row; another cause has rows."""
     discarded = LinkImport(
         "differs", _HELD, _HELD, Difference(0.0, 0.0, 1.0), (f"{DISCARDED}: a placeholder in its place",)
     )
@@ -356,18 +356,43 @@ def test_what_an_importer_always_does_is_said_once() -> None:
     column = ImporterColumn("pybullet", "3", "default", "", "ok")
     agrees = LinkImport("agrees", _HELD, _HELD, Difference(0.0, 0.0, 0.0))
     for some, said, rows in (
-        ([discarded] * 3, "discards every tensor", 0),
-        ([discarded, discarded, agrees], "discards the tensors of 2 of 3 links", 0),
+        ([discarded] * 3, "discards every tensor", 1),
+        ([discarded, discarded, agrees], "discards the tensors of 2 of 3 links", 1),
         ([discarded, agrees, agrees], "changes 1 of 3 links (tensor discarded)", 1),
         ([other] * 3, "changes 3 of 3 links (off-diagonals dropped)", 3),
     ):
         links = [LinkAudit(str(k), 2, _HELD, "", "", {column.name: one}) for k, one in enumerate(some)]
         found = Audit("robot.urdf", "urdf", "", [column], links, [])
         document = audit_document(found)
-        assert _sentences(found)[1].text == f"PyBullet {said}."
+        head, sentence = _sentences(found)
+        assert head.text.endswith("file (3 links); 1 of 1 import changes it: pybullet:default.")
+        assert head.tint == "open"
+        assert sentence.text == f"PyBullet {said}."
         tables = [part for part in document.parts if isinstance(part, Table) and "Diff" in part.title]
         assert [len(table.rows) for table in tables] == [rows]
         assert failures(found, ["difference"])
+
+
+@pytest.mark.parametrize(
+    ("first", "said", "tint"),
+    [
+        ("agrees", "holds it as written, but fixes the base, whose mass then moves nothing", "good"),
+        ("merged", "merges every link into the world", "open"),
+    ],
+)
+def test_a_fixed_base_changes_nothing_that_moves(first: State, said: str, tint: str) -> None:
+    """An import with a fixed base holds the file, unless no link is left that moves."""
+    column = ImporterColumn("mujoco", "4", "default", "", "ok")
+    base = LinkImport("merged", into="the world")
+    arm = base if first == "merged" else LinkImport("agrees", _HELD, _HELD, Difference(0.0, 0.0, 0.0))
+    links = [
+        LinkAudit(name, 2, _HELD, "", "", {"mujoco:default": one}) for name, one in (("b", base), ("a", arm))
+    ]
+    head, sentence = _sentences(Audit("robot.urdf", "urdf", "", [column], links, []))
+    assert (head.tint, sentence.text) == (tint, f"MuJoCo {said}.")
+    assert head.text.endswith(
+        "every import holds it." if tint == "good" else "1 of 1 import changes it: mujoco:default."
+    )
 
 
 def test_a_discarded_tensor_says_how_far_the_link_turns_off() -> None:
@@ -406,7 +431,10 @@ def test_page_marks_bad_links_and_links_issues() -> None:
     )
     page = audit_page(Audit("robot.urdf", "urdf", "", [column], links, [finding]))
     assert '<th scope="row" class="tint-bad">arm<br><small>line 2<br>error: triangle-inequality' in page
-    assert '<td class="tint-open" data-heading="dart:default"><strong>agrees, which no body has' in page
+    assert (
+        '<td class="tint-open" data-heading="dart:default"><strong>agrees, but no body has these numbers'
+        in page
+    )
     assert 'as in <a href="https://github.com/a/b/issues/12">a/b#12</a> &amp; c' in page
 
 
