@@ -107,4 +107,6 @@ def markup_run(folder: Path) -> Run:
     with registered(MarkupEngine()):
         measured = measure(files, engines=[*(f"reference:{name}" for name in METHODS), MarkupEngine.name])
     absent = {"absent": {"unavailable": "absent cannot be imported: <tt>no module</tt>"}}
-    return replace(measured, manifest={**measured.manifest, "engines": absent | measured.manifest["engines"]})
+    known = measured.manifest
+    asked = {"request": {**known["request"], "engines": ["reference", MarkupEngine.name]}}  # none by name
+    return replace(measured, manifest={**known, **asked, "engines": absent | known["engines"]})

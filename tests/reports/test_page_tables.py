@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -21,6 +22,7 @@ from bodycheck.reports.summary.cells import summary_cells
 from bodycheck.reports.summary.sentences import Summary
 from tests.helpers.copied_scenarios import with_scenarios
 from tests.helpers.html_page import Page, report_page
+from tests.helpers.markup_run import HOSTILE, METHODS
 
 pytestmark = pytest.mark.slow
 
@@ -119,6 +121,17 @@ def test_the_methods_of_a_scenario_stand_as_in_the_tables(page: Page, run: Run) 
             for column, text in record.items():
                 assert same(text, row[column]), f"{method}: {column}: {text} is not {row[column]!r}"
     assert seen > 2 * 12
+
+
+def test_methods_requested_by_name_are_shown(run: Run) -> None:
+    """Of the reference's methods only those that nobody named are folded."""
+    asked = {"engines": ["reference:euler", HOSTILE]}
+    text = report_page(replace(run, manifest={**run.manifest, "request": asked}))
+    rows = re.findall(
+        r'<tr( class="of-reference")?><th scope="row"><a href="[^"]*">reference:<wbr>(.*?)</a>', text
+    )
+    assert {name for folded, name in rows if not folded} == {"euler"}
+    assert {name for folded, name in rows if folded} == {*METHODS} - {"euler"}
 
 
 def test_the_heat_map_has_every_cell_with_its_most_severe_verdict(page: Page, run: Run) -> None:

@@ -179,8 +179,8 @@ class _Report:
             "method_anchor": method_anchor,
             "heading": heading,
             "engine_colour": engine_colour,
-            "reference": REFERENCE,
             "styles": self._styles,
+            "own": _own(run, self._drawn),
             "sparse": _sparse(self._summary.cells, self._drawn),
             "first_order": _first_order(run, self._styles),
             "styles_data": [asdict(style) for style in self._drawn.values()],
@@ -239,6 +239,7 @@ class _Report:
             answers=CheapestSettings(run, each=not parts),
             part=None,
             parts=parts,
+            conclusion=self._summary.conclusion,
             findings=faulty(self._summary.worst),
             alike=self._summary.shared,
             sentences=[*verdict_sentences(self._summary.cells, self._summary.worst), *cost_sentences(front)],
@@ -321,6 +322,13 @@ def _tracks(cells: Mapping[str, Mapping[MethodKey, Cell]]) -> dict[str, int]:
         cells, key=lambda name: not any(cell.wrong or cell.faults for cell in cells[name].values())
     )
     return dict.fromkeys(ordered[: max(_MOST_TRACKS // max(each, 1), 1)], each)
+
+
+def _own(run: Run, drawn: Mapping[MethodKey, Style]) -> list[int]:
+    """Return the numbers of the reference's methods that were not requested by name, beside engines."""
+    named = run.manifest.get("request", {}).get("engines") or ()
+    own = [style.number for style in drawn.values() if style.engine == REFERENCE and style.name not in named]
+    return own if len(own) < len(drawn) else []
 
 
 def _sparse(cells: Mapping[str, Mapping[MethodKey, Cell]], drawn: Mapping[MethodKey, Style]) -> list[int]:

@@ -95,6 +95,8 @@ function showMap() {
     }
     else link.textContent = text || "not run";
   }));
+  const seen = new Set([...heat.querySelectorAll("td [aria-hidden]")].filter(one => one.offsetParent).map(one => one.textContent));
+  for (const mark of document.querySelectorAll("#map .marks li")) mark.hidden = !seen.has(mark.firstElementChild.textContent);
 }
 
 const start = String(answers.tolerances[slider.defaultValue]);

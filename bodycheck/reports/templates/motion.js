@@ -105,7 +105,7 @@ function drawJoints(context, motion, track, size, now) {
       context.stroke();
     };
     curve(motion.truth.joints[k], colour("--trace"), 3);
-    if (track.joints[k]) curve(track.joints[k].slice(0, now), track === motion.truth ? colour("--ink") : engineColour(track.m), 1.5);
+    if (track.joints[k]) curve(track.joints[k].slice(0, now), track === motion.truth ? colour("--trace") : engineColour(track.m), 1.5);
     context.fillStyle = colour("--ink");
     context.font = "11px sans-serif";
     context.fillText(`${name.replace(/\.(\w+)$/, ", $1")}: ${short(low, 3)} to ${short(most, 3)}`, 4, top + 12);
@@ -114,7 +114,7 @@ function drawJoints(context, motion, track, size, now) {
 
 function drawTree(context, motion, track, size, t) {
   const { truth } = motion;
-  const [ink, faint] = [track === truth ? colour("--ink") : engineColour(track.m), colour("--trace")];
+  const [ink, faint] = [track === truth ? colour("--trace") : engineColour(track.m), colour("--trace")];
   const world = new View(context, motion.world, size, 0, motion.reach);
   for (const part of posedTree(motion, track, t)) {
     for (const stick of part.sticks) world.line(stick, ink, 3);
@@ -141,7 +141,7 @@ function drawTrack(canvas, motion, track, t) {
     return;
   }
   const { truth, moments, semiaxes } = motion;
-  const ink = track === truth ? colour("--ink") : engineColour(track.m);
+  const ink = track === truth ? colour("--trace") : engineColour(track.m);
   const faint = colour("--trace");
   const state = stateAt(track, motion.t, t);
   const ghost = stateAt(truth, motion.t, t);

@@ -20,7 +20,7 @@ function linesOf(points, choice, fits) {
   const by = Map.groupBy(usable.map(p => ({ ...p, error: p.errors[choice] })), p => p.m);
   return [...by].map(([m, own]) => ({ m, own, level: levelOf(m) }));
 }
-const marked = faults => faults.map(fault => ({ ...fault, level: levelOf(fault.m) })).filter(fault => fault.level);
+const marked = faults => faults.map(fault => ({ ...fault, level: levelOf(fault.m) })).filter(fault => fault.level === "on");
 
 // C dt^order down to the floor; C from the median of the errors used for the order.
 function fitLine(own, [order, floor], steps) {
