@@ -33,7 +33,7 @@ from bodycheck.reports.render.styles import Style, engine_colour, heading, style
 from bodycheck.reports.run_files.report_files import further_pages
 from bodycheck.reports.run_files.run_tables import MethodKey, Run, key_of
 from bodycheck.reports.run_files.tables import Row
-from bodycheck.reports.summary.cells import Cell, faults_of, overviews
+from bodycheck.reports.summary.cells import Cell, faults_of
 from bodycheck.reports.summary.method_identity import known_map_text, laws_text, rows_by_method
 from bodycheck.reports.summary.sentences import Summary, verdict_sentences
 from bodycheck.reports.summary.worst_results import faulty
@@ -229,7 +229,7 @@ class _Report:
         by_error = {error: costs(run.problems, run.cases, error) for error in ERRORS}
         front = {error: fronts(found) for error, found in by_error.items()}
         cells = sum(len(self._styles) for _ in rows)
-        tried = {one.method for one in overviews(self._summary.cells) if set(one.states) != {"unsupported"}}
+        tried = {key_of(case.columns) for case in run.cases if case.columns["outcome"] != "unsupported"}
         return self._page(
             run,
             [] if parts and cells > _MOST_CELLS else rows,
@@ -246,9 +246,7 @@ class _Report:
             worst=self._summary.worst,
             fronts=front,
             has_speed=any("cpu_s" in case.columns for case in run.cases),
-            overall=overall_data(
-                by_error, {key: style for key, style in self._drawn.items() if ":".join(key) in tried}
-            ),
+            overall=overall_data(by_error, {key: own for key, own in self._drawn.items() if key in tried}),
         )
 
     def _page(self, run: Run, rows: Sequence[MapRow], **own: Any) -> str:
