@@ -629,7 +629,8 @@ def test_file_that_no_importer_reads_counts_against_it(tmp_path: Path) -> None:
     more = f'<inertial><mass value="3"/><inertia {_GOOD}/></inertial>'
     found = audit(_file(tmp_path, more=more), AuditOptions(["mujoco"]))
     head, mujoco, *_ = _sentences(found)
-    assert (head.tint, mujoco.tint) == ("good", "bad")
+    assert (head.tint, mujoco.tint) == ("open", "bad")
+    assert head.text.endswith("; 2 of 2 imports refuse it: mujoco:default and mujoco:recommended.")
     assert mujoco.text.startswith("MuJoCo refuses it (")
     assert failures(found, ["difference"])
     assert not failures(found, ["impossible"])

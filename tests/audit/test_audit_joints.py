@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from bodycheck._util.errors import InputError
 from bodycheck.adapters.importers import joint_of, matrices_of
 from bodycheck.adapters.workers.engine_pool import EnginePool
-from bodycheck.audit.audit import SINGLE, Audit, read_audit, write_audit
+from bodycheck.audit.audit import FOLLOWS, SINGLE, Audit, read_audit, write_audit
 from bodycheck.audit.audit_against import audit_against
 from bodycheck.audit.audit_document import alerts_of, audit_data, audit_document, failures
 from bodycheck.audit.audit_page import audit_page
@@ -339,7 +339,7 @@ def test_importers_are_compared_with_a_urdf(audits: dict[str, Audit]) -> None:
         deviation = audit.matrices[importer].deviation
         assert deviation is not None
         assert deviation <= limit
-    assert audit.matrices["pybullet:default"].cause.startswith("follows from")
+    assert audit.matrices["pybullet:default"].cause == FOLLOWS
 
 
 @pytest.mark.slow
@@ -406,7 +406,7 @@ def test_a_converter_that_loses_joints_is_named(tmp_path: Path) -> None:
     }
     (matrix,) = found.matrices.values()
     assert matrix.differs
-    assert matrix.cause.startswith("follows from")
+    assert matrix.cause == FOLLOWS
 
 
 def test_exchanged_rates_of_a_mass_matrix_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
