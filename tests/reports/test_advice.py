@@ -294,6 +294,13 @@ def test_no_error_near_the_floor_or_below_it_is_promised(error: float) -> None:
     assert settings_within(few, error, ["free"])[0].options == ()
 
 
+def test_a_step_finer_than_the_measured_ones_is_found_above_the_floor() -> None:
+    """Still finer steps would not meet the error, because their round-off is larger."""
+    found = curves(sequence("rk4", [1e-3 / 16**k for k in range(6)], cost=1e-6), floor=1e-14)
+    (option,) = settings_within(found, 1e-12, ["free"])[0].options
+    assert (option.setting, option.basis) == (0.0005, "predicted")
+
+
 @pytest.mark.parametrize(("error", "setting"), [(1e-3, 0.1), (1e-5, 0.05), (1e-7, 0.025)])
 def test_a_wide_interval_far_below_the_error_leaves_a_coarse_step_predicted(
     error: float, setting: float

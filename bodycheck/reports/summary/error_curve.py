@@ -188,7 +188,9 @@ class ErrorCurve:
         steps = [
             dt_s
             for dt_s in self.steps
-            if above * (1.0 + _SAME) < dt_s < below * (1.0 - _SAME) and dt_s <= limit
+            if above * (1.0 + _SAME) < dt_s < below * (1.0 - _SAME)
+            and dt_s <= limit
+            and self._least(dt_s) <= error
         ]
         # errors fall with the step
         first = bisect_left(steps, True, key=lambda dt_s: self._meets(dt_s, error))
@@ -288,7 +290,7 @@ class ErrorCurve:
         found = predicted_error(steps, errors, self.floor, dt_s)
         bound = bound_of(self.cases[0].columns, self.quantity)
         why = self._why_unsure(dt_s, found.error, found.high, tolerance)
-        high = max(found.high, self._least(dt_s)) + bound
+        high = max(found.high + bound, self._least(dt_s))
         return ErrorEstimate(dt_s, high, "unsure" if why else "predicted", why)
 
     def _guessed(self, dt_s: float) -> ErrorEstimate | None:
