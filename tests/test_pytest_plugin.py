@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import json
 import re
+import shlex
 import tomllib
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -12,6 +14,7 @@ import pytest
 
 from bodycheck.reports.run_files.run_reader import read_tables
 from tests.helpers.expected_messages import ExpectedMessage
+from tests.helpers.in_process_cli import run_bodycheck
 from tests.helpers.scenario_texts import tumbling
 
 pytest_plugins = ["pytester"]
@@ -223,6 +226,10 @@ def test_order(bodycheck):
         ]
     )
     (report,) = inner.path.glob("kept/*/*/report.html")
+    (command,) = re.findall("explain: bodycheck (.*)", done.stdout.str())
+    explained = run_bodycheck(inner.path, *shlex.split(command), "--json")
+    (case,) = json.loads(explained.stdout)["cases"]
+    assert (case["scenario"], case["method"]) == ("mine", "euler:step")
     tables = read_tables(report.parent)
     assert set(tables.results["reproduce"]) == {"pytest test_runs_are_kept_with_their_reports.py::test_order"}
     assert list(tables.results["dt_s"]) == [0.1, 0.05, 0.02, 0.01]

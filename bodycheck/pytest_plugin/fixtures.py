@@ -24,7 +24,7 @@ from bodycheck.adapters.step_function import Step, StepFunction
 from bodycheck.reports.cache import Reuse
 from bodycheck.reports.gates.gate import Gate, gate_of, measure_of, read_gates
 from bodycheck.reports.gates.gate_output import failure_rows, line_of, obtained
-from bodycheck.reports.gates.verdict import GateCheck, GateResult, GateRow, check_gates, rows_of
+from bodycheck.reports.gates.verdict import GateCheck, GateResult, GateRow, at_of, check_gates, rows_of
 from bodycheck.reports.run_files.run_tables import Run, study_key
 from bodycheck.reports.run_files.tables import TABLES
 from bodycheck.runs import runner
@@ -150,8 +150,20 @@ def assert_passed(
     if len(rows) > _MAX_ROWS:
         lines.append(f"and {len(rows) - _MAX_ROWS} more")
     if report is not None:
-        lines += [f"report: {report}", f"explain: bodycheck explain {shlex.quote(str(report.parent))}"]
+        lines.append(f"report: {report}")
+        causes = dict.fromkeys(_explain(check.row, run, report.parent) for check in result.failed[:_MAX_ROWS])
+        lines += [f"explain: {command}" for command in causes if command]
     raise AssertionError("\n".join(lines)) from cause
+
+
+def _explain(row: GateRow, run: Run, folder: Path) -> str:
+    """Return the command that examines the case of a row, whatever its verdicts; "" for a row without a case."""
+    own = [case for case in run.cases if study_key(case.columns) == study_key(vars(row))]
+    if not own:
+        return ""
+    names = [escape(row.scenario), f"{escape(row.engine)}:{escape(row.method)}"]
+    names += [repr(case.setting.fineness) for case in own if row.at and row.at == at_of(case.columns)]
+    return shlex.join(["bodycheck", "explain", str(folder), "--case", ",".join(names)])
 
 
 _KEYS = ("scenario", "engine", "method", "dt_s")

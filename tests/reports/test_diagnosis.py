@@ -414,6 +414,8 @@ def test_a_run_in_which_nothing_was_measured_is_not_healthy(tmp_path: Path) -> N
     write_run(run, tmp_path / "run")
     cases = explain_run(tmp_path / "run", None)
     assert [(one.case.columns["outcome"], one.diagnosis) for one in cases] == [("unsupported", None)]
+    named = explain_run(tmp_path / "run", f"heavy-top,{engine.name}")
+    assert [one.case.columns["outcome"] for one in named] == ["unsupported"]
     assert tints(explanation_document(cases)) == {
         "unsupported: no continuous loads": "open",
         "not examined: nothing was measured": "open",

@@ -316,9 +316,9 @@ class _CasePattern:
 def explain_run(folder: Path, case: str | None, *, allow_code: bool = False) -> list[ExplainedCase]:
     """Return the diagnoses of a run: of every wrong method, or of the cases of a pattern.
 
-    Methods all of whose cases broke down are listed without a diagnosis; where no case of the run ended well,
-    so are those that do not support a scenario. case: SCENARIO[,ENGINE[:METHOD][,STEP]]. Raises InputError
-    where the run cannot be read, or has no such case.
+    Methods all of whose cases broke down are listed without a diagnosis; where no case ended well, so are those
+    that do not support a scenario. case: SCENARIO[,ENGINE[:METHOD][,STEP]]. Raises InputError where the run
+    cannot be read, or has no such case.
     """
     from bodycheck.reports.run_files.run_reader import read_run  # imported here: runs diagnose without it
 
@@ -327,13 +327,12 @@ def explain_run(folder: Path, case: str | None, *, allow_code: bool = False) -> 
     if pattern is None:
         rows = run.rows("methods")
         return [*explained_cases(run.problems, run.cases, rows, _orders(run)), *_without_motion(run)]
-    found = list(_named(run, pattern))
-    if not found:
-        known = dict.fromkeys(
-            f"{one.columns['scenario']},{':'.join(key_of(one.columns))}" for one in run.cases if one.ok
-        )
-        raise InputError(f"--case {case}: no such case with outcome ok{suggestion(str(case), known)}")
-    return found
+    every = run.cases
+    run = replace(run, cases=tuple(one for one in run.cases if pattern.fits(one)))
+    if not run.cases:
+        known = dict.fromkeys(f"{one.columns['scenario']},{':'.join(key_of(one.columns))}" for one in every)
+        raise InputError(f"--case {case}: no such case{suggestion(str(case), known)}")
+    return [*_named(run), *_without_motion(run)]
 
 
 def _without_motion(run: Run) -> Iterator[ExplainedCase]:
@@ -359,11 +358,11 @@ def _orders(run: Run) -> dict[MethodKey, int | None]:
     }
 
 
-def _named(run: Run, pattern: _CasePattern) -> Iterator[ExplainedCase]:
-    """Yield the diagnoses of the cases of a pattern: one of each method, unless the step is named."""
+def _named(run: Run) -> Iterator[ExplainedCase]:
+    """Yield the diagnosis of one case of each method, whatever its verdicts."""
     rows = run.rows("methods")
     wrong, orders, maps = wrong_verdicts(rows), _orders(run), _fingerprints(rows)
-    by_method = cases_by_method(case for case in run.cases if pattern.fits(case))
+    by_method = cases_by_method(run.cases)
     for problem in run.problems:
         name = problem.scenario.name
         for key, cases in by_method.get(name, {}).items():

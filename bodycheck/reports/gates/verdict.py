@@ -154,7 +154,7 @@ def _row_of_case(gate: Gate, columns: Mapping[str, Any]) -> GateRow:
         elif not _is_finite(value):
             value, why = None, f"{gate.measure} was not measured"
     return GateRow(
-        **_identity(columns), at=_at(columns), obtained=value, why=why, reproduce=columns["reproduce"]
+        **_identity(columns), at=at_of(columns), obtained=value, why=why, reproduce=columns["reproduce"]
     )
 
 
@@ -193,11 +193,11 @@ def _errors_by_step(columns: Mapping[str, Any], quantity: str, run: Tables) -> t
     for dt_s, case in sorted(own, key=lambda one: -one[0]):
         error = case.columns.get(quantity) if case.ok else None
         if error is None:
-            lines.append(f"{_at(case.columns)}: {case.columns['outcome']}: {case.columns['message']}")
+            lines.append(f"{at_of(case.columns)}: {case.columns['outcome']}: {case.columns['message']}")
             continue
         point = (dt_s, error)
         order = "" if coarser is None else _order_between(coarser, point)
-        lines.append(f"{_at(case.columns)}: {amount_of(quantity, error)}{order}")
+        lines.append(f"{at_of(case.columns)}: {amount_of(quantity, error)}{order}")
         coarser = point
     return tuple(lines)
 
@@ -287,11 +287,11 @@ def _pattern(gate: Gate, key: str) -> str:
 
 def _value_text(columns: Mapping[str, Any], key: str) -> str:
     if key == "step":
-        return _at(columns)
+        return at_of(columns)
     return str(columns[key])
 
 
-def _at(columns: Mapping[str, Any]) -> str:
+def at_of(columns: Mapping[str, Any]) -> str:
     dt_s: float | None = columns.get("dt_s")
     return setting(columns["control"], columns.get("tolerance") if dt_s is None else dt_s)
 
