@@ -228,7 +228,7 @@ def test_order(bodycheck):
     (report,) = inner.path.glob("kept/*/*/report.html")
     (command,) = re.findall("explain: bodycheck (.*)", done.stdout.str())
     explained = run_bodycheck(inner.path, *shlex.split(command), "--json")
-    (case,) = json.loads(explained.stdout)["cases"]
+    (case,) = json.loads(explained.stdout)
     assert (case["scenario"], case["method"]) == ("mine", "euler:step")
     tables = read_tables(report.parent)
     assert set(tables.results["reproduce"]) == {"pytest test_runs_are_kept_with_their_reports.py::test_order"}

@@ -157,7 +157,7 @@ def assert_passed(
 
 
 def _explain(row: GateRow, run: Run, folder: Path) -> str:
-    """Return the command that examines the case of a row, whatever its verdicts; "" for a row without a case."""
+    """Return the command that examines the case of a row, whatever its verdicts; "" without a case."""
     own = [case for case in run.cases if study_key(case.columns) == study_key(vars(row))]
     if not own:
         return ""

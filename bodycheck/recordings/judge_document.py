@@ -201,11 +201,9 @@ def _meaning(name: str) -> str:
     pure = name.removesuffix("_abs").removesuffix(SIGNED).removesuffix(FROM_START)
     if pure not in MEASURES:
         return ""
-    of_it = {
-        "_abs": f", in {MEASURES[pure].unit}",
-        SIGNED: ", with its sign",
-        FROM_START: ", from the first row",
-    }
+    if name.endswith("_abs"):
+        return MEASURES[pure].absolute_formula
+    of_it = {SIGNED: ", with its sign", FROM_START: ", from the first row"}
     return MEASURES[pure].formula + next((text for end, text in of_it.items() if name.endswith(end)), "")
 
 

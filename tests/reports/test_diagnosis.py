@@ -310,7 +310,7 @@ def test_faults_with_healthy_parameters_change_nothing(scenario: str) -> None:
     scene = problem.scenario.scene
     grid = Grid.of(scene, STEPS[scenario])
     transitions = Transitions.of(scene, motion_of(scenario, "m1"), grid, problem.scales, KNOWN).subset(4)
-    at, healthy = FaultContext(transitions, stepped=True), grid.model(scene)
+    at, healthy = FaultContext(transitions, BASES["m1"]), grid.model(scene)
     assert len({fault.name for fault in FAULTS}) == len(FAULTS)
     models = []
     for fault in FAULTS:

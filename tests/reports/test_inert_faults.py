@@ -54,7 +54,7 @@ def context_of(name: str) -> tuple[FaultContext, Grid]:
         motion = replace(motion, **still)
     grid = Grid.of(scene, dt_s)
     found = Transitions.of(scene, motion, grid, problem.scales, ALL_QUANTITIES)
-    return FaultContext(found, stepped=True), grid
+    return FaultContext(found, BASES["m1"]), grid
 
 
 def inert_faults(faults: Sequence[Fault]) -> list[str]:
@@ -64,9 +64,10 @@ def inert_faults(faults: Sequence[Fault]) -> list[str]:
     """
     silent = list(faults)
     for name in (*STEPS, *SPECIAL):
-        at, grid = context_of(name)
-        healthy = grid.model(at.transitions.scene)
+        circumstances, grid = context_of(name)
+        healthy = grid.model(circumstances.scene)
         for base in ("m1", "rk4"):
+            at = replace(circumstances, base=BASES[base])
             rows: list[int] = []
             models = [healthy.copied()]
             for row, fault in enumerate(silent):

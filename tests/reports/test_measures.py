@@ -949,6 +949,16 @@ def test_a_measure_without_a_bound_does_not_depend_on_the_truth(measure: str) ->
     assert np.array_equal(*series)
 
 
+@pytest.mark.parametrize("measure", [one for one in measures.MEASURES.values() if one.unit])
+def test_the_formula_of_an_absolute_value_does_not_divide(measure: measures.Measure) -> None:
+    """It is that of the measure without its scale, with the unit."""
+    begin, over, _ = measure.formula.partition(" over ")
+    assert over
+    assert " over " not in measure.absolute_formula
+    assert measure.absolute_formula.startswith(begin.rstrip(","))
+    assert measure.absolute_formula.endswith(f", in {measure.unit}")
+
+
 @pytest.mark.parametrize("measure", TRUTH_BOUNDS)
 def test_bound_of_each_measure_is_a_column_of_the_results(measure: str) -> None:
     """A truth has a bound of this name."""

@@ -7,9 +7,10 @@ maps that most engines make, they act inside the step.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Any, cast
 
 import numpy as np
 
@@ -74,6 +75,15 @@ class Base:
     order: int = 1
     one: OneStepMap | None = None
     in_body_axes: bool | None = None
+
+    @property
+    def is_rk4(self) -> bool:
+        """Whether it has the tableau of the classical Runge-Kutta method, in any formulation."""
+        own = self.tableau if self.one is None else getattr(self.one.step, "tableau", None)
+        return own is not None and np.array_equal(own.b, RK4.b) and np.array_equal(own.a, RK4.a)
+
+
+RK4 = cast(Tableau, INTEGRATORS["rk4"].tableau)
 
 
 def _runge_kutta(name: str) -> Base:
@@ -146,6 +156,7 @@ class Flow:
         self._gyro = gyro[:, None] if np.any(gyro != 1.0) else None
         turn_factor = self._numbers("turn_factor")
         self._turn_factor = turn_factor[:, None] if np.any(turn_factor != 1.0) else None
+        self._own_tableaus = any(model.tableau is not None for model in models)
         self._is_moved = scene.pivot is None
 
     def _numbers(self, name: str) -> Array:
@@ -239,6 +250,12 @@ class Flow:
         t = self._start_s + step * self._dt
         if self._base.one is not None:
             new = self._of_library(self._base.one, y, loads, t, dt)
+            for row, one, flow in self._apart(self._base.one):
+                part = flow._of_library(one, y.of(row), flow._loads(step), t[row], dt[row])
+                for value, own in ((new.x, part.x), (new.v, part.v), (new.q, part.q), (new.w, part.w)):
+                    value[:, row] = own
+                if new.held is not None:
+                    new.held[:, :, row] = part.held
         else:
             advanced = self._runge_kutta if self._base.tableau else self._first_order
             new = advanced(y, loads, t, dt)
@@ -247,6 +264,26 @@ class Flow:
             new.x[:, rows] = (y.x + dt * y.v)[:, rows]
         new.v, new.w = self._slowed(new, dt, late=True)
         return self._limited(y, new)
+
+    @property
+    def _tableau(self) -> Tableau:
+        """The tableau of all candidates, or with numbers (c, 1) where some have one of their own."""
+        common = self._base.tableau
+        assert common is not None
+        if not self._own_tableaus:
+            return common
+        each = zip(*(model.tableau or common for model in self._models), strict=True)
+        return Tableau(*(np.stack(part, axis=-1)[..., None] for part in each))
+
+    def _apart(self, one: OneStepMap) -> Iterator[tuple[Indices, OneStepMap, Flow]]:
+        """Yield each candidate with a tableau of its own, with the map of the library that has it."""
+        step: Any = one.step
+        for row, model in enumerate(self._models):
+            if (own := model.tableau) is not None:
+                changed = replace(step, tableau=replace(step.tableau, a=own.a, b=own.b))
+                models = [replace(model, tableau=None)]
+                flow = Flow(models, self._base, self._scene, self._dt_s, self._first_step, self._start_s)
+                yield np.array([row]), replace(one, step=changed), flow
 
     def _slowed(self, y: States, dt: Array, *, late: bool) -> tuple[Array, Array]:
         """Return v and w of candidates that damp them after the kick, or late: after the step."""
@@ -367,15 +404,14 @@ class Flow:
         return new
 
     def _runge_kutta(self, y: States, loads: list[Array], t: Array, dt: Array) -> States:
-        tableau = self._base.tableau
-        assert tableau is not None
+        tableau = self._tableau
         slopes: list[tuple[Array, Array, Array, Array]] = []
 
         def combined(weights: Array) -> States:
             parts = []
             for index, value in enumerate((y.x, y.v, y.q, y.w)):
                 pairs = zip(weights, slopes, strict=False)
-                terms = [weight * slope[index] for weight, slope in pairs if weight]
+                terms = [weight * slope[index] for weight, slope in pairs if np.any(weight)]
                 parts.append(value + dt * sum(terms[1:], terms[0]) if terms else value)
             return States(*parts)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bodycheck.examine.diagnosis.candidate_maps import EXACT, Base
+from bodycheck.examine.diagnosis.candidate_maps import Base
 from bodycheck.examine.diagnosis.diagnosis import ALL_QUANTITIES, Diagnosis, Search, obstacle
 from bodycheck.examine.diagnosis.faults.fault import FaultContext
 from bodycheck.examine.diagnosis.fit import Fit, planted
@@ -51,7 +51,7 @@ def is_refuted(
         if whole is None:
             return False
         some = whole.subset(_TRANSITIONS)
-        at = FaultContext(some, base is not EXACT)
+        at = FaultContext(some, base)
         if not all(fault.could_change(at) for fault in fit.faults):
             return False
         model = some.grid.model(scene)

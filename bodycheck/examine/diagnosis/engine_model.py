@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import parallel_axis_tensor
+from bodycheck.reference_impl.integrators.facts import Tableau
 from bodycheck.reference_impl.rotations import vee
 from bodycheck.reference_impl.scene import PointForce, Scene
 from bodycheck.reference_impl.wrench import plan_steps, shares_of_loads
@@ -161,8 +162,8 @@ class Model:
     x, v, q, w that are read `lateness` steps late. largest_turn, asleep: 0 where there is no such limit.
     clamped_first: whether limits of velocities apply before the pose is updated. slowed_v, slowed_w: rates
     by which velocities are damped after the kick, or after the step where slowed_late. turn_factor: of the
-    omega that turns the attitude. force_body_by and so on: 1 where a vector is rotated by the transpose, 2
-    where it is rotated twice, 0 where it is right.
+    omega that turns the attitude. tableau: in place of that of RK4. force_body_by and so on: 1 where a vector
+    is rotated by the transpose, 2 where it is rotated twice, 0 where it is right.
     """
 
     mass: float
@@ -208,6 +209,7 @@ class Model:
     torque_world_by: float = 0.0
     moment_by: float = 0.0
     turn_factor: float = 1.0
+    tableau: Tableau | None = None
     stale: frozenset[str] = frozenset()
     lateness: float = 1.0
     start: Callable[[Array], Array] | None = None

@@ -316,9 +316,9 @@ class _CasePattern:
 def explain_run(folder: Path, case: str | None, *, allow_code: bool = False) -> list[ExplainedCase]:
     """Return the diagnoses of a run: of every wrong method, or of the cases of a pattern.
 
-    Methods all of whose cases broke down are listed without a diagnosis; where no case ended well, so are those
-    that do not support a scenario. case: SCENARIO[,ENGINE[:METHOD][,STEP]]. Raises InputError where the run
-    cannot be read, or has no such case.
+    Methods all of whose cases broke down are listed without a diagnosis; where no case ended well, so are
+    those that do not support a scenario. case: SCENARIO[,ENGINE[:METHOD][,STEP]]. Raises InputError where the
+    run cannot be read, or has no such case.
     """
     from bodycheck.reports.run_files.run_reader import read_run  # imported here: runs diagnose without it
 

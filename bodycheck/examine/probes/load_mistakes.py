@@ -41,7 +41,7 @@ def _of_motion(alone: Scene, path: Trajectory) -> Iterator[tuple[str, Array]]:
     count = len(path.t_s)
     grid = Grid(1, np.diff(path.t_s), acting, np.zeros((count - 1, 1), dtype=np.intp))
     transitions = Transitions.of(alone, path, grid, scene_scales(alone, path), frozenset(QUANTITIES))
-    texts, models = zip(*_candidates(FaultContext(transitions, stepped=False)), strict=True)
+    texts, models = zip(*_candidates(FaultContext(transitions, EXACT)), strict=True)
     flow = Flow(models, EXACT, alone, np.ones(count), np.zeros(count, dtype=np.intp), path.t_s)
     columns = (path.position_m, path.velocity_m_s, path.attitude, path.omega_body)
     y = States(*(np.repeat(column.T[:, None], len(models), axis=1) for column in columns))

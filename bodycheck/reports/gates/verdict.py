@@ -292,6 +292,7 @@ def _value_text(columns: Mapping[str, Any], key: str) -> str:
 
 
 def at_of(columns: Mapping[str, Any]) -> str:
+    """Return the step or the tolerance of a case as text."""
     dt_s: float | None = columns.get("dt_s")
     return setting(columns["control"], columns.get("tolerance") if dt_s is None else dt_s)
 

@@ -7,6 +7,7 @@ all derive from `MEASURES`. To add a measure, add an entry there.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
@@ -79,6 +80,11 @@ class Measure:
         if self.series is not None:
             return self.series(compared)
         return None if departure is None else _over_bodies(np.linalg.norm(departure, axis=-1))
+
+    @property
+    def absolute_formula(self) -> str:
+        """The formula of the column `_abs`, which is not divided by the scale, with its unit."""
+        return f"{re.sub(',? over [^;]*', '', self.formula)}, in {self.unit}"
 
     @property
     def columns(self) -> tuple[str, ...]:

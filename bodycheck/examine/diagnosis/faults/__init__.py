@@ -13,6 +13,7 @@ from bodycheck.examine.diagnosis.faults.limit_faults import limit_faults
 from bodycheck.examine.diagnosis.faults.load_faults import load_faults
 from bodycheck.examine.diagnosis.faults.map_faults import map_faults
 from bodycheck.examine.diagnosis.faults.reading_faults import reading_faults
+from bodycheck.examine.diagnosis.faults.tableau_faults import tableau_faults
 
 FAULTS: tuple[Fault, ...] = (
     *map_faults(),
@@ -21,6 +22,7 @@ FAULTS: tuple[Fault, ...] = (
     *body_faults(),
     *load_faults(),
     *reading_faults(),
+    *tableau_faults(),  # after "the step is scaled", which a wrong sum of weights almost is
     *general_faults(),
 )
 """All faults, the specific ones first."""

@@ -10,6 +10,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
+from bodycheck.examine.diagnosis.candidate_maps import EXACT, Base
 from bodycheck.examine.diagnosis.engine_model import Loads, Misreading, Model, ReportedStates
 from bodycheck.examine.diagnosis.transitions import Transitions
 from bodycheck.reference_impl.arrays import Array
@@ -22,11 +23,16 @@ Kind: TypeAlias = Literal["body", "gravity", "map", "loads", "limit", "step", "r
 class FaultContext:
     """What decides which faults are possible, and where a fit starts: a scene and its trajectory.
 
-    stepped: whether the step of the method is known.
+    base: the map in which faults are planted.
     """
 
     transitions: Transitions
-    stepped: bool
+    base: Base
+
+    @property
+    def stepped(self) -> bool:
+        """Whether the step of the method is known."""
+        return self.base is not EXACT
 
     @property
     def scene(self) -> Scene:

@@ -1,0 +1,121 @@
+"""Slips of a Runge-Kutta method that is written by hand are named, on quaternions and on matrices."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from bodycheck.examine.diagnosis.diagnosis import Diagnosis, diagnosed
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.scenarios.library import load_scenario
+
+DT_S = 0.02
+A = ((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0))
+B = (1 / 6, 1 / 3, 1 / 3, 1 / 6)
+
+
+def rate_of(scene: Scene, y: Array) -> Array:
+    """y' of y = (x, v, omega, q) or (x, v, omega, R), without loads but gravity."""
+    omega, attitude = y[6:9], y[9:]
+    inertia = scene.body.inertia
+    x, y_, z = omega
+    if len(attitude) == 4:
+        w, v = attitude[0], attitude[1:]
+        turned = 0.5 * np.array([-v @ omega, *(w * omega + np.cross(v, omega))])
+    else:
+        hat = np.array([[0.0, -z, y_], [z, 0.0, -x], [-y_, x, 0.0]])
+        turned = (attitude.reshape(3, 3) @ hat).ravel()
+    spun = np.linalg.solve(inertia, -np.cross(omega, inertia @ omega))
+    return np.concatenate([y[3:6], scene.gravity, spun, turned])
+
+
+def diagnosis_of(
+    a: Sequence[Sequence[float]], b: Sequence[float], *, order: int | None, matrix: bool = False
+) -> Diagnosis:
+    """Return the diagnosis of a motion that is stepped by a tableau."""
+    problem = Problem.of(load_scenario("intermediate-axis"), "intermediate-axis")
+    scene = problem.of_body.scene
+    start = scene.initial
+    attitude = start.rotation.ravel() if matrix else start.quaternion
+    y = np.concatenate([start.position, start.velocity, start.omega_body, attitude])
+    rows = [y]
+    steps = round(scene.sample_interval_s / DT_S)
+    for count in range(1, steps * (scene.samples - 1) + 1):
+        slopes: list[Array] = []
+        for row in a:
+            at = y + DT_S * sum((weight * k for weight, k in zip(row, slopes, strict=True)), 0.0 * y)
+            slopes.append(rate_of(scene, at))
+        y = y + DT_S * sum((weight * k for weight, k in zip(b, slopes, strict=True)), 0.0 * y)
+        if not matrix:
+            y[9:] /= np.linalg.norm(y[9:])
+        if count % steps == 0:
+            rows.append(y)
+    found = np.array(rows)
+    path = Trajectory(
+        scene.sample_times,
+        found[:, :3],
+        found[:, 3:6],
+        quaternion=None if matrix else found[:, 9:],
+        omega_body_rad_s=found[:, 6:9],
+        rotation=found[:, 9:].reshape(-1, 3, 3) if matrix else None,
+    )
+    diagnosis = diagnosed(scene, path, problem.scales, DT_S, order=order)
+    assert diagnosis is not None
+    return diagnosis
+
+
+@pytest.mark.parametrize(
+    ("row", "stage", "name"),
+    [
+        ((0.0, 0.0, 0.5), 3, "stage-4-misplaced"),
+        ((0.0, 1.0), 2, "stage-3-misplaced"),
+        ((0.9,), 1, "stage-2-misplaced"),
+        ((0.5, 0.0), 2, "stage-3-from-1"),
+    ],
+)
+def test_a_wrong_stage_is_named_with_its_place(row: tuple[float, ...], stage: int, name: str) -> None:
+    """The fitted place is the planted one."""
+    found = diagnosis_of((*A[:stage], row, *A[stage + 1 :]), B, order=4)
+    assert (found.verdict, found.base, [fault.name for fault in found.faults]) == ("explained", "rk4", [name])
+    assert [p.value for p in found.faults[0].parameters] == pytest.approx(
+        [row[-1]] * name.endswith("misplaced"), abs=1e-6
+    )
+    assert not found.alike
+
+
+@pytest.mark.parametrize(
+    ("weights", "name"),
+    [
+        ((1 / 6, 1 / 6, 1 / 3, 1 / 6), "weight-2"),
+        ((1 / 4, 1 / 4, 1 / 4, 1 / 4), "weights-equal"),
+        ((1 / 3, 1 / 6, 1 / 6, 1 / 3), "weights-exchanged"),
+        ((1 / 6, 1 / 6, 1 / 6, 1 / 6), "weights-1-6-each"),
+    ],
+)
+def test_wrong_weights_are_named(weights: tuple[float, ...], name: str) -> None:
+    """Alone: nothing else makes the same motion."""
+    found = diagnosis_of(A, weights, order=4)
+    assert (found.verdict, [fault.name for fault in found.faults]) == ("explained", [name])
+    assert not found.alike
+
+
+@pytest.mark.parametrize("matrix", [False, True])
+@pytest.mark.parametrize("order", [None, 4])
+def test_a_right_tableau_is_healthy(order: int | None, matrix: bool) -> None:
+    """On quaternions and on matrices, whether or not the order is stated."""
+    found = diagnosis_of(A, B, order=order, matrix=matrix)
+    assert (found.verdict, found.faults) == ("healthy", ())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("matrix", [False, True])
+def test_a_last_stage_at_half_of_the_step_is_named_without_an_order(matrix: bool) -> None:
+    """As a step function is examined, whose order nobody states."""
+    found = diagnosis_of((*A[:3], (0.0, 0.0, 0.5)), B, order=None, matrix=matrix)
+    assert [fault.name for fault in found.faults] == ["stage-4-misplaced"]
+    assert found.base == ("RK4, additive matrix" if matrix else "rk4")
