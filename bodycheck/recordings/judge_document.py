@@ -9,7 +9,7 @@ from bodycheck._util.formatting import count, names, number, scientific, step
 from bodycheck.examine.diagnosis.candidate_maps import EXACT
 from bodycheck.examine.diagnosis.diagnosis import Diagnosis
 from bodycheck.examine.explanation.explain import ExplainedCase
-from bodycheck.examine.explanation.explanation_document import explanation_document
+from bodycheck.examine.explanation.explanation_document import explanation_parts
 from bodycheck.recordings.judge import Ranking
 from bodycheck.recordings.judged_motion import FROM_START, JudgedMotion, MomentumChange, is_free
 from bodycheck.reports.document import Column, Document, Part, Sentence, Table
@@ -180,7 +180,7 @@ def judgement_document(
                 for motion, case in zip(ranking.motions, cases, strict=True)
             ]
     if evidence:
-        parts += explanation_document(cases).parts
+        parts += explanation_parts(cases)
     first, *others = (motion.path.name for motion in ranking.motions)
     more = f" and {count(len(others), 'more file')}" if others else ""
     return Document(f"Judgement of {first}{more}", tuple(parts))

@@ -33,7 +33,7 @@ from bodycheck.examine.explanation.explanation_document import (
 )
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.document import Document, Span, Table
+from bodycheck.reports.document import Document, Sentence, Span, Table
 from bodycheck.reports.document import markdown as as_markdown
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.run_reader import read_tables
@@ -86,9 +86,12 @@ def test_the_motion_of_a_healthy_map_is_no_fault(base: str, scenario: str) -> No
 
 
 def tints(document: Document) -> dict[str, str]:
-    """Return the tint of each tinted cell of a document, by its text."""
+    """Return the tint of the first line of a document, and of each tinted cell, by its text."""
+    first = document.parts[0]
+    assert isinstance(first, Sentence)
     rows = [row for part in document.parts if isinstance(part, Table) for row in part.rows]
-    return {cell.text: cell.tint for row in rows for cell in row if isinstance(cell, Span)}
+    cells = (cell for row in rows for cell in row)
+    return {first.text: first.tint} | {cell.text: cell.tint for cell in cells if isinstance(cell, Span)}
 
 
 class Mislabelled:
@@ -418,7 +421,7 @@ def test_a_run_in_which_nothing_was_measured_is_not_healthy(tmp_path: Path) -> N
     assert [one.case.columns["outcome"] for one in named] == ["unsupported"]
     assert tints(explanation_document(cases)) == {
         "unsupported: no continuous loads": "open",
-        "not examined: nothing was measured": "open",
+        "Not examined: nothing was measured": "open",
     }
 
 

@@ -118,15 +118,23 @@ def evidence_of(found: Diagnosis) -> list[Evidence]:
 
 
 def explanation_document(cases: Sequence[ExplainedCase]) -> Document:
-    """Return the explanations of cases, one after the other; the cause of a single one is the title."""
-    parts: list[Part] = [part for one in cases for part in _parts(one, alone=len(cases) == 1)]
+    """Return the explanations of cases in turn; the conclusion is the title and the first line."""
     if not cases:
-        parts.append(Sentence("Nothing to explain: no verdict counts against a method.", "good"))
-    return Document(_title(cases), tuple(parts))
+        nothing = Sentence("Nothing to explain: no verdict counts against a method.", "good")
+        return Document(_title(cases), (nothing,))
+    title = _title(cases)
+    first = Sentence(title, _conclusion(cases[0]).tint, strong=True, only=("console",))
+    return Document(title, (first, *explanation_parts(cases, concluded=len(cases) == 1)))
+
+
+def explanation_parts(cases: Sequence[ExplainedCase], *, concluded: bool = False) -> list[Part]:
+    """Return what explanations rest on; concluded: whether the conclusion of the only case stands above."""
+    alone = len(cases) == 1
+    return [part for one in cases for part in _parts(one, alone=alone, concluded=concluded)]
 
 
 def _title(cases: Sequence[ExplainedCase]) -> str:
-    causes = dict.fromkeys(_cause(one) for one in cases)
+    causes = dict.fromkeys(_conclusion(one).text for one in cases)
     if not causes:
         return "bodycheck explain: nothing is wrong"
     first = next(iter(causes))
@@ -135,17 +143,23 @@ def _title(cases: Sequence[ExplainedCase]) -> str:
     return f"{len(causes)} causes in {len(cases)} cases, the first: {first}"
 
 
-def _cause(one: ExplainedCase) -> str:
-    """Return the diagnosis of a case, or how it ended, in one clause."""
-    if one.diagnosis is not None:
-        return one.diagnosis.sentence
-    return f"{':'.join(one.key)}: {one.case.columns['outcome'] if not one.case.ok else 'not examined'}"
+def _conclusion(one: ExplainedCase) -> Span:
+    """Return the diagnosis of a case, or why there is none, in one clause."""
+    found = one.diagnosis
+    if found is None:
+        reason = one.reason or _NOT_EXAMINED.get(
+            one.case.columns["outcome"], "no case of the method ended well"
+        )
+        return Span(f"not examined: {reason}", "open")
+    tint = {"explained": "bad", "lower-order": "bad", "healthy": "good"}.get(found.verdict, "open")
+    return Span(found.sentence, tint)
 
 
-def _parts(one: ExplainedCase, *, alone: bool) -> Iterator[Part]:
+def _parts(one: ExplainedCase, *, alone: bool, concluded: bool) -> Iterator[Part]:
     found = one.diagnosis
     of = "" if alone else f": {one.title}"
-    yield Table((Column("", "fixed"), Column("")), tuple(_facts(one)), title=one.title)
+    facts = [*_facts(one)] if concluded else [("diagnosis", _conclusion(one)), *_facts(one)]
+    yield Table((Column("", "fixed"), Column("")), tuple(facts), title=one.title)
     if found is not None:
         yield _parameter_table(found, of)
         yield _evidence_table(evidence_of(found), of)
@@ -162,19 +176,13 @@ _NOT_EXAMINED = {
 
 
 def _facts(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
-    """Yield the diagnosis, what is wrong, and what would confirm it."""
+    """Yield what is wrong, the map, and what would confirm the diagnosis."""
     found = one.diagnosis
-    outcome = one.case.columns["outcome"]
-    if found is None:
-        reason = one.reason or _NOT_EXAMINED.get(outcome, "no case of the method ended well")
-        yield "diagnosis", Span(f"not examined: {reason}", "open")
-        yield from _what_is_wrong(one)
-        return
-    tint = {"explained": "bad", "lower-order": "bad", "healthy": "good"}.get(found.verdict, "open")
-    yield "diagnosis", Span(found.sentence, tint)
-    if found.start is not None:
+    if found is not None and found.start is not None:
         yield "start", Span(found.start.sentence, "open")
     yield from _what_is_wrong(one)
+    if found is None:
+        return
     if found.verdict == "unexplained" and found.nearly:
         yield "nearest fault", found.nearly[0].sentence
     words = found.base_words
