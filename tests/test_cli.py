@@ -478,7 +478,7 @@ def test_the_map_of_each_method_is_printed(tmp_path: Path) -> None:
     assert printed.returncode == rows.returncode == 0, printed.stderr + rows.stderr
     found = {row["method"]: row["fingerprint"] for row in json.loads(rows.stdout)}
     assert found == {"multibody": "M1, step angle at most pi/4", "rk4": "RK4, additive quaternion"}
-    assert printed.stdout.splitlines()[0] == "2 of 2 methods are known maps"
+    assert printed.stdout.splitlines()[0] == "2 of 2 methods with a known map"
     for row in json.loads(rows.stdout):
         assert row["agreement"] < 1e-14 < 1e-5 < row["runner_up_distance"]
         assert f"{row['fingerprint']}: {row['description']}" in printed.stdout.splitlines()

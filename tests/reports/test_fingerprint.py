@@ -40,6 +40,7 @@ from bodycheck.reference_impl.one_step_maps.one_step_map import (
 from bodycheck.reference_impl.rotations import geodesic_angle, normalised
 from bodycheck.reference_impl.scene import RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.document import Sentence
 from bodycheck.reports.run_files.method_words import (
     LAW_NAMES,
     NO_KNOWN_MAP,
@@ -49,6 +50,7 @@ from bodycheck.reports.run_files.method_words import (
     SAME_BITS,
     identified,
 )
+from bodycheck.reports.summary.method_identity import fingerprint_document
 from bodycheck.runs.engine_checks import laws
 
 ROOT = Path(__file__).parents[2]
@@ -579,3 +581,17 @@ def test_the_documentation_counts_the_known_maps() -> None:
     """The number of known maps in the documentation is theirs."""
     text = (ROOT / "docs/fingerprints.md").read_text()
     assert f"{len(MAPS)} known one-step maps" in text
+
+
+def test_the_conclusion_about_known_maps_stands_first() -> None:
+    """Before the table: of one method its map, of several which have none."""
+    rows = [
+        {"engine": "mine", "method": name, "fingerprint": found}
+        for name, found in (("a", "M1"), ("b", NO_KNOWN_MAP))
+    ]
+    first = [fingerprint_document(some).parts[0] for some in (rows[:1], rows[1:], rows)]
+    assert [(one.text, one.tint) for one in first if isinstance(one, Sentence)] == [
+        ("mine:a is M1", "good"),
+        (f"mine:b: {NO_KNOWN_MAP}", "open"),
+        ("1 of 2 methods with a known map; without: mine:b", "open"),
+    ]

@@ -64,7 +64,7 @@ _TINTS = {"holds": "good", "broken": "bad", "property": "none", "not-measured": 
 
 
 def fingerprint_document(rows: Sequence[Mapping[str, Any]]) -> Document:
-    """Return which methods are known maps; per method the map, the agreement and the runner-up; then notes."""
+    """Return which methods are known maps; per method the map, agreement and runner-up; then notes."""
     heads = (Column("method", "fixed"), Column("one-step map"), Column("agreement"), Column("runner-up"))
     cells = []
     for row in rows:
@@ -82,14 +82,12 @@ def fingerprint_document(rows: Sequence[Mapping[str, Any]]) -> Document:
         what = f": {NO_KNOWN_MAP}" if unknown else f" is {rows[0]['fingerprint']}"
         lead = f"{':'.join(key_of(rows[0]))}{what}"
     else:
-        known = len(rows) - len(unknown)
-        lead = (
-            f"{known} of {count(len(rows), 'method')} {'is a known map' if known == 1 else 'are known maps'}"
-        )
-        lead += f"; not: {names(unknown)}" if unknown else ""
+        matched = len(rows) - len(unknown)
+        lead = f"{matched} of {count(len(rows), 'method')} with a known map"
+        lead += f"; without: {names(unknown)}" if unknown else ""
     first = Sentence(lead, "open" if unknown else "good", strong=True)
-    parts = (first, Table(heads, tuple(cells)), *notes, *(Sentence(one) for one in formulas))
-    return Document("bodycheck fingerprint", parts)
+    table = Table(heads, tuple(cells))
+    return Document("bodycheck fingerprint", (first, table, *notes, *(Sentence(one) for one in formulas)))
 
 
 def laws_document(rows: Sequence[Mapping[str, Any]]) -> Document:

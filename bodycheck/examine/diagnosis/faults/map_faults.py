@@ -32,8 +32,8 @@ def map_faults() -> Iterator[Fault]:
             (0.0, "the gyroscopic term omega x I omega is missing"),
             (-1.0, "the gyroscopic term omega x I omega has the wrong sign"),
         ),
-        confirm="spin a free body off its principal axes: omega in body axes must change at the rate and with "
-        "the sign of Euler's equations, I omega' = I omega x omega",
+        confirm="spin a free body off its principal axes: omega in body axes must change at the rate "
+        "and with the sign of Euler's equations, I omega' = I omega x omega",
     )
     yield Fault(
         "omega-in-wrong-axes",
