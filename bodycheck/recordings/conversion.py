@@ -104,10 +104,11 @@ def recorded_motion(path: Path, column_map: ColumnMap, dt_s: float | None = None
         def arrays(proposed: ColumnMap, interval_s: float | None) -> dict[str, Array]:
             return _converted(recording, proposed, interval_s or dt_s).arrays
 
-        option, confirmed = proposal(recording, column_map, arrays)
+        option, confirmed, why = proposal(recording, column_map, arrays)
         if confirmed is not None:
             return replace(_converted(recording, confirmed, dt_s), assumed=option)
-        raise InputError(f"{error}; try {option}" if option else str(error)) from None
+        reason = f"{error}; {why}" if why else str(error)
+        raise InputError(f"{reason}; try {option}" if option else reason) from None
 
 
 def _converted(recording: Recording, column_map: ColumnMap, dt_s: float | None) -> RecordedMotion:

@@ -27,7 +27,8 @@ from bodycheck.recordings.column_map import (
 )
 from bodycheck.recordings.recording import Recording
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.rotations import geodesic_angle
+from bodycheck.reference_impl.one_step_maps.one_step_map import back
+from bodycheck.reference_impl.rotations import geodesic_angle, normalised, quaternion_to_matrix
 
 _AXIS_NAMES = ("x", "y", "z")
 _ALIASES = {
@@ -81,8 +82,8 @@ Trial = Callable[[ColumnMap, float | None], Mapping[str, Array]]
 """Map and interval between rows in s -> the arrays of the motion; raises InputError."""
 
 
-def proposal(recording: Recording, known: ColumnMap, trial: Trial) -> tuple[str, ColumnMap | None]:
-    """Return "--map ..." or "--like ..." for a file, and the map where the file confirms it.
+def proposal(recording: Recording, known: ColumnMap, trial: Trial) -> tuple[str, ColumnMap | None, str]:
+    """Return "--map ..." or "--like ..." for a file, the map where the file confirms it, or why it does not.
 
     The option is "" where nothing that was tried works. known: the map that was given, whose keys are not
     proposed again.
@@ -91,7 +92,7 @@ def proposal(recording: Recording, known: ColumnMap, trial: Trial) -> tuple[str,
         for name in source_names():
             if _is_of(name, recording, trial):
                 dt = f" --dt {_KITTI_DT_S} (the time between two rows in s)" if name == "kitti" else ""
-                return f"--like {name}{dt}", None
+                return f"--like {name}{dt}", None, ""
     pairs = _pairs(recording, known)
     arrays = _tried(known, pairs, trial)
     if arrays is not None and (scale := _rate_over_attitude(arrays)) and _DEGREES[0] < scale < _DEGREES[1]:
@@ -99,21 +100,36 @@ def proposal(recording: Recording, known: ColumnMap, trial: Trial) -> tuple[str,
         pairs = {target: text + "*deg" * (target in rates) for target, text in pairs.items()}
         arrays = _tried(known, pairs, trial)
     if arrays is None:
-        return "", None
+        return "", None, ""
     text = _text(pairs)
-    return f"--map {shell_quote(text)}", changed_map(known, [text]) if _is_confirmed(arrays) else None
+    option = f"--map {shell_quote(text)}"
+    off = _off_rate(arrays)
+    if off is None or off < _CONFIRMED:
+        return option, None if off is None else changed_map(known, [text]), ""
+    in_world = {target.replace("_body_rad_s", "_world_rad_s"): product for target, product in pairs.items()}
+    off = _off_rate(_tried(known, in_world, trial) or {})
+    if off is None or off >= _CONFIRMED:
+        return option, None, "omega is the rate of the attitude neither in body axes nor in world axes"
+    # not assumed: an attitude that omega turns in the wrong axes looks the same
+    why = "omega is the rate of the attitude in world axes, not in body axes"
+    return f"--map {shell_quote(_text(in_world))}", None, why
 
 
-def _is_confirmed(arrays: Mapping[str, Array]) -> bool:
-    """Whether omega is the rate of the attitude, which settles columns, axes, units and Euler sequence."""
-    if not {"quaternion", "omega_body_rad_s"} <= set(arrays):
-        return False
-    omega = arrays["omega_body_rad_s"]
+def _off_rate(arrays: Mapping[str, Array]) -> float | None:
+    """Return the median of |omega - rate of the attitude| over that of |omega|; None where one is absent.
+
+    Where it is small, columns, axes, units and Euler sequence are right.
+    """
+    omega = arrays.get("omega_body_rad_s", arrays.get("omega_world_rad_s"))
+    if omega is None or "quaternion" not in arrays or not np.isfinite(omega).all():
+        return None
+    if "omega_body_rad_s" not in arrays:
+        omega = back(quaternion_to_matrix(normalised(arrays["quaternion"])), omega)
     derived = derived_rates(arrays["t_s"], arrays["quaternion"], 0.0)
-    if derived is None or not np.isfinite(omega).all():
-        return False
-    largest = _CONFIRMED * float(np.median(np.linalg.norm(omega, axis=-1)))
-    return float(np.median(np.linalg.norm(omega - derived[0], axis=-1))) < largest
+    size = float(np.median(np.linalg.norm(omega, axis=-1)))
+    if derived is None or size == 0.0:
+        return None
+    return float(np.median(np.linalg.norm(omega - derived[0], axis=-1))) / size
 
 
 def _is_of(name: str, recording: Recording, trial: Trial) -> bool:

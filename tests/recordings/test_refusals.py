@@ -28,6 +28,7 @@ from bodycheck.recordings.column_map import (
     source_names,
 )
 from bodycheck.recordings.conversion import recorded_motion
+from bodycheck.reference_impl.rotations import exp_quaternion, quaternion_product
 from bodycheck.reports.run_files.tables import as_parquet
 from bodycheck.scenarios.library import scenario_names
 from tests.helpers.expected_messages import ExpectedMessage
@@ -172,6 +173,29 @@ FILES: dict[str, tuple[str, str, str]] = {
     "no Parquet": ("log.parquet", "PAR1 is not all", ""),
     "no MCAP": ("log.mcap", "MCAP is not all", ""),
 }
+
+
+@pytest.mark.parametrize(
+    ("rate", "target"), [((0.0, 0.0, 0.5), "body"), ((0.5, 0.0, 0.0), "world"), ((0.0, 0.5, 0.0), "")]
+)
+def test_a_map_is_assumed_only_where_omega_is_the_rate_in_body_axes(
+    rate: tuple[float, ...], target: str, tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
+    """Of a body whose z axis points along x, and which turns about z: that is x of the world."""
+    lines = ["t,qw,qx,qy,qz,wx,wy,wz"]
+    for t in np.linspace(0.0, 2.0, 41):
+        turned = quaternion_product(
+            np.array([0.5**0.5, 0.0, 0.5**0.5, 0.0]), exp_quaternion(np.array([0.0, 0.0, 0.5 * t]))
+        )
+        lines.append(",".join(map(repr, [float(one) for one in (t, *turned, *rate)])))
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(lines) + "\n")
+    if target == "body":
+        assert "wx_body_rad_s=wx" in recorded_motion(path, read_map(())).assumed
+        return
+    with pytest.raises(bodycheck.InputError) as refused:
+        recorded_motion(path, read_map(()))
+    expected_message(str(refused.value), tmp_path)
 
 
 @pytest.mark.parametrize("what", FILES)
