@@ -6,7 +6,7 @@ import re
 import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from glob import escape
 from hashlib import sha256
@@ -25,6 +25,7 @@ from bodycheck.reports.cache import Reuse
 from bodycheck.reports.gates.gate import Gate, gate_of, measure_of, read_gates
 from bodycheck.reports.gates.gate_output import failure_rows, line_of, obtained
 from bodycheck.reports.gates.verdict import GateCheck, GateResult, GateRow, at_of, check_gates, rows_of
+from bodycheck.reports.run_files.report_files import replace_pages
 from bodycheck.reports.run_files.run_tables import Run, study_key
 from bodycheck.reports.run_files.tables import TABLES
 from bodycheck.runs import runner
@@ -46,14 +47,14 @@ class Measured:
     """The measures of a run: one case, or the cases of several steps, methods or scenarios.
 
     results: one row per case, with the columns of results.csv. methods: orders and verdicts. report: the
-    report of the run, where --bodycheck-report keeps it.
+    report of the run, where --bodycheck-report keeps it. failed: the checks that it states first.
     """
 
     run: Run
     record: Record
-    rerun: str | None = None
     cause: Exception | None = None
     report: Path | None = None
+    failed: list[str] = field(default_factory=list)
 
     @property
     def results(self) -> Any:
@@ -74,7 +75,7 @@ class Measured:
         row = self._only_row(measure)
         self.record(f"measured {_row_name(row)}: {measure} {obtained(GateCheck(row, passed=True))}")
         if row.obtained is None:
-            raise AssertionError(f"{_row_name(row)}: {row.why}\n    {self._command(row)}") from self.cause
+            raise AssertionError(f"{_row_name(row)}: {row.why}\n    {row.reproduce}") from self.cause
         return row.obtained
 
     def _only_row(self, measure: str) -> GateRow:
@@ -111,14 +112,12 @@ class Measured:
 
     def _assert(self, result: GateResult) -> None:
         __tracebackhide__ = True
-        checks = tuple(
-            replace(check, row=replace(check.row, reproduce=self._command(check.row)))
-            for check in result.checks
-        )
-        assert_passed(replace(result, checks=checks), self.run, self.record, self.cause, self.report)
+        if result.is_bad and self.report is not None:
+            from bodycheck.reports.render.html import report_pages  # imported here: it needs Jinja
 
-    def _command(self, row: GateRow) -> str:
-        return self.rerun or row.reproduce
+            self.failed.append(line_of(result))
+            replace_pages(report_pages(self.run, failed=self.failed), self.report)
+        assert_passed(result, self.run, self.record, self.cause, self.report)
 
 
 def _row_name(row: GateRow) -> str:
@@ -224,11 +223,13 @@ class Bench:
                 tolerances=None if tolerance is None else [tolerance],
                 speed=False,
             )
-        rerun = shlex.join(["pytest", self.nodeid]) if own else None
-        report = None if self.report_folder is None else _write_report(measured, self.report_folder, rerun)
-        if report is not None:
+        if own:
+            measured = _repeated_by(measured, shlex.join(["pytest", self.nodeid]))
+        report = None
+        if self.report_folder is not None:
+            report = write_run(measured, self.report_folder / measured.run_id)
             self.record(f"report {report}")
-        return Measured(measured, self.record, rerun, report=report)
+        return Measured(measured, self.record, report=report)
 
     def step(
         self,
@@ -267,17 +268,12 @@ def _file_name(nodeid: str) -> str:
     return f"{plain}-{sha256(nodeid.encode()).hexdigest()[:8]}"
 
 
-def _write_report(run: Run, folder: Path, rerun: str | None) -> Path:
-    """Write a run and its report to folder/RUN_ID; return the report's path.
-
-    rerun: the command that runs it again, where that is a test.
-    """
-    if rerun is not None:
-        cases = tuple(replace(case, columns={**case.columns, "reproduce": rerun}) for case in run.cases)
-        again = {name: {"reproduce": rerun} for name, kind in TABLES.items() if "reproduce" in kind.columns}
-        tables = {name: [{**row, **again.get(name, {})} for row in rows] for name, rows in run.tables.items()}
-        run = replace(run, cases=cases, tables=tables)
-    return write_run(run, folder / run.run_id)
+def _repeated_by(run: Run, command: str) -> Run:
+    """Return the run with the command that runs it again, such as a test."""
+    cases = tuple(replace(case, columns={**case.columns, "reproduce": command}) for case in run.cases)
+    again = {name: {"reproduce": command} for name, kind in TABLES.items() if "reproduce" in kind.columns}
+    tables = {name: [{**row, **again.get(name, {})} for row in rows] for name, rows in run.tables.items()}
+    return replace(run, cases=cases, tables=tables)
 
 
 def _refuse(message: str) -> NoReturn:
@@ -376,7 +372,10 @@ def _run_of(
     run = run_for_gates(
         gates, scenarios, Request(reuse_by_default=reuse), lambda _: nullcontext(NULL_PROGRESS)
     )
-    return run, None if report_folder is None else _write_report(run, report_folder, None)
+    if report_folder is None:
+        return run, None
+    failed = [line_of(result) for result in check_gates(gates, run) if result.is_bad]
+    return run, write_run(run, report_folder / run.run_id, failed=failed)
 
 
 def parametrize_gates(metafunc: pytest.Metafunc) -> None:

@@ -111,10 +111,13 @@ class ReportPart:
         return f"{self.number + further}.html"
 
 
-def report_pages(run: Run, name: str = "report.html") -> Iterator[tuple[str, str]]:
+def report_pages(
+    run: Run, name: str = "report.html", failed: Sequence[str] = ()
+) -> Iterator[tuple[str, str]]:
     """Yield the pages of the report of a run, each with its path relative to the first one, which is last.
 
-    Each page needs no network, and no other file. name: of the first page.
+    Each page needs no network, and no other file. name: of the first page. failed: the checks of the run that
+    failed, in words, which stand first.
     """
     if not run.cases:
         yield name, _WITHOUT_CASES
@@ -144,7 +147,7 @@ def report_pages(run: Run, name: str = "report.html") -> Iterator[tuple[str, str
         held.append(new)
     while parts and held:
         yield next_page(last=True)
-    yield name, report.first(rows, [one.html for one in held], parts)
+    yield name, report.first(rows, [one.html for one in held], parts, failed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,7 +226,13 @@ class _Report:
             more=more,
         )
 
-    def first(self, rows: Sequence[MapRow], sections: Sequence[Markup], parts: Sequence[ReportPart]) -> str:
+    def first(
+        self,
+        rows: Sequence[MapRow],
+        sections: Sequence[Markup],
+        parts: Sequence[ReportPart],
+        failed: Sequence[str],
+    ) -> str:
         """Return the first page: that of the whole run, with its sections unless these are on `parts`."""
         run = self._run
         by_error = {error: costs(run.problems, run.cases, error) for error in ERRORS}
@@ -240,6 +249,7 @@ class _Report:
             part=None,
             parts=parts,
             conclusion=self._summary.conclusion,
+            failed=failed,
             findings=faulty(self._summary.worst),
             alike=self._summary.shared,
             sentences=[*verdict_sentences(self._summary.cells, self._summary.worst), *cost_sentences(front)],
