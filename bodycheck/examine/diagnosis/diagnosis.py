@@ -396,15 +396,14 @@ class Search:
             starts = [(fit.faults, tuple(fit.values)) for fit in fits]
             here = _healthy(self._subset(base, _FIRST_LOOK), base)
             left = np.min([_left(sound + (fit.remaining - here), fit.slopes) for fit in fits], axis=0)
-            acts = [
-                all(fault.could_change(self._context(one, few)) for fault in fits[0].faults) for one in maps
-            ]
-            # a slip of a tableau acts differently in formulations that are near without it
-            if all(acts) and np.min(left) > _NO_NEARER * min(
-                float(np.linalg.norm(fit.remaining)) for fit in fits
-            ):
-                return None
-            nearer = (maps[k] for k in np.argsort(left) if acts[k] and maps[k].name not in tried)
+            possible = [maps[k] for k in np.argsort(left)]
+            if np.min(left) > _NO_NEARER * min(float(np.linalg.norm(fit.remaining)) for fit in fits):
+                # a slip of a tableau acts differently in formulations that are near without it
+                own = [one for one in possible if _acts(fits[0], self._context(one, few))]
+                if len(own) == len(possible):
+                    return None
+                possible = own
+            nearer = (one for one in possible if one.name not in tried)
             if (base := next(nearer, base)).name in tried:
                 return None
             tried.add(base.name)
@@ -554,6 +553,10 @@ _MAX_PAIRS = 6  # more pairs that fit equally well are no explanation
 def _is_below(base: Base, order: int | None) -> bool:
     """Whether a map is of a lower order than a method; the exact flow stands for all orders."""
     return order is not None and base is not EXACT and base.order < order
+
+
+def _acts(fit: Fit, at: FaultContext) -> bool:
+    return all(fault.could_change(at) for fault in fit.faults)
 
 
 def _healthy(transitions: Transitions, base: Base) -> Array:
