@@ -119,3 +119,10 @@ def test_a_last_stage_at_half_of_the_step_is_named_without_an_order(matrix: bool
     found = diagnosis_of((*A[:3], (0.0, 0.0, 0.5)), B, order=None, matrix=matrix)
     assert [fault.name for fault in found.faults] == ["stage-4-misplaced"]
     assert found.base == ("RK4, additive matrix" if matrix else "rk4")
+
+
+@pytest.mark.slow
+def test_a_method_that_no_catalogue_has_is_not_accused_of_a_slip() -> None:
+    """Of order 2, from the family of Ralston (1962), with its second stage at 0.4 of the step."""
+    found = diagnosis_of(((), (0.4,)), (1.0 - 1.0 / 0.8, 1.0 / 0.8), order=None)
+    assert (found.verdict, found.faults) == ("unexplained", ())
