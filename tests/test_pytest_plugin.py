@@ -232,7 +232,7 @@ def test_order(bodycheck):
     (command,) = re.findall("explain: bodycheck (.*)", done.stdout.str())
     explained = run_bodycheck(inner.path, *shlex.split(command), "--json")
     (case,) = json.loads(explained.stdout)
-    assert (case["scenario"], case["method"]) == ("mine", "euler:step")
+    assert (case["scenario"], case["method"]) == ("mine", "step:euler")
     tables = read_tables(report.parent)
     assert set(tables.results["reproduce"]) == {"pytest test_runs_are_kept_with_their_reports.py::test_order"}
     assert list(tables.results["dt_s"]) == [0.1, 0.05, 0.02, 0.01]
