@@ -42,6 +42,7 @@ _PARAMETER_COST = 0.1  # decades of the cost that a further parameter must gain
 _BETTER = 10.0  # a pair must reduce the cost of a single that explains the motion by this factor
 _PAIRED = 8
 _NEIGHBOURS = 8  # maps of the library that are tried with a fault
+_FORMULATIONS, _NEARLY_ALL = 4, 0.1  # of a tableau, that are tried where a slip leaves so little
 _NO_NEARER = 0.99  # of what the faults of a map leave, which no other map is then expected to reduce
 _SETTLED, _SETTLED_PAIRS = 10, 4  # fits of a whole log that are fitted to the end, single and in pairs
 _NEAR = 3.0  # multiples of the limit, within which a fit is weighed by its own derivatives
@@ -397,12 +398,12 @@ class Search:
             here = _healthy(self._subset(base, _FIRST_LOOK), base)
             left = np.min([_left(sound + (fit.remaining - here), fit.slopes) for fit in fits], axis=0)
             possible = [maps[k] for k in np.argsort(left)]
-            if np.min(left) > _NO_NEARER * min(float(np.linalg.norm(fit.remaining)) for fit in fits):
-                # a slip of a tableau acts differently in formulations that are near without it
-                own = [one for one in possible if _acts(fits[0], self._context(one, few))]
-                if len(own) == len(possible):
-                    return None
-                possible = own
+            own = [one for one in maps if _act(fits[0].faults, self._context(one, few))]
+            is_slip = len(own) < len(maps) and fits[0].cost <= _NEARLY_ALL * self._healthy_cost(base)
+            if is_slip:  # of a tableau: it acts differently in formulations that are near without it
+                possible = [*own[:_FORMULATIONS], *possible]
+            elif np.min(left) > _NO_NEARER * min(float(np.linalg.norm(fit.remaining)) for fit in fits):
+                return None
             nearer = (one for one in possible if one.name not in tried)
             if (base := next(nearer, base)).name in tried:
                 return None
@@ -423,8 +424,9 @@ class Search:
         """
         few = self._subset(base, _FIRST_LOOK)
         at = self._context(base, few)
-        if starts is None:
-            starts = [start for start in _starts(at) if start[0][0].is_general == general]
+        # leaders of another map may be slips of a tableau that this one does not have
+        starts = [start for start in starts or () if _act(start[0], at)]
+        starts = starts or [start for start in _starts(at) if start[0][0].is_general == general]
         fits = sorted(fitted(few, base, at, starts, sweeps=_FIRST_SWEEPS), key=lambda fit: fit.cost)
         return sorted(
             [*self._settled(base, few, fits[:_LEADERS]), *fits[_LEADERS:]], key=lambda fit: fit.cost
@@ -555,8 +557,8 @@ def _is_below(base: Base, order: int | None) -> bool:
     return order is not None and base is not EXACT and base.order < order
 
 
-def _acts(fit: Fit, at: FaultContext) -> bool:
-    return all(fault.could_change(at) for fault in fit.faults)
+def _act(faults: Iterable[Fault], at: FaultContext) -> bool:
+    return all(fault.could_change(at) for fault in faults)
 
 
 def _healthy(transitions: Transitions, base: Base) -> Array:
