@@ -10,7 +10,7 @@ bodycheck=${BODYCHECK:-$(dirname "$0")/../.venv/bin/bodycheck}
 output=$(mktemp)
 trap 'rm -f "$output"' EXIT
 
-"$bodycheck" nightly "$@" --history "$history" > "$output" 2>&1
+"$bodycheck" nightly "$@" --quiet --history "$history" > "$output" 2>&1
 status=$?
 { date --utc --iso-8601=seconds && cat "$output"; } >> "$history.log"
 if [ "$status" != 0 ]; then

@@ -13,14 +13,14 @@ from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.execution import record
 from bodycheck.adapters.registry import registered
 from bodycheck.examine.probes.probe import probe_rows
-from bodycheck.reports.document import escaped_markdown, markdown, print_document
+from bodycheck.reports.document import escaped_markdown, markdown
 from bodycheck.reports.summary.sentences import Summary, run_document
 from tests.helpers.html_page import report_page
 from tests.helpers.planted_faults import BASES, FAULTS, NO_FAULT, Fault, Faulty
 from tests.helpers.reported_results import reported_results
 
 if TYPE_CHECKING:
-    from bodycheck.reports.run_files.run_tables import Run
+    pass
 
 NOT_BY_PROBES = {
     "position-by-old-velocity": "an error of order 1 in the position, and no wrong reading",
@@ -56,7 +56,7 @@ def test_probes_see_each_planted_fault_but_those_that_they_cannot(base: str) -> 
     assert silent == {NO_FAULT, *undetectable, *NOT_BY_PROBES}
 
 
-def check_reports(base: str, faults: Sequence[Fault], capsys: pytest.CaptureFixture[str]) -> None:
+def check_reports(base: str, faults: Sequence[Fault]) -> None:
     """Run smoke with default options: each fault must be reported, with quantity and size, on every page.
 
     A fault that the table calls undetectable, and the sound base, must not be reported.
@@ -68,29 +68,16 @@ def check_reports(base: str, faults: Sequence[Fault], capsys: pytest.CaptureFixt
     found = reported_results(run)
     reported = {f"{adapter.name}:{fault.name}" for fault in faults if base not in fault.undetectable}
     assert set(found) == reported
-    pages = pages_of(run, capsys)
+    pages = {"markdown": markdown(run_document(run)), "html": report_page(run)}
     sentences = " ".join(Summary.of(run).sentences)
     for method, results in found.items():
         assert any(one.quantity and one.size > 0.0 and one.quantity in one.text for one in results), method
         assert method in sentences
         for page, text in pages.items():
             sentence = results[0].sentence
-            shown = {"html": str(escape(sentence)), "markdown": escaped_markdown(sentence)}.get(
-                page, sentence
-            )
+            shown = str(escape(sentence)) if page == "html" else escaped_markdown(sentence)
             assert shown in text, (page, method)
             assert results[0].reproduce in text, (page, method)
-
-
-def pages_of(run: Run, capsys: pytest.CaptureFixture[str]) -> dict[str, str]:
-    """Return the output of a run on the terminal, in Markdown and as a page."""
-    capsys.readouterr()
-    print_document(run_document(run))
-    return {
-        "terminal": capsys.readouterr().out,
-        "markdown": markdown(run_document(run)),
-        "html": report_page(run),
-    }
 
 
 @pytest.mark.slow
@@ -101,15 +88,13 @@ def pages_of(run: Run, capsys: pytest.CaptureFixture[str]) -> dict[str, str]:
         for place, base in enumerate(BASES)
     ],
 )
-def test_smoke_reports_a_sample_of_the_planted_faults(
-    base: str, first: int, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_smoke_reports_a_sample_of_the_planted_faults(base: str, first: int) -> None:
     """The limit, the order, the probes or a property reports each fault; the sound base has no finding."""
-    check_reports(base, FAULTS[first * EVERY // 2 :: EVERY], capsys)
+    check_reports(base, FAULTS[first * EVERY // 2 :: EVERY])
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("base", BASES)
-def test_smoke_reports_each_planted_fault(base: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_smoke_reports_each_planted_fault(base: str) -> None:
     """All planted faults are reported as those of the sample are."""
-    check_reports(base, FAULTS, capsys)
+    check_reports(base, FAULTS)
