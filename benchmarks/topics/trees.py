@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
+from importlib.util import find_spec
 from typing import Any
 
 import numba
@@ -167,7 +168,7 @@ def trees(effort: Effort) -> list[Measured]:
         true = certified_tree(scene, np.array([scene.duration_s])).motion
         end = np.concatenate([true.q[0], true.u[0]])
         rivals = dict(_CONTENDERS)
-        if name in _COMPILED_BY_HEYOKA:
+        if name in _COMPILED_BY_HEYOKA and find_spec("heyoka"):
             rivals["heyoka Taylor"] = _heyoka
         around = {who: _around(make, scene, end) for who, make in rivals.items()}
         tasks = [(who, pair) for who, pair in around.items() if pair is not None]
@@ -179,9 +180,13 @@ def trees(effort: Effort) -> list[Measured]:
         best = min((who for who in times if who.startswith("series")), key=lambda who: np.median(times[who]))
         note = f"{best}, {1e6 * np.median(times[best]):.0f} us"
         for tree, who, _ in TREE_RATIOS:
-            if tree == name and who in times:
-                spread = Spread.of(times[who] / times[best])
-                found.append(Measured.of(f"trees.{key(name)}.{key(who)}", spread, note))
+            if tree == name:
+                figure = f"trees.{key(name)}.{key(who)}"
+                if who in times:
+                    found.append(Measured.of(figure, Spread.of(times[who] / times[best]), note))
+                else:
+                    why = "no setting meets the target" if who in rivals else "not installed"
+                    found.append(Measured(figure, None, note=why))
     ((_, scenario),) = load_trees("quadruped")
     truth = Call(partial(certified_tree, scenario.scene, scenario.scene.sample_times))
     return [*found, Measured.of("trees.truth", Spread.of(interleaved([truth], effort)[0]), "quadruped, 1 s")]
