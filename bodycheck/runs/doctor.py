@@ -17,7 +17,7 @@ from bodycheck._util.distributions import installed, requirements
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.file_digests import disk_bytes
 from bodycheck._util.files import check_folder
-from bodycheck._util.formatting import names
+from bodycheck._util.formatting import count, names
 from bodycheck._util.platform_identity import cpu_model, usable_cores
 from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.registry import default_engines, distribution_of, optional_engines
@@ -85,7 +85,7 @@ def _caches() -> Iterator[CacheFolder]:
 def _engines() -> Iterator[MachineCheck]:
     for name, engine in announced(default_engines()).items():
         if isinstance(engine, Engine):
-            yield MachineCheck(name, True, f"{engine.version}, {len(engine.methods)} methods")
+            yield MachineCheck(name, True, f"{engine.version}, {count(len(engine.methods), 'method')}")
         else:
             package = distribution_of(name)
             absent = package is not None and installed(package) is None

@@ -120,7 +120,12 @@ _VERDICT_TEXTS = {
     "consistent": Span("passes", "good"),
     "not-measured": Span("not checked", "open"),
 }
-_HEADS = (Column("method", "fixed"), Column("check", "fixed"), Column("", "fixed"), Column(""))
+_HEADS = (
+    Column("method", "fixed"),
+    Column("check", "fixed"),
+    Column("result", "fixed"),
+    Column("requirement or fault"),
+)
 
 
 def conformance_document(found: Conformance) -> Document:

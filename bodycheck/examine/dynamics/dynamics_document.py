@@ -20,11 +20,11 @@ _AFTER = {
 _HEADS = ("M", "bias", "gravity", "u'", "wrench", "energy", "P, L", "poses")
 _COLUMNS = (
     Column("reading", "fixed"),
-    Column("", "fixed"),
+    Column("verdict", "fixed"),
     Column("median", "number"),
     Column("worst", "number"),
     Column("worst tree", "name"),
-    Column("right", "number"),
+    Column("right in", "number"),
     Column("of the step", "fixed"),
     Column("call, axes and order of the engine", only=("markdown", "page")),
 )

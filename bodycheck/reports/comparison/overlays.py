@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from bodycheck._util.formatting import number, scientific, step
+from bodycheck._util.formatting import number, step
 from bodycheck.reports.comparison.change import Change
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION
@@ -17,6 +17,7 @@ _KINDS = ("accuracy", "order", "verdict", "outcome", "stability")
 _LEFT, _RIGHT, _TOP, _BOTTOM = 46.0, 312.0, 10.0, 150.0
 _MAX_TICKS = 5
 _MIN_DECADES = 0.5  # of an axis: a smaller range is widened, so that it does not look like a change
+_MARGIN = 0.04  # of an axis, so that no mark covers a label
 
 Point = tuple[float, float]
 
@@ -81,8 +82,8 @@ def _overlay(
     ]
     return Overlay(
         *(scenario, engine, method, quantity, curves[0], curves[1]),
-        x_ticks=tuple((f"{_at(v, x_range, _LEFT, _RIGHT):.1f}", scientific(v)) for v in _ticks(x_range)),
-        y_ticks=tuple((f"{_at(v, y_range, _BOTTOM, _TOP):.1f}", scientific(v)) for v in _ticks(y_range)),
+        x_ticks=tuple((f"{_at(v, x_range, _LEFT, _RIGHT):.1f}", number(v, 1)) for v in _ticks(x_range)),
+        y_ticks=tuple((f"{_at(v, y_range, _BOTTOM, _TOP):.1f}", number(v, 1)) for v in _ticks(y_range)),
     )
 
 
@@ -98,7 +99,7 @@ def _points(tables: Tables, key: StudyKey, quantity: str) -> list[Point]:
 def _range(values: Sequence[float]) -> tuple[float, float]:
     """Return the ends of a logarithmic axis, in decades."""
     low, high = math.log10(min(values)), math.log10(max(values))
-    wider = max(0.0, 0.5 * (_MIN_DECADES - (high - low)))
+    wider = max(_MARGIN * (high - low), 0.5 * (_MIN_DECADES - (high - low)))
     return low - wider, high + wider
 
 

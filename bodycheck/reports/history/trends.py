@@ -9,6 +9,8 @@ from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from markupsafe import Markup
+
 from bodycheck._util.formatting import number, setting
 from bodycheck.reports.comparison.change import FAILING
 from bodycheck.reports.comparison.compare import unversioned
@@ -49,7 +51,11 @@ def trends_page(judged: Judgement) -> str:
     """
     runs = [*(run.folder for run in judged.baseline.runs[::-1]), judged.history / judged.newest.run_id]
     manifests = [*(run.manifest for run in judged.baseline.runs[::-1]), judged.newest.manifest]
+    regressions = [
+        (_hash(one.regressions[0].change), one.text, one.duration) for one in open_lines(judged.open)
+    ]
     data = {
+        "start": regressions[0][0] if regressions else "",
         "runs": [run.name for run in runs],
         "dates": [started_at(run.name).isoformat() for run in runs],
         "releases": _releases([versions_of(manifest) for manifest in manifests]),
@@ -62,12 +68,10 @@ def trends_page(judged: Judgement) -> str:
         .render(
             title="bodycheck: history of all measures",
             first=headline(judged),
-            open=[
-                (_hash(one.regressions[0].change), one.text, one.duration) for one in open_lines(judged.open)
-            ],
+            open=regressions,
             data=data,
             css=asset("templates/report.css"),
-            js=asset("templates/trends.js"),
+            js=Markup("\n").join(asset(f"templates/{name}.js") for name in ("plot_style", "trends")),
             plotly=asset("vendor/plotly-basic.min.js"),
         )
     )

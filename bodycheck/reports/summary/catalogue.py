@@ -121,7 +121,7 @@ def on_request_state(engine: str) -> str:
     if found := installed_version(engine):
         return f"{found}, installed here" if needed is None else f"{found}, in its own environment"
     requirements = ", ".join(requirements_of(Pin(engine, None)))
-    return f"needs {requirements}, which are installed into an environment when it is first requested"
+    return f"needs {requirements}, installed into an environment at the first request"
 
 
 def _methods(requested: Sequence[str]) -> list[CatalogueEntry]:

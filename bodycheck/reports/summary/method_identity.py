@@ -95,10 +95,10 @@ def laws_document(rows: Sequence[Mapping[str, Any]]) -> Document:
     heads = (
         Column("method", "fixed"),
         Column("law", "fixed"),
-        Column("", "fixed"),
+        Column("verdict", "fixed"),
         Column("break", "fixed"),
         Column("tolerance", "fixed"),
-        Column(""),
+        Column("state or reason"),
     )
     cells = tuple(
         (

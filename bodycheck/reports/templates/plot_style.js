@@ -27,7 +27,7 @@ function axis(title, more) {
 // A short logarithmic axis would have one tick label or none: label 1, 2 and 5 of each decade.
 function logAxis(title, values, more) {
   const [least, most] = [Math.min(...values), Math.max(...values)];
-  if (!values.length || most > 30 * least) return axis(title, { type: "log", ...more });
+  if (!values.length || most > 100 * least) return axis(title, { type: "log", ...more });
   const decades = [-1, 0, 1, 2].map(k => k + Math.floor(Math.log10(least)));
   const ticks = decades.flatMap(decade => [1, 2, 5].map(digit => `${digit}e${decade}`));
   const texts = ticks.map(tick => (Number(tick) < 1e-3 ? tick : String(Number(tick))));

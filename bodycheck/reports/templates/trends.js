@@ -55,16 +55,14 @@ function draw(chosen) {
     type: "line", yref: "paper", y0: 0, y1: 1, x0: data.dates[run], x1: data.dates[run], line: { color: colour("--faint"), width: 1, dash: "dot" },
   }));
   const positive = measure.value !== "order" && chosen.every(one => one.v.every(([, , value]) => value > 0));
+  const title = data.labels[measure.value];
   Plotly.react(plot, traces, {
     font: { family: "system-ui, sans-serif", size: 12, color: colour("--ink") },
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
     margin: { l: 60, r: 16, t: 24, b: 40 }, hovermode: "closest", dragmode: "zoom",
     legend: { orientation: "h", y: -0.18 }, showlegend: true,
     xaxis: { type: "date", gridcolor: colour("--grid"), linecolor: colour("--line") },
-    yaxis: {
-      type: positive ? "log" : "linear", title: { text: data.labels[measure.value], standoff: 6 }, gridcolor: colour("--grid"),
-      exponentformat: "e", automargin: true, zeroline: false,
-    },
+    yaxis: positive ? logAxis(title, chosen.flatMap(one => one.v.map(([, , value]) => value))) : axis(title),
     shapes: [...shaded, ...marks],
     annotations: releases.map(([run, version]) => ({
       text: version, x: data.dates[run], xanchor: "left", yref: "paper", y: 1, yanchor: "bottom", showarrow: false, font: { size: 11 },
@@ -72,7 +70,7 @@ function draw(chosen) {
   }, { responsive: true, displayModeBar: false });
 }
 
-const fromAddress = () => choose(...decodeURIComponent(location.hash.slice(1)).split("|"));
+const fromAddress = () => choose(...decodeURIComponent(location.hash.slice(1) || data.start).split("|"));
 for (const select of [method, scenario, measure]) {
   select.addEventListener("change", () => {
     history.replaceState(null, "", `#${[method, scenario, measure].map(one => encodeURIComponent(one.value)).join("|")}`);

@@ -116,6 +116,7 @@ def test_trends_have_every_measure_with_its_level_and_when_it_was_worse(stored: 
     """One series per case and measure; equal values of successive runs are stored once."""
     page = (stored.parent / "trends.html").read_text()
     data = json.loads(re.findall(r'id="data">(.*?)</script>', page, re.DOTALL)[0])
+    assert data["start"] == "reference:m1|slow|orientation_error_rad"  # the measure of the headline
     assert data["runs"] == [run.name for run in History(stored.parent).runs()]
     series = {(one["m"], one["s"], one["q"], one["f"]): one for one in data["series"]}
     worse = series["reference:m1", "slow", ERROR, "dt 0.01 s"]
