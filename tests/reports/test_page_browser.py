@@ -61,10 +61,13 @@ def test_an_axis_of_a_decade_has_more_numbers_than_one(chromium: Browser) -> Non
     page = chromium.new_page()
     looks = f"const colour = () => '#000'; {asset('templates/plot_style.js')}"
     texts = f"all => {{ {looks} return all.map(values => logAxis('', values).ticktext ?? []); }}"
-    steps, finer, many, none = page.evaluate(texts, [[1e-3, 1e-2], [2e-5, 5e-5], [1e-5, 1e-2], []])
+    steps, finer, two, many, none = page.evaluate(
+        texts, [[1e-3, 1e-2], [2e-5, 5e-5], [5e-4, 2e-2], [1e-5, 1e-2], []]
+    )
     page.close()
     assert {"0.001", "0.002", "0.005", "0.01"} <= set(steps)
     assert {"2e-5", "5e-5"} <= set(finer)
+    assert {"0.001", "0.002", "0.005", "0.01", "0.02"} <= set(two)
     assert many == none == []
 
 
