@@ -326,6 +326,12 @@ def test_faults_with_healthy_parameters_change_nothing(scenario: str) -> None:
     assert np.max(np.abs(gaps)) < 100.0 * transitions.round_off
 
 
+def test_advice_about_the_gyroscopic_term_fits_every_factor(expected_message: ExpectedMessage) -> None:
+    """With a factor of -1 or 0.97 omega changes, too: its rate and its sign tell them apart."""
+    (fault,) = (one for one in FAULTS if one.name == "gyroscopic-term")
+    expected_message(fault.confirm)
+
+
 def test_each_upstream_issue_is_of_the_kind_of_a_fault() -> None:
     """Each pattern matches the name of a fault, and each address is that of an issue or a pull request."""
     names = [fault.name for fault in FAULTS]
