@@ -150,12 +150,14 @@ def _differences(audit: Audit) -> Table:
     rows = []
     known = repeated(audit)
     for name in said_once(audit):
-        own = [one.held[name] for one in audit.links if (one.name, name) in known]
+        links = [link for link in audit.links if (link.name, name) in known]
+        own = [link.held[name] for link in links]
         largest = Difference(
             *map(max, zip(*(astuple(one.difference) for one in own if one.difference), strict=True))
         )
         cause = Span(own[0].causes[0].partition(":")[0], "bad")
-        rows.append((f"{count(len(own), 'link')}, at most", name, *_relative(largest), cause))
+        place = f"{len(links)} links, at most" if len(links) > 1 else links[0].name
+        rows.append((place, name, *_relative(largest), cause))
     for link in audit.links:
         for name, one in link.held.items():
             if one.state in ("differs", "absent") and (link.name, name) not in known:

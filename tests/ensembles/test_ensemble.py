@@ -33,7 +33,8 @@ from bodycheck.adapters.workers import protocol, received_messages
 from bodycheck.adapters.workers.case_messages import batch_message, batch_of
 from bodycheck.cli.rooms.ensemble_commands import _new_folder
 from bodycheck.ensembles.ensemble_answer import ensemble_document
-from bodycheck.ensembles.ensemble_cases import measured, replay_of, truth_of
+from bodycheck.ensembles.ensemble_cases import ROTATION_MEASURES, measured, replay_of, truth_of
+from bodycheck.ensembles.ensemble_files import distributions_svg
 from bodycheck.ensembles.ensemble_merge import merge_ensembles
 from bodycheck.ensembles.ensemble_result import EnsembleRequest, EnsembleResult
 from bodycheck.ensembles.ensemble_run import run_ensemble
@@ -42,6 +43,7 @@ from bodycheck.reference_impl.random_bodies import Bodies
 from bodycheck.reports.document import Sentence, Table
 from bodycheck.reports.measurement.case import run_case
 from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.render.styles import COLOURS, engine_colour
 from bodycheck.reports.summary.quantiles import SHARES, QuantileSketch
 from bodycheck.runs.directory import RUNS
 from bodycheck.runs.run_progress import no_progress
@@ -693,3 +695,22 @@ def test_ensemble_command_runs_an_engine_in_workers(tmp_path: Path) -> None:
         )
     text = run_bodycheck(tmp_path, "ensemble", "intermediate-axis", "--row", str(worst[0]["row"]))
     assert text.stdout == (tmp_path / f"found/worst/row-{worst[0]['row']}.toml").read_text()
+
+
+def test_figure_has_one_colour_per_engine_and_one_dash_per_method() -> None:
+    """The colours are those of the report, whatever else is drawn."""
+    sketch = QuantileSketch()
+    sketch.add(np.array([1e-3, 1e-2]))
+    methods: list[Any] = [
+        ((SimpleNamespace(name=engine), SimpleNamespace(name=name, control="dt"), Setting(1e-2, None)), one)
+        for engine, name in (("my-engine", "a"), ("reference", "rk4"), ("reference", "m1"))
+        for one in [dict.fromkeys(ROTATION_MEASURES, sketch)]
+    ]
+    text = distributions_svg(methods).decode()
+    assert (
+        text.count(f"stroke: {COLOURS[engine_colour('reference')]}")
+        > text.count(f"stroke: {COLOURS[engine_colour('my-engine')]}")
+        > 0
+    )
+    assert f"stroke: {COLOURS[engine_colour('mujoco')]}" not in text
+    assert "stroke-dasharray" in text
