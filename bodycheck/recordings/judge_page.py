@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from bodycheck.adapters.engine_names import REFERENCE
 from bodycheck.examine.explanation.explain import ExplainedCase
 from bodycheck.examine.explanation.explanation_document import drawn_explanations
 from bodycheck.recordings.judge import Ranking
@@ -60,10 +59,10 @@ def judgement_page(ranking: Ranking, cases: Sequence[ExplainedCase]) -> str:
         allowed=Markup("script-src 'unsafe-inline'; img-src data: blob:; "),
         sections=[_section(group, drawn, number) for number, group in enumerate(groups, 1)],
         styles=drawn,
+        own=(),
         styles_data=[asdict(style) for style in drawn.values()],
         first_order=[],
         errors=(),
-        reference=REFERENCE,
         engine_colour=colours.__getitem__,
         js=Markup("\n").join(asset(f"templates/{name}.js") for name in _SCRIPTS),
         plotly=asset("vendor/plotly-basic.min.js"),
