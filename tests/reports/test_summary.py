@@ -180,7 +180,9 @@ def test_only_a_method_without_a_known_map_counts_as_unknown(fingerprint: str, t
     """The names of some known maps begin with "no"."""
     row = {"engine": "e", "method": "m", "fingerprint": fingerprint, "message": "why", "description": ""}
     row |= {"digits": 9.0, "agreement": None, "runner_up": "m1", "runner_up_distance": 1.0}
-    table = fingerprint_document([row]).parts[0]
+    first, table, *_ = fingerprint_document([row]).parts
+    assert isinstance(first, Sentence)
     assert isinstance(table, Table)
+    assert (first.text, first.tint) == (f"e:m: {fingerprint}", tint)
     assert table.rows[0][1] == Span(fingerprint, tint)
     assert ("9 digits" in map_text(row)) == (tint == "good")

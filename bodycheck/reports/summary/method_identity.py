@@ -79,8 +79,7 @@ def fingerprint_document(rows: Sequence[Mapping[str, Any]]) -> Document:
     )
     unknown = [":".join(key_of(row)) for row in rows if row["fingerprint"] in _UNKNOWN]
     if len(rows) == 1:
-        what = f": {NO_KNOWN_MAP}" if unknown else f" is {rows[0]['fingerprint']}"
-        lead = f"{':'.join(key_of(rows[0]))}{what}"
+        lead = f"{':'.join(key_of(rows[0]))}: {rows[0]['fingerprint']}"
     else:
         matched = len(rows) - len(unknown)
         lead = f"{matched} of {count(len(rows), 'method')} with a known map"
