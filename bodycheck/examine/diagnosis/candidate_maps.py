@@ -7,7 +7,7 @@ maps that most engines make, they act inside the step.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, cast
@@ -156,7 +156,6 @@ class Flow:
         self._gyro = gyro[:, None] if np.any(gyro != 1.0) else None
         turn_factor = self._numbers("turn_factor")
         self._turn_factor = turn_factor[:, None] if np.any(turn_factor != 1.0) else None
-        self._own_tableaus = any(model.tableau is not None for model in models)
         self._is_moved = scene.pivot is None
 
     def _numbers(self, name: str) -> Array:
@@ -250,7 +249,7 @@ class Flow:
         t = self._start_s + step * self._dt
         if self._base.one is not None:
             new = self._of_library(self._base.one, y, loads, t, dt)
-            for row, one, flow in self._apart(self._base.one):
+            for row, one, flow in self._apart:
                 part = flow._of_library(one, y.of(row), flow._loads(step), t[row], dt[row])
                 for value, own in ((new.x, part.x), (new.v, part.v), (new.q, part.q), (new.w, part.w)):
                     value[:, row] = own
@@ -265,25 +264,28 @@ class Flow:
         new.v, new.w = self._slowed(new, dt, late=True)
         return self._limited(y, new)
 
-    @property
+    @cached_property
     def _tableau(self) -> Tableau:
         """The tableau of all candidates, or with numbers (c, 1) where some have one of their own."""
         common = self._base.tableau
         assert common is not None
-        if not self._own_tableaus:
+        if all(model.tableau is None for model in self._models):
             return common
         each = zip(*(model.tableau or common for model in self._models), strict=True)
         return Tableau(*(np.stack(part, axis=-1)[..., None] for part in each))
 
-    def _apart(self, one: OneStepMap) -> Iterator[tuple[Indices, OneStepMap, Flow]]:
-        """Yield each candidate with a tableau of its own, with the map of the library that has it."""
-        step: Any = one.step
+    @cached_property
+    def _apart(self) -> list[tuple[Indices, OneStepMap, Flow]]:
+        """The candidates with a tableau of their own, each with the map of the library that has it."""
+        one, found = self._base.one, []
         for row, model in enumerate(self._models):
-            if (own := model.tableau) is not None:
+            if one is not None and (own := model.tableau) is not None:
+                step: Any = one.step
                 changed = replace(step, tableau=replace(step.tableau, a=own.a, b=own.b))
                 models = [replace(model, tableau=None)]
                 flow = Flow(models, self._base, self._scene, self._dt_s, self._first_step, self._start_s)
-                yield np.array([row]), replace(one, step=changed), flow
+                found.append((np.array([row]), replace(one, step=changed), flow))
+        return found
 
     def _slowed(self, y: States, dt: Array, *, late: bool) -> tuple[Array, Array]:
         """Return v and w of candidates that damp them after the kick, or late: after the step."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from bodycheck.examine.diagnosis.candidate_maps import Base
-from bodycheck.examine.diagnosis.diagnosis import ALL_QUANTITIES, Diagnosis, Search, obstacle
+from bodycheck.examine.diagnosis.diagnosis import ALL_QUANTITIES, Diagnosis, Search, could_act, obstacle
 from bodycheck.examine.diagnosis.faults.fault import FaultContext
 from bodycheck.examine.diagnosis.fit import Fit, planted
 from bodycheck.reference_impl.trajectory import Trajectory
@@ -52,7 +52,7 @@ def is_refuted(
             return False
         some = whole.subset(_TRANSITIONS)
         at = FaultContext(some, base)
-        if not all(fault.could_change(at) for fault in fit.faults):
+        if not could_act(fit.faults, at):
             return False
         model = some.grid.model(scene)
         sound, faulty = some.differences([model, planted(at, model, fit.faults, fit.values)], base)

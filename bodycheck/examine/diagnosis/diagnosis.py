@@ -398,7 +398,7 @@ class Search:
             here = _healthy(self._subset(base, _FIRST_LOOK), base)
             left = np.min([_left(sound + (fit.remaining - here), fit.slopes) for fit in fits], axis=0)
             possible = [maps[k] for k in np.argsort(left)]
-            own = [one for one in maps if _act(fits[0].faults, self._context(one, few))]
+            own = [one for one in maps if could_act(fits[0].faults, self._context(one, few))]
             is_slip = len(own) < len(maps) and fits[0].cost <= _NEARLY_ALL * self._healthy_cost(base)
             if is_slip:  # of a tableau: it acts differently in formulations that are near without it
                 possible = [*own[:_FORMULATIONS], *possible]
@@ -425,7 +425,7 @@ class Search:
         few = self._subset(base, _FIRST_LOOK)
         at = self._context(base, few)
         # leaders of another map may be slips of a tableau that this one does not have
-        starts = [start for start in starts or () if _act(start[0], at)]
+        starts = [start for start in starts or () if could_act(start[0], at)]
         starts = starts or [start for start in _starts(at) if start[0][0].is_general == general]
         fits = sorted(fitted(few, base, at, starts, sweeps=_FIRST_SWEEPS), key=lambda fit: fit.cost)
         return sorted(
@@ -557,7 +557,8 @@ def _is_below(base: Base, order: int | None) -> bool:
     return order is not None and base is not EXACT and base.order < order
 
 
-def _act(faults: Iterable[Fault], at: FaultContext) -> bool:
+def could_act(faults: Iterable[Fault], at: FaultContext) -> bool:
+    """Return whether each of some faults could change a motion."""
     return all(fault.could_change(at) for fault in faults)
 
 
