@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -29,7 +28,7 @@ from bodycheck.ensembles.ensemble_result import (
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.measurement.case import reproducing_command
 from bodycheck.reports.render.figures import figure_bytes, rendering
-from bodycheck.reports.render.styles import COLOURS, engine_colour
+from bodycheck.reports.render.styles import COLOURS, styles
 from bodycheck.reports.run_files.sentinels import write_sentinels
 from bodycheck.reports.run_files.tables import as_csv
 from bodycheck.reports.summary.quantiles import SHARES, QuantileSketch
@@ -282,29 +281,28 @@ _LABELS = {
     "rotational_energy_drift": "relative drift of the energy",
     "angular_momentum_drift": "relative drift of the angular momentum",
 }
-_LINES = ("solid", "dashed", "dotted", "dashdot")
 _SIZE_IN = (7.2, 5.6)
 _SMALLEST = 1e-17  # an error of 0 is drawn here
 
 
 def distributions_svg(methods: Sequence[tuple[Key, Mapping[str, QuantileSketch]]]) -> bytes:
     """Return one panel per measure, with one colour per engine; methods: with their sketches by measure."""
+    looks = styles((key[0].name, key_text(key)) for key, _ in methods).values()
     with rendering():
         from matplotlib.figure import Figure
 
         page = Figure(figsize=_SIZE_IN, layout="constrained")
         panels = page.subplots(2, 2)
         for axes, measure in zip(panels.flat, ROTATION_MEASURES, strict=True):
-            drawn = Counter[str]()
-            for key, sketches in methods:
-                engine, own = key[0].name, sketches[measure]
-                look = {
-                    "color": COLOURS[engine_colour(engine)],
-                    "linestyle": _LINES[drawn[engine] % len(_LINES)],
-                }
-                drawn[engine] += 1
-                if own.total:
-                    axes.step(*_share_above(own), where="post", label=key_text(key), **look)
+            for (key, sketches), look in zip(methods, looks, strict=True):
+                if sketches[measure].total:
+                    axes.step(
+                        *_share_above(sketches[measure]),
+                        where="post",
+                        label=key_text(key),
+                        color=COLOURS[look.colour],
+                        linestyle=look.linestyle,
+                    )
             axes.set(xscale="log", yscale="log", xlabel=_LABELS[measure], ylabel="share of bodies above")
         panels.flat[0].legend(loc="lower left")
         return figure_bytes(page, ".svg")

@@ -569,7 +569,6 @@ def _draw(
     by_engine = _one_per_engine(group)
     for rank, key in enumerate(by_engine):
         style, below = drawn[key], len(by_engine) - 1 - rank
-        solid = style.dash == "solid" or len(by_engine) > 1
         axes.plot(
             *points,
             label=" = ".join(names) if rank == 0 else None,
@@ -579,7 +578,7 @@ def _draw(
             markerfacecolor="none",
             markeredgewidth=0.7,
             linewidth=0.8 + 1.4 * below,
-            linestyle="solid" if solid else (0, tuple(map(float, style.dash.split()))),
+            linestyle="solid" if len(by_engine) > 1 else style.linestyle,
         )
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 from zlib import crc32
 
 import numpy as np
@@ -60,6 +60,11 @@ class Style:
     def outline(self) -> str:
         """The marker as an SVG path."""
         return MARKERS[self.marker]
+
+    @property
+    def linestyle(self) -> Any:
+        """The dash as Matplotlib's linestyle."""
+        return self.dash if self.dash == "solid" else (0, tuple(map(float, self.dash.split())))
 
 
 def engine_colour(engine: str) -> int:
