@@ -229,7 +229,7 @@ def test_order(bodycheck):
     first = re.search("<li>(.*)</li>", report.read_text(encoding="utf-8"))
     assert first is not None
     assert "order.orientation_error_rad &gt;= 3.9: 1 of 1 case failed" in first[1]
-    (command,) = re.findall("explain: bodycheck (.*)", done.stdout.str())
+    (command,) = re.findall("^E +explain: bodycheck (.*)", done.stdout.str(), re.MULTILINE)
     explained = run_bodycheck(inner.path, *shlex.split(command), "--json")
     (case,) = json.loads(explained.stdout)
     assert (case["scenario"], case["method"]) == ("mine", "step:euler")
