@@ -34,10 +34,10 @@ def benchmarks(
         from bodycheck._util.files import check_folder
 
         check_folder(f"--out {out}", out)  # fail before minutes of measurements
-        from benchmarks.effort import FULL, QUICK
+        from benchmarks.readme import terminal_table
         from benchmarks.store import NOT_LIKE_FOR_LIKE, RESULTS, read_results, write_results
         from benchmarks.suite import measure
-        from benchmarks.table import terminal_table
+        from benchmarks.timing import FULL, QUICK
 
         measured = measure(QUICK if quick else FULL, lambda what: print(f"... {what}", flush=True))
     except KeyboardInterrupt:

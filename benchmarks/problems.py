@@ -75,5 +75,6 @@ BODY_TORQUE = tumbling("constant body torque", Torque("body", np.array(_TORQUE))
 DRAG = tumbling("angular drag", Drag(0.0, 0.1 * np.eye(3)))
 BODY_SINE = tumbling("body sine torque", SineTorque("body", np.array(_TORQUE), rate=2.0, phase=0.3))
 GRAVITY_GRADIENT = tumbling("gravity gradient", GravityGradient(rate=0.5))
+FORCED = BODY_TORQUE, DRAG, BODY_SINE, GRAVITY_GRADIENT, WORLD_TORQUE
 HEAVY_TOP = load_scenario("heavy-top").scene
 """An asymmetric body with a fixed point. Energy and angular momentum about the vertical are conserved."""

@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import platform
+from importlib.metadata import version
 from io import StringIO
 from pathlib import Path
 
 import pandas as pd
 
 from benchmarks.figures import FIGURES
-from benchmarks.machine import machine
 from benchmarks.picture import PICTURE, work_precision_picture
 from benchmarks.suite import Measurements
 from benchmarks.timing import Spread
+from bodycheck._util.distributions import installed
 from bodycheck._util.errors import InputError
 from bodycheck._util.files import write_file
+from bodycheck.runs.manifest import machine
 
 RESULTS, POINTS, MACHINE = "results.csv", "work-precision.csv", "machine.json"
+_LIBRARIES = ("bodycheck", "numpy", "numba", "llvmlite", "scipy", "mujoco", "heyoka", "trimesh")
 
 NOT_LIKE_FOR_LIKE = (
     "A kernel specialised to one rigid body beside a general engine or solver is not like for like: the "
@@ -30,7 +35,14 @@ def write_results(measured: Measurements, folder: Path, *, command: str, quick: 
 
     Raises InputError if they cannot be written.
     """
-    facts = {"command": command, **machine(), "note": NOT_LIKE_FOR_LIKE}
+    facts = {
+        "command": command,
+        **machine(),
+        "load_average": [round(load, 2) for load in os.getloadavg()],
+        "python": platform.python_version(),
+        "libraries": {name: version(name) for name in _LIBRARIES if installed(name)},
+        "note": NOT_LIKE_FOR_LIKE,
+    }
     points = points_table(measured).to_csv(index=False)
     texts = {
         RESULTS: results_table(measured, quick=quick).to_csv(index=False),

@@ -5,18 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from benchmarks.effort import Effort
 from benchmarks.figures import FIGURES, Measured
+from benchmarks.timing import Effort
 from benchmarks.topics.against import Points, against
-from benchmarks.topics.batch import batch
-from benchmarks.topics.certified import certified
-from benchmarks.topics.closed_form import closed_form
 from benchmarks.topics.drift import drift
-from benchmarks.topics.forced import forced
+from benchmarks.topics.kernels import batch, closed_form, forced, specialised
 from benchmarks.topics.mesh import mesh
-from benchmarks.topics.specialised import specialised
-from benchmarks.topics.start import start
 from benchmarks.topics.trees import trees
+from benchmarks.topics.truth import certified, start
 
 _TOPICS: tuple[Callable[[Effort], list[Measured]], ...] = (
     closed_form,

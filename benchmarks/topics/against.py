@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from benchmarks.contenders.available import HEYOKA, MUJOCO, SCIPY, Field, whole_field
-from benchmarks.contenders.closed_form import CLOSED_FORM, CLOSED_FORM_SET_UP_BEFORE
-from benchmarks.contenders.contender import Contender
-from benchmarks.contenders.stepped_taylor import STEPPED_TAYLOR
-from benchmarks.effort import Effort
+from benchmarks.contenders import (
+    CLOSED_FORM,
+    CLOSED_FORM_SET_UP_BEFORE,
+    HEYOKA,
+    MUJOCO,
+    SCIPY,
+    STEPPED_TAYLOR,
+    all_contenders,
+)
 from benchmarks.figures import RATIOS, Measured, ratio_name
 from benchmarks.problems import FREE, FREE_LONG, WORLD_TORQUE, Problem
-from benchmarks.search import Tried, cheapest, most_accurate, tried
-from benchmarks.timing import Spread, interleaved, ratio
+from benchmarks.solver import Contender, Tried, cheapest, most_accurate, tried
+from benchmarks.timing import Effort, Spread, interleaved, ratio
 from bodycheck.reference_impl.arrays import Array
 
 
@@ -30,14 +35,14 @@ class Point:
 Points = list[Point]
 
 
-def curves(problem: Problem, field: Field, effort: Effort) -> Points:
+def curves(problem: Problem, contenders: Sequence[Contender], effort: Effort) -> Points:
     """Tune all for every target and time those who reach it in turn, target by target."""
-    found = [tried(one, problem, min(effort.targets)) for one in field.contenders]
+    found = [tried(one, problem, min(effort.targets)) for one in contenders]
     points: Points = []
     for target in effort.targets:
         tuned = [cheapest(trials, target) for trials in found]
         seconds = iter(interleaved([one.solver for one in tuned if one is not None], effort))
-        for contender, trials, one in zip(field.contenders, found, tuned, strict=True):
+        for contender, trials, one in zip(contenders, found, tuned, strict=True):
             if one is None:
                 points.append(Point(problem.name, contender, target, most_accurate(trials), None))
             else:
@@ -47,15 +52,15 @@ def curves(problem: Problem, field: Field, effort: Effort) -> Points:
 
 def against(effort: Effort) -> tuple[list[Measured], Points]:
     """Measure the three problems, and the ratios that have targets."""
-    field = whole_field()
-    torque_free_only = (CLOSED_FORM.name, CLOSED_FORM_SET_UP_BEFORE.name)
-    long = field.only(*torque_free_only, STEPPED_TAYLOR.name, HEYOKA)
+    contenders, missing = all_contenders()
+    torque_free_only = CLOSED_FORM, CLOSED_FORM_SET_UP_BEFORE
+    long = [one for one in contenders if one in (*torque_free_only, STEPPED_TAYLOR) or one.name == HEYOKA]
     points = [
-        *curves(FREE, field, effort),
-        *curves(WORLD_TORQUE, field.without(*torque_free_only), effort),
+        *curves(FREE, contenders, effort),
+        *curves(WORLD_TORQUE, [one for one in contenders if one not in torque_free_only], effort),
         *curves(FREE_LONG, long, effort),
     ]
-    return ratios(points, field.missing), points
+    return ratios(points, missing), points
 
 
 def ratios(points: Points, missing: dict[str, str]) -> list[Measured]:

@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.effort import Effort
 from benchmarks.figures import Measured
 from benchmarks.problems import FREE, HEAVY_TOP
-from benchmarks.timing import Spread
+from benchmarks.timing import Effort, Spread
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum, rotational_energy
 from bodycheck.reference_impl.pivot import rotational_inertia

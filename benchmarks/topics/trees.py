@@ -15,10 +15,9 @@ from typing import Any
 import numba
 import numpy as np
 
-from benchmarks.effort import Effort
 from benchmarks.figures import TREE_RATIOS, Measured, key
-from benchmarks.task import Call
-from benchmarks.timing import Spread, interleaved
+from benchmarks.solver import Task
+from benchmarks.timing import Effort, Spread, interleaved
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators.dop853 import TABLEAU
 from bodycheck.reference_impl.taylor.solution import SeriesAccuracy
@@ -132,7 +131,7 @@ def _dop853(scene: TreeScene, k: int) -> Motion:
 
 
 def _heyoka(scene: TreeScene, k: int) -> Motion:
-    from benchmarks.contenders.heyoka_trees import HeyokaTree
+    from benchmarks.heyoka_trees import HeyokaTree
 
     return HeyokaTree(scene, 10.0 ** (-8.0 - k))
 
@@ -172,7 +171,7 @@ def trees(effort: Effort) -> list[Measured]:
             rivals["heyoka Taylor"] = _heyoka
         around = {who: _around(make, scene, end) for who, make in rivals.items()}
         tasks = [(who, pair) for who, pair in around.items() if pair is not None]
-        seconds = interleaved([Call(motion) for _, pair in tasks for motion, _ in pair], effort)
+        seconds = interleaved([Task(motion) for _, pair in tasks for motion, _ in pair], effort)
         times: dict[str, Array] = {}
         for i, (who, ((_, loose), (_, tight))) in enumerate(tasks):
             share = math.log(loose / _TARGET) / math.log(loose / tight) if loose > tight else 1.0
@@ -188,5 +187,5 @@ def trees(effort: Effort) -> list[Measured]:
                     why = "no setting meets the target" if who in rivals else "not installed"
                     found.append(Measured(figure, None, note=why))
     ((_, scenario),) = load_trees("quadruped")
-    truth = Call(partial(certified_tree, scenario.scene, scenario.scene.sample_times))
+    truth = Task(partial(certified_tree, scenario.scene, scenario.scene.sample_times))
     return [*found, Measured.of("trees.truth", Spread.of(interleaved([truth], effort)[0]), "quadruped, 1 s")]

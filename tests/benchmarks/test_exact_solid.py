@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.exact_solid import exact_solid
-from benchmarks.icosphere import ellipsoid_mesh
+from benchmarks.topics.mesh import ellipsoid_mesh
 from bodycheck.scenarios.mass_properties.polyhedron import polyhedron
 from bodycheck.scenarios.mass_properties.solid import MassProperties
 

@@ -4,48 +4,39 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from benchmarks.contenders.contender import Contender, step_counts, tolerances
-from benchmarks.problems import FREE, End, Problem
-from benchmarks.search import cheapest, most_accurate, tried
+from benchmarks.problems import FREE, End
+from benchmarks.solver import Contender, Solver, cheapest, most_accurate, step_counts, tolerances, tried
 
 
-@dataclass
-class Synthetic:
-    """A solver whose angle to the truth follows a given law; it must start from its initial state."""
-
-    problem: Problem
-    angle: float
-    at_start: bool = False
-    arrived: bool = False
-
-    def reset(self) -> None:
-        """Record that the solver is at its start."""
-        self.at_start = True
-
-    def run(self) -> None:
-        """Reach the end, if run from the start."""
-        self.arrived = self.at_start
-
-    def end(self) -> End:
-        """Return the truth's end, rotated by the angle."""
-        assert self.arrived
-        true = self.problem.truth.trajectory
-        if not math.isfinite(self.angle):
-            return np.full(4, self.angle), true.omega_body[-1]
-        w, x, y, z = true.attitude[-1]
-        c, s = math.cos(self.angle / 2.0), math.sin(self.angle / 2.0)
-        turned = np.array([w * c - x * s, x * c + w * s, y * c + z * s, z * c - y * s])
-        return turned, true.omega_body[-1]
+def turned_end(angle: float) -> End:
+    """Return the truth's end, rotated by the angle."""
+    true = FREE.truth.trajectory
+    if not math.isfinite(angle):
+        return np.full(4, angle), true.omega_body[-1]
+    w, x, y, z = true.attitude[-1]
+    c, s = math.cos(angle / 2.0), math.sin(angle / 2.0)
+    turned = np.array([w * c - x * s, x * c + w * s, y * c + z * s, z * c - y * s])
+    return turned, true.omega_body[-1]
 
 
 def contender(law: Callable[[float], float], settings: tuple[float, ...]) -> Contender:
-    """Return a contender whose error at a setting follows the law."""
-    return Contender("synthetic", "", "steps", settings, lambda problem, s: Synthetic(problem, law(s)))
+    """Return a contender whose error at a setting follows the law; it must start from its initial state."""
+
+    def prepare(_: object, setting: float) -> Solver:
+        places = ["end"]
+
+        def run() -> None:
+            assert places[-1] == "start"
+            places.append("end")
+
+        return Solver(run, lambda: places.append("start"), end_of=lambda _: turned_end(law(setting)))
+
+    return Contender("synthetic", "", "steps", settings, prepare)
 
 
 @pytest.mark.parametrize("order", [1, 2, 4, 8])

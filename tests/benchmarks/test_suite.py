@@ -16,11 +16,10 @@ import pytest
 from benchmarks.__main__ import main
 from benchmarks.figures import FIGURES, Figure, Measured
 from benchmarks.picture import PICTURE, work_precision_picture
-from benchmarks.readme import BEGIN, END, with_table
+from benchmarks.readme import BEGIN, END, markdown_table, terminal_table, with_table
 from benchmarks.readme import main as rewrite_readme
 from benchmarks.store import NOT_LIKE_FOR_LIKE, read_points, read_results, write_results
 from benchmarks.suite import Measurements
-from benchmarks.table import markdown_table, terminal_table
 from bodycheck._util.errors import InputError
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.file_size_limit import file_size_limit

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from benchmarks.effort import QUICK
-from benchmarks.timing import Spread, interleaved, ratio
+from benchmarks.timing import QUICK, Spread, interleaved, ratio
 
 
 @dataclass
