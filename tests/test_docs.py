@@ -194,7 +194,7 @@ def folder(tmp_path: Path) -> Path:
     for name in ("small-body.toml", "report_picture.py"):
         shutil.copy(ROOT / "docs" / name, tmp_path / "docs")
     (tmp_path / "tools").mkdir()
-    for name in ("overhead.py", "trials.py", "worker_trials.py"):
+    for name in ("trials.py", "worker_trials.py"):
         shutil.copy(ROOT / "tools" / name, tmp_path / "tools")
     programs = tmp_path / "bin"
     programs.mkdir()

@@ -35,7 +35,18 @@ def lying_torus(cells: int = 32, function: Any = lying) -> LevelSet:
     return LevelSet(function, UPRIGHT.lower[::-1], UPRIGHT.upper[::-1], cells)
 
 
+def plate(thickness: float) -> LevelSet:
+    """Return a distance to a tilted plate of 1 m^2 in a cube of 2 m, thinner than a cell of its grid."""
+
+    def distance(p: Any) -> Any:
+        across = np.abs(0.6 * p[:, 0] + 0.8 * p[:, 2]) - 0.5 * thickness
+        return np.maximum(across, np.maximum(np.abs(0.8 * p[:, 0] - 0.6 * p[:, 2]), np.abs(p[:, 1])) - 0.5)
+
+    return LevelSet(distance, np.array([-1.0, -1.0, -1.0]), np.array([1.0, 1.0, 1.0]), 16)
+
+
 TORUS = primitive("torus", [1.0, 0.4])
+TILT = np.array([[0.6, 0.0, -0.8], [0.0, 1.0, 0.0], [0.8, 0.0, 0.6]])
 LYING = MassProperties(TORUS.mass, TORUS.centre, TORUS.inertia[::-1, ::-1])
 CASES: dict[str, tuple[ImplicitSolid, MassProperties]] = {
     "torus": (UPRIGHT, TORUS),
@@ -43,6 +54,7 @@ CASES: dict[str, tuple[ImplicitSolid, MassProperties]] = {
     "level set": (lying_torus(), LYING),
     "level set that jumps": (lying_torus(function=jumping), LYING),
     "level set on a grid too coarse": (lying_torus(cells=3, function=jumping), LYING),
+    "thin plate": (plate(1e-3), primitive("box", [1e-3, 1.0, 1.0]).rotated(TILT)),
 }
 
 
@@ -73,7 +85,13 @@ def test_estimates_are_within_four_standard_errors(case: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "case",
-    ["torus", "ellipsoid", pytest.param("level set on a grid too coarse", marks=pytest.mark.nightly)],
+    [
+        *("torus", "ellipsoid"),
+        *(
+            pytest.param(case, marks=pytest.mark.nightly)
+            for case in ("level set on a grid too coarse", "thin plate")
+        ),
+    ],
 )
 def test_standard_errors_match_the_scatter(case: str) -> None:
     """Over 40 seeds the mass is within 2 standard errors in 85 to 100 %, and they equal its scatter."""
@@ -98,16 +116,6 @@ def test_coarse_grid_increases_the_standard_error() -> None:
     """If the chords miss parts, the estimate stays correct and its standard error increases."""
     missing, right = (estimate(lying_torus(cells, jumping), columns_log2=10) for cells in (3, 32))
     assert missing.mass_error > 3.0 * right.mass_error
-
-
-def plate(thickness: float) -> LevelSet:
-    """Return a distance to a tilted plate of 1 m^2 in a cube of 2 m, thinner than a cell of its grid."""
-
-    def distance(p: Any) -> Any:
-        across = np.abs(0.6 * p[:, 0] + 0.8 * p[:, 2]) - 0.5 * thickness
-        return np.maximum(across, np.maximum(np.abs(0.8 * p[:, 0] - 0.6 * p[:, 2]), np.abs(p[:, 1])) - 0.5)
-
-    return LevelSet(distance, np.array([-1.0, -1.0, -1.0]), np.array([1.0, 1.0, 1.0]), 16)
 
 
 @pytest.mark.parametrize("thickness", [0.05, 1e-3, 1e-6])
