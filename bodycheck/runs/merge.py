@@ -16,6 +16,7 @@ from bodycheck._util.formatting import count
 from bodycheck._util.shard import Shard
 from bodycheck._util.untrusted import shell_quote
 from bodycheck.adapters.contract import Build, Engine, Method
+from bodycheck.adapters.engine_names import with_method
 from bodycheck.adapters.execution import Answer
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.comparison.environment_diff import simulated
@@ -35,7 +36,6 @@ from bodycheck.runs.selection import Selection
 from bodycheck.runs.shards import StoredShard, all_shards, machine_findings
 
 _REQUESTED = ("dt_s", "tolerances", "speed")
-_MACHINE = ("cpu", "cores", "system", "platform", "python", "bodycheck", "libraries", "jobs", "speed_core")
 _SECONDS = ("compile_s", "truths_s", "motions_s", "speeds_s", "run_s")
 
 
@@ -80,40 +80,41 @@ def merge(folders: Sequence[Path], *, allow_code: bool = False) -> Run:
         raise InputError(f"the manifests of the shards are inconsistent: {error!r}") from None
     identity = Identity.new()
     timed_on = _timed_on(parts)
-    problems, cases = [], []
-    rows: dict[str, list[Row]] = {name: [] for name in TABLES if name != "results"}
-    of_studies = [name for name in rows if TABLES[name].is_of_studies]
+    cases = [
+        case if part.machine == timed_on else _untimed(case) for part in parts for case in part.run.cases
+    ]
+    names = [name for name in TABLES if name != "results"]
+    rows: dict[str, list[Row]] = {
+        name: [row for part in parts for row in part.run.rows(name)] for name in names
+    }
+    problems = {problem.scenario.name: problem for part in parts for problem in part.run.problems}
+    measured = {study_key(case.columns) for case in cases}
     missing: list[str] = []
     for _, scenario in selection.scenarios:
-        solved = [p for part in parts for p in part.run.problems if p.scenario.name == scenario.name]
-        problems.append(solved[0])
         for engine, method in selection.methods:
-            if not selection.runs_on(scenario, engine, method):
-                continue
             key = scenario.name, engine.name, method.name
-            owner = _owner(parts, "study", *key)
-            if _has(owner, engine.name, method.name):
-                found = [case for case in owner.run.cases if study_key(case.columns) == key]
-                cases += [case if owner.machine == timed_on else _untimed(case) for case in found]
-                for name in of_studies:
-                    rows[name] += [row for row in owner.run.rows(name) if study_key(row) == key]
-            else:
-                missing.append(f"{engine.name}:{method.name}")
-                failed_study = _failed_study(selection, problems[-1], engine, method, owner)
+            if key not in measured and selection.runs_on(scenario, engine, method):
+                missing.append(with_method(engine.name, method.name))
+                owner = parts[Shard(1, len(parts)).owner("study", *key) - 1]
+                failed_study = _failed_study(selection, problems[scenario.name], engine, method, owner)
                 cases += failed_study.cases
                 rows["methods"] += failed_study.method_rows
+    places = {scenario.name: place for place, (_, scenario) in enumerate(selection.scenarios)}
+    method_places = {(e.name, m.name): place for place, (e, m) in enumerate(selection.methods)}
 
-    for engine, method in selection.methods:
-        owner = _owner(parts, "probes", engine.name, method.name)
-        for name in rows.keys() - of_studies:
-            rows[name] += [r for r in owner.run.rows(name) if key_of(r) == (engine.name, method.name)]
+    def place_of(row: Mapping[str, Any]) -> tuple[int, int]:
+        return places.get(row.get("scenario", ""), 0), method_places[key_of(row)]
+
+    for table in rows.values():
+        table.sort(key=place_of)
     # a shard examines some of the methods only
     rows["methods"] = list(identified(rows["methods"], rows["fingerprints"], rows["laws"]))
+    cases.sort(key=lambda case: place_of(case.columns))
     own_id = {"run_id": identity.run_id}
     return Run(
         run_id=identity.run_id,
         manifest=_manifest(identity, parts, selection, cases, timed_on, missing),
-        problems=tuple(problems),
+        problems=tuple(problems[name] for name in places),
         cases=tuple(cases),
         tables={name: [{**row, **own_id} for row in table] for name, table in rows.items()},
     )
@@ -171,14 +172,6 @@ def _engine(name: str, entry: Mapping[str, Any]) -> Engine:
     return Engine(name, entry["version"], methods, Build(**entry.get("build", {})))
 
 
-def _owner(parts: Sequence[_Part], *unit: str) -> _Part:
-    return parts[Shard(1, len(parts)).owner(*unit) - 1]
-
-
-def _has(part: _Part, engine: str, method: str) -> bool:
-    return [engine, method] in part.manifest["shard"]["methods"]
-
-
 def _untimed(case: CaseResult) -> CaseResult:
     return replace(case, columns={k: v for k, v in case.columns.items() if k not in SPEEDS})
 
@@ -224,6 +217,12 @@ def _manifest(
     """Return the manifest: machine and software of the first shard that speeds are from, engines of all."""
     source = next(part for part in parts if part.machine == timed_on).manifest
     noises = [p.manifest["speed_noise"] for p in parts if p.machine == timed_on and p.manifest["speed_noise"]]
+    scenarios = {name: facts for part in parts for name, facts in part.manifest["scenarios"].items()}
+    facts_of_shards = ("run_id", "created", "python", "platform", "bodycheck")
+    shards = [
+        {"shard": str(p.shard), "machine": p.machine, **{key: p.manifest[key] for key in facts_of_shards}}
+        for p in parts
+    ]
     findings = [
         *machine_findings(parts),
         *_rebuilt(parts),
@@ -233,35 +232,17 @@ def _manifest(
         ),
         *_speed_finding(parts, timed_on),
     ]
-    scenarios: dict[str, Any] = {}
-    for part in parts:
-        scenarios |= part.manifest["scenarios"]
     return {
+        **{key: fact for key, fact in source.items() if key != "shard"},
         "run_id": identity.run_id,
         "created": identity.created.isoformat(timespec="seconds"),
-        **{key: source[key] for key in _MACHINE},
-        **{key: source[key] for key in (*_REQUESTED, "timeout_s")},
         "request": {**_requested(source), "shard": None},
-        "source": source.get("source"),
         "engines": _engines(parts),
         "speed_noise": max(noises, default=None),
         "outcomes": dict(Counter(case.columns["outcome"] for case in cases)),
         "scenarios": {scenario.name: scenarios[scenario.name] for _, scenario in selection.scenarios},
         **{key: sum(part.manifest[key] or 0.0 for part in parts) for key in _SECONDS},
-        "merged": {
-            "shards": [
-                {
-                    "shard": str(part.shard),
-                    "machine": part.machine,
-                    **{
-                        key: part.manifest[key]
-                        for key in ("run_id", "created", "python", "platform", "bodycheck")
-                    },
-                }
-                for part in parts
-            ],
-            "findings": findings,
-        },
+        "merged": {"shards": shards, "findings": findings},
     }
 
 
