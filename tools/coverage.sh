@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
 # The lines of bodycheck/ that tests run, of all its statements: those that worker processes run too, and kernels.
+# Adapters of engines on request are left out: their tests, `pytest -m engines`, run them in environments of the engines.
 #
 #     bash tools/coverage.sh                   # the tests of a push, or those that the arguments select:
 #     bash tools/coverage.sh tests/reports/gates
@@ -22,11 +23,11 @@ light=tests/reports/test_page_safety.py::test_a_large_run_stays_light
 signals=tests/test_command_endings.py::test_signal # SIGTERM is handled by coverage here, which stores its lines
 python -m coverage run -m pytest -p tests.helpers.counted_workers --deselect "$light" \
     --deselect "${signals}_within_exec_keeps_its_status" --deselect "${signals}_ends_a_command_like_an_interrupt" "${@:--m slow or not slow}" || failed=1
-python -m coverage run -m pytest -m nightly tests/reference_impl/test_taylor.py || failed=1 # starts plain Python itself
+python -m coverage run -m pytest -m nightly tests/reference_impl/test_taylor{,_motion}.py || failed=1 # start plain Python
 NUMBA_DISABLE_JIT=1 python -m coverage run -m pytest -m "not slow" \
     -W "ignore:invalid value:RuntimeWarning" -W "ignore:overflow encountered:RuntimeWarning" --deselect "$compiled" \
     $(printf 'tests/reference_impl/test_%s.py ' "${plain[@]}") tests/scenarios/mass_properties || failed=1
 python -m coverage combine --quiet
 cp "$COVERAGE_FILE" .coverage # with the tests of each line
-python -m coverage report --show-missing --skip-covered --precision=1 --fail-under=95
+python -m coverage report --show-missing --skip-covered --precision=1 --fail-under=95 --omit "bodycheck/adapters/optional/*"
 exit $failed

@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 
 from bodycheck.reference_impl import precompile
+from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.kernels.jit import exact_kernel, interpreted
+from bodycheck.reference_impl.one_step_maps import TREE_MAPS
+from bodycheck.reference_impl.trees.tree_motion import TreeMotion, tree_motion
 from bodycheck.reference_impl.truth.certification import solve_truth
-from bodycheck.scenarios.library import load_scenarios
+from bodycheck.scenarios.library import load_scenarios, load_trees, tree_names
 
 FREE = [
     (name, scenario.scene)
@@ -35,6 +38,25 @@ def test_interpreted_truth_equals_compiled_truth_bit_for_bit(name: str) -> None:
     for field in fields(one):
         if isinstance(getattr(one, field.name), np.ndarray):
             np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
+
+
+@pytest.mark.parametrize("name", tree_names())
+def test_interpreted_kernels_of_trees_agree_with_compiled_ones(name: str) -> None:
+    """What the bodies do at the start, and one step of RK4; interpreted kernels check every index."""
+    ((_, scenario), *_) = load_trees(name)
+    scene = scenario.scene
+
+    def found() -> tuple[TreeMotion, tuple[Array, Array]]:
+        motion = tree_motion(scene, np.zeros(1), scene.q0[None], scene.u0[None])
+        return motion, TREE_MAPS["RK4"].step(scene, 0.0, scene.q0, scene.u0, 1e-3)
+
+    with interpreted():
+        one, one_step = found()
+    other, other_step = found()
+    for part in fields(one):
+        np.testing.assert_array_equal(getattr(one, part.name), getattr(other, part.name))
+    for ours, theirs in zip(one_step, other_step, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-14, atol=1e-15)
 
 
 def test_kernel_is_interpreted_only_within_the_context() -> None:

@@ -198,37 +198,49 @@ def run_of(adapter: Adapter, scenario: str) -> tuple[Run, Callable[[str], Cell]]
     return run, lambda method: cells[adapter.name, method]
 
 
+@pytest.fixture(scope="module")
+def two_flights() -> Run:
+    """Return the run of AtSomeSteps on a free flight and a powered one."""
+    adapter = AtSomeSteps()
+    with registered(adapter):
+        return bodycheck.run(["free-flight", "powered-flight"], engines=[adapter.name], speed=False)
+
+
 @pytest.mark.slow
-def test_fault_at_one_listed_step_is_a_finding_of_that_case() -> None:
+def test_fault_at_one_listed_step_is_a_finding_of_that_case(two_flights: Run) -> None:
     """Verdict, error, step and command are those of the wrong case; above the usable step is no finding."""
-    run, cell = run_of(AtSomeSteps(), "powered-flight")
+    run = two_flights
+    cells = summary_cells(run)["powered-flight"]
+
+    def cell(method: str) -> Cell:
+        return cells[AtSomeSteps.name, method]
+
     (wrong,) = (one for one in cell("one").wrong if one.quantity == ORIENTATION)
-    (case,) = (c for c in run.cases if c.columns["method"] == "one" and c.dt_s == 5e-3)
+    (error,) = run.results.query("scenario == 'powered-flight' and method == 'one' and dt_s == 5e-3")[
+        ORIENTATION
+    ]
     assert (wrong.state, wrong.fineness) == ("does-not-converge", 5e-3)
-    assert wrong.size == case.columns[ORIENTATION]
+    assert wrong.size == error
     assert wrong.ratio is not None
     assert wrong.ratio > 1e5
     assert (cell("one").largest, cell("one").largest_at) == (wrong.size, "dt 0.005 s")
     for method in ("sound", "coarsest"):
         assert (cell(method).state, cell(method).wrong) == ("converges", ())
         assert cell(method).order == pytest.approx(4.0, abs=0.1)
-    rows = run.methods[run.methods["quantity"] == ORIENTATION].set_index("method")
-    assert rows.loc["coarsest", "usable_dt_s"] == 0.01
+    rows = run.methods[run.methods["quantity"] == ORIENTATION].set_index(["scenario", "method"])
+    assert rows.loc[("powered-flight", "coarsest"), "usable_dt_s"] == 0.01
     assert cell("coarsest").largest_at == "dt 0.02 s"
     (overview,) = (one for one in overviews(summary_cells(run)) if one.method == "at-some-steps:one")
-    assert overview.largest_error[1] == "dt 0.005 s"
+    assert overview.largest_error[1].startswith("dt 0.005 s, ")
 
 
 @pytest.mark.slow
-def test_diagnosis_is_of_the_case_of_the_finding_and_of_the_engine() -> None:
+def test_diagnosis_is_of_the_case_of_the_finding_and_of_the_engine(two_flights: Run) -> None:
     """A fault at one step is named from that step; one that the run refutes is named for its scene only.
 
     Beside a finding there is never "no fault", although the single steps of most cases are right.
     """
-    adapter = AtSomeSteps()
-    with registered(adapter):
-        run = bodycheck.run(["free-flight", "powered-flight"], engines=[adapter.name], speed=False)
-    found = {(row["method"], row["scenario"]): row for row in run.diagnoses.to_dict("records")}
+    found = {(row["method"], row["scenario"]): row for row in two_flights.diagnoses.to_dict("records")}
     damped = found["one", "powered-flight"]
     assert (damped["dt_s"], damped["verdict"], damped["value"]) == (5e-3, "explained", pytest.approx(0.03))
     reversed_torque = found["reversed-torque", "powered-flight"]

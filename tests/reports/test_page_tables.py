@@ -341,3 +341,11 @@ def test_a_run_without_speed_says_so(run: Run) -> None:
     assert page.text.count("CPU time was not measured.") == len(run.problems) + 1
     assert not {"speed", "overall"} & {attributes.get("data-plot") for _, attributes in page.tags}
     assert not page.with_class("fronts")
+
+
+def test_a_coarse_clock_that_measures_nothing_leaves_the_page(run: Run) -> None:
+    """Cases whose processor time is 0 are shown, without a speed."""
+    clock = {"cpu_s": 0.0, "cpu_s_low": 0.0, "cpu_s_high": 0.0}
+    cases = tuple(replace(case, columns={**case.columns, **clock}) for case in run.cases)
+    found = re.findall(r'"met":\[([^\]]*)\]', report_page(replace(run, cases=cases)))
+    assert {speed for row in found for speed in row.split(",")} == {"0.0", "null"}

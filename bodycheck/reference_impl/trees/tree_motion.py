@@ -82,7 +82,7 @@ def tree_motion(scene: TreeScene, t_s: Array, q: Numbers, u: Numbers) -> TreeMot
     (q_high, q_low), (u_high, u_low) = ([np.ascontiguousarray(half) for half in pair] for pair in pairs)
     rows, count = equations.rows, len(t_s)
     wanted = np.concatenate([equations.poses.ravel(), equations.totals])
-    series = (np.zeros((len(rows.rows), 1)), np.zeros((len(rows.rows), 1)))
+    series = (np.zeros((len(rows.rows), 2)), np.zeros((len(rows.rows), 2)))  # accelerations read order 1
     found = np.empty((count, len(wanted)))
     _put_outputs(
         kernel_numbers(scene, equations),

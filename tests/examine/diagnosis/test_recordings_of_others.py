@@ -418,7 +418,7 @@ def test_a_wrong_fall_is_no_strapdown_integration(stepped: bool, tmp_path: Path)
     assert found.faults[0].parameters[0].value == pytest.approx(0.98, abs=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_rows_that_are_rounded_alike_do_not_narrow_an_interval(tmp_path: Path) -> None:
     """A body that coasts after a push has one velocity, whose decimals are off by the same in each row."""
     dt_s, mass, spin = 0.01, 2.0, 1.7

@@ -146,6 +146,7 @@ def cell_data(sequence: RefinementSequence) -> dict[str, Any]:
 
 
 def _fastest(sequence: RefinementSequence, error: float) -> float | None:
-    if (case := cheapest([sequence], error, ORIENTATION)) is not None:
-        return rounded(case.columns["duration_s"] / case.columns["cpu_s"])
+    case = cheapest([sequence], error, ORIENTATION)
+    if case is not None and (cpu_s := case.columns["cpu_s"]) > 0.0:  # a coarse clock may measure 0
+        return rounded(case.columns["duration_s"] / cpu_s)
     return 0.0 if any(cases_within(sequence, error, ORIENTATION)) else None
