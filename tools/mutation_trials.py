@@ -175,11 +175,9 @@ def summed_up(judged: Sequence[Mutant], survived: Sequence[Mutant]) -> bool:
 
 
 def copied(place: Path) -> Path:
-    """Return a copy of the package and its tests, from which everything is imported from now on."""
-    for name in ("bodycheck", "tests"):
-        shutil.copytree(ROOT / name, place / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md"):
-        shutil.copy(ROOT / name, place)
+    """Return a copy of the repository, from which everything is imported from now on."""
+    left = shutil.ignore_patterns("__pycache__", ".git", ".venv", ".*_cache", ".coverage*", "_build")
+    shutil.copytree(ROOT, place, symlinks=True, ignore=left, dirs_exist_ok=True)  # tests read the docs too
     # by the hash of the source, because a mutant may have the size and the time of another
     compileall.compile_dir(place / "bodycheck", quiet=1, invalidation_mode=PycInvalidationMode.CHECKED_HASH)
     os.chdir(place)
