@@ -10,7 +10,7 @@ import pytest
 from bodycheck.reference_impl.rotations import exp_quaternion, quaternion_product
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.trees.tree_scene import Joint, TreeBody, TreeScene
-from bodycheck.reports.measurement.joint_errors import JointErrors, joint_errors
+from bodycheck.reports.measurement.joint_errors import JointErrors, joint_errors, worst_body
 
 START = exp_quaternion(np.array([0.4, -1.0, 0.2]))
 
@@ -50,3 +50,18 @@ def test_errors_are_angles_lengths_and_rates_of_each_joint(sign: float) -> None:
     assert found.lengths[0] == pytest.approx([-1e-4], rel=1e-9)
     for unit, largest in (("rad", 5e-3), ("m", 1e-4)):
         assert found.largest(unit) == pytest.approx([largest], rel=1e-9)
+
+
+def test_the_worst_body_is_that_of_the_largest_angle_or_else_length() -> None:
+    """A length in m is no larger than an angle in rad, whatever the numbers."""
+    errors = {
+        "a.q_rad": [1e-3, 0.0],
+        "b.q_rad": [0.0, 2e-3],
+        "c.q_m": [5.0],
+        "d.q_m": [6.0],
+        "d.rate_m_s": [9.0],
+    }
+    series = {f"joint.{name}": np.array(values) for name, values in errors.items()}
+    assert worst_body(series) == "b"
+    assert worst_body({name: values for name, values in series.items() if "q_rad" not in name}) == "d"
+    assert worst_body({}) is None
