@@ -26,7 +26,7 @@ from bodycheck.runs.directory import resume, run_to_folder
 from bodycheck.runs.request import Request
 from bodycheck.runs.run_progress import no_progress
 from tests.helpers.expected_messages import ExpectedMessage
-from tests.helpers.scenario_texts import RUN_SPECIFIC_COLUMNS, SCENARIO, tumbling
+from tests.helpers.scenario_texts import SCENARIO, comparable_tables, tumbling
 from tests.helpers.worker_processes import all_gone, workers_of
 
 ROOT = Path(__file__).parents[1]
@@ -113,7 +113,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
         answered(process, folder, 1)
         os.link(folder / "out.partial/journal", folder / "kept")
         assert finished(process)[0] == 0
-    return Whole(tables(folder / "out"), (folder / "kept").read_bytes().count(b"\n"))
+    return Whole(comparable_tables(folder / "out"), (folder / "kept").read_bytes().count(b"\n"))
 
 
 def finished(process: subprocess.Popen[str]) -> tuple[int, str]:
@@ -130,12 +130,6 @@ def answered(process: subprocess.Popen[str], folder: Path, count: int, what: byt
     while not journal.exists() or journal.read_bytes().count(what) < count:
         assert process.poll() is None
         time.sleep(0.01)
-
-
-def tables(folder: Path) -> dict[str, pd.DataFrame]:
-    """Return the tables of a run as text, without the columns that differ between equal runs."""
-    found = {name: pd.read_csv(folder / f"{name}.csv", dtype=str) for name in ("results", "methods")}
-    return {name: table.drop(columns=RUN_SPECIFIC_COLUMNS, errors="ignore") for name, table in found.items()}
 
 
 @pytest.mark.slow
@@ -168,7 +162,7 @@ def test_stopped_run_continues_to_the_same_tables(
     assert kept.startswith(stored)
     assert kept.count(b"\n") == whole.answers
     for name, table in whole.tables.items():
-        pd.testing.assert_frame_equal(tables(tmp_path / "out")[name], table)
+        pd.testing.assert_frame_equal(comparable_tables(tmp_path / "out")[name], table)
     assert not (tmp_path / "out.partial").exists()
     assert whole.tables["results"]["outcome"].tolist() == ["ok", "ok", "timeout", "ok", "ok", "ok"]
 
@@ -299,7 +293,7 @@ def test_answers_of_other_packages_are_reused_on_request(command: Command, tmp_p
     def times_asked(*options: str, out: str) -> int:
         (tmp_path / "requested").write_text("")
         assert finished(command(*words, *options, "--out", out))[0] == 0
-        outcomes = tables(tmp_path / out)["results"]["outcome"].tolist()
+        outcomes = comparable_tables(tmp_path / out)["results"]["outcome"].tolist()
         assert outcomes == ["ok", "ok", "failed", "ok", "ok", "ok", "ok", "ok", "unstable"]
         return len((tmp_path / "requested").read_text())
 
@@ -310,13 +304,15 @@ def test_answers_of_other_packages_are_reused_on_request(command: Command, tmp_p
     module.write_text(module.read_text() + "\n# another version of the code\n")
     assert times_asked("--reuse", out="d") == every_time
     for out in "bcdf":
-        for name, table in tables(tmp_path / "a").items():
+        for name, table in comparable_tables(tmp_path / "a").items():
             same, first = (
                 t.drop(columns=["reused", "build"], errors="ignore")
-                for t in (tables(tmp_path / out)[name], table)
+                for t in (comparable_tables(tmp_path / out)[name], table)
             )
             pd.testing.assert_frame_equal(same, first)
-    reused = {out: tables(tmp_path / out)["results"]["reused"].tolist().count("True") for out in "abcdf"}
+    reused = {
+        out: comparable_tables(tmp_path / out)["results"]["reused"].tolist().count("True") for out in "abcdf"
+    }
     assert reused == {"a": 0, "b": 8, "c": 0, "d": 0, "f": 0}
 
 

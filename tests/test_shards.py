@@ -26,7 +26,7 @@ from bodycheck.runs.request import Request
 from bodycheck.runs.run_progress import no_progress
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.in_process_cli import run_bodycheck
-from tests.helpers.scenario_texts import RUN_SPECIFIC_COLUMNS, tumbling
+from tests.helpers.scenario_texts import comparable_tables, tumbling
 
 COUNT = 3
 TABLES = ("results", "methods", "stability", "probes")
@@ -60,12 +60,6 @@ def parts(folder: Path, tmp_path: Path) -> list[Path]:
     for copy in copies:
         shutil.copytree(folder / copy.name, copy)
     return copies
-
-
-def tables(folder: Path) -> dict[str, pd.DataFrame]:
-    """Return the tables of a run as text, without the columns in which equal runs differ."""
-    found = {name: pd.read_csv(folder / f"{name}.csv", dtype=str) for name in TABLES}
-    return {name: table.drop(columns=RUN_SPECIFIC_COLUMNS, errors="ignore") for name, table in found.items()}
 
 
 def edit_manifest(part: Path, **changes: Any) -> None:
@@ -110,8 +104,8 @@ def test_merged_shards_equal_one_run(folder: Path, tmp_path: Path) -> None:
     """Merged shards equal one run in every cell except those of speed, and can be read like any run."""
     ended = run_bodycheck(tmp_path, "merge", *(str(folder / f"part-{k}") for k in (2, 3, 1)), "--out", "all")
     assert ended.returncode == 0, ended.stderr
-    whole = tables(folder / "whole")
-    for name, table in tables(tmp_path / "all").items():
+    whole = comparable_tables(folder / "whole")
+    for name, table in comparable_tables(tmp_path / "all").items():
         pd.testing.assert_frame_equal(table, whole[name])
     assert len(whole["results"]) > 2 * (3 + 3 + 1 + 3)
     read_tables(tmp_path / "all")
@@ -268,8 +262,8 @@ def test_stopped_shard_is_resumed(
     with expected_message.raises(InputError):
         merge([folder / "part-1", out, folder / "part-3"])
     resume(out, no_progress)
-    for name, table in tables(out).items():
-        pd.testing.assert_frame_equal(table, tables(folder / "part-2")[name])
+    for name, table in comparable_tables(out).items():
+        pd.testing.assert_frame_equal(table, comparable_tables(folder / "part-2")[name])
 
 
 @pytest.mark.nightly
@@ -282,8 +276,8 @@ def test_shard_without_cases_is_a_shard(folder: Path, tmp_path: Path) -> None:
         run_to_folder(replace(requested, shard=f"{k}/3"), out, no_progress)
     assert 0 in [len(pd.read_csv(out / "results.csv")) for out in outs]
     write_run(merge(outs), tmp_path / "merged")
-    for name, table in tables(tmp_path / "merged").items():
-        pd.testing.assert_frame_equal(table, tables(tmp_path / "whole")[name])
+    for name, table in comparable_tables(tmp_path / "merged").items():
+        pd.testing.assert_frame_equal(table, comparable_tables(tmp_path / "whole")[name])
 
 
 def test_questions_about_a_shard_without_cases_are_answered(folder: Path, tmp_path: Path) -> None:

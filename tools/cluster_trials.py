@@ -35,23 +35,17 @@ from bodycheck.runs.cluster import TlsFiles, connected
 from bodycheck.runs.directory import partial_of
 from bodycheck.scenarios.library import load_scenario
 from tests.helpers.dask_cluster import Loopback, loopback_cluster
-from tests.helpers.scenario_texts import RUN_SPECIFIC_COLUMNS
+from tests.helpers.scenario_texts import comparable_tables
 
 SHARDS = 8
-TABLES = ("results", "methods", "stability", "probes")
 _CASES, _REPEATS = 400, 5
 
 
 def differing(one: Path, other: Path) -> int:
     """Return the number of cells in which the tables of two runs differ, except speeds and the run's id."""
-    cells = 0
-    for name in TABLES:
-        a, b = (
-            pd.read_csv(folder / f"{name}.csv", dtype=str, keep_default_na=False).drop(
-                columns=RUN_SPECIFIC_COLUMNS, errors="ignore"
-            )
-            for folder in (one, other)
-        )
+    cells, others = 0, comparable_tables(other)
+    for name, a in comparable_tables(one).items():
+        b = others[name]
         cells += a.size + b.size if a.shape != b.shape else int((a != b).to_numpy().sum())
     return cells
 

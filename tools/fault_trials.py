@@ -236,9 +236,9 @@ def whole_lines(journal: Path) -> list[bytes]:
 
 
 def tables(folder: Path) -> Tables:
-    """Return the tables of a run as text, without its id and the columns on reused answers."""
-    found = {name: pd.read_csv(folder / f"{name}.csv", dtype=str) for name in ("results", "methods")}
-    return {name: table.drop(columns=["run_id", "reused"], errors="ignore") for name, table in found.items()}
+    """Return the tables of a run as text, also without the column on reused answers."""
+    found = scenario_texts.comparable_tables(folder)
+    return {name: table.drop(columns="reused", errors="ignore") for name, table in found.items()}
 
 
 def check(trial: Trial, expected: Tables) -> None:

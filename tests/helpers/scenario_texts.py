@@ -1,8 +1,11 @@
-"""Small scenarios as TOML texts, and the columns in which equal runs differ."""
+"""Small scenarios as TOML texts, and what equal runs have in common."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
+
+import pandas as pd
 
 _STEPLESS = """
 name = "{name}"
@@ -30,3 +33,11 @@ def tumbling(
 SCENARIO = tumbling()
 
 RUN_SPECIFIC_COLUMNS = ["run_id", "cpu_s", "cpu_s_low", "cpu_s_high", "ns_per_step", "relative_cpu"]
+"""The columns in which equal runs differ."""
+
+
+def comparable_tables(folder: Path) -> dict[str, pd.DataFrame]:
+    """Return the tables of a run as text, without the columns in which equal runs differ."""
+    names = ("results", "methods", "stability", "probes")
+    found = {name: pd.read_csv(folder / f"{name}.csv", dtype=str, keep_default_na=False) for name in names}
+    return {name: table.drop(columns=RUN_SPECIFIC_COLUMNS, errors="ignore") for name, table in found.items()}
