@@ -220,7 +220,10 @@ def test_speeds_are_those_of_one_class_of_machines(parts: list[Path]) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", ["missing", "twice", "no shard", "other steps", "other division", "no run"])
+@pytest.mark.parametrize(
+    "fault",
+    ["missing", "twice", "no shard", "other steps", "other division", "no run", "rows of a method of none"],
+)
 def test_shards_that_do_not_fit_are_refused(
     fault: str, parts: list[Path], folder: Path, tmp_path: Path, expected_message: Message
 ) -> None:
@@ -239,6 +242,11 @@ def test_shards_that_do_not_fit_are_refused(
             edit_manifest(parts[2], shard={**told["shard"], "shard": "3/4"})
         case "no run":
             parts = [*parts, tmp_path / "nothing"]
+        case "rows of a method of none":
+            for part in parts:
+                told = json.loads((part / "manifest.json").read_text())["shard"]
+                left = [pair for pair in told["methods"] if pair[0] != "mujoco"]
+                edit_manifest(part, shard={**told, "methods": left})
     ended = run_bodycheck(tmp_path, "merge", *map(str, parts), "--out", "all")
     assert ended.returncode == 2
     assert not (tmp_path / "all").exists()

@@ -77,7 +77,7 @@ def merge(folders: Sequence[Path], *, allow_code: bool = False) -> Run:
     try:
         selection = _selection(parts)
     except (KeyError, TypeError) as error:
-        raise InputError(f"the manifests of the shards are inconsistent: {error!r}") from None
+        raise _inconsistent(error) from None
     identity = Identity.new()
     timed_on = _timed_on(parts)
     cases = [
@@ -103,7 +103,10 @@ def merge(folders: Sequence[Path], *, allow_code: bool = False) -> Run:
     method_places = {(e.name, m.name): place for place, (e, m) in enumerate(selection.methods)}
 
     def place_of(row: Mapping[str, Any]) -> tuple[int, int]:
-        return places.get(row.get("scenario", ""), 0), method_places[key_of(row)]
+        try:
+            return places[row["scenario"]] if "scenario" in row else 0, method_places[key_of(row)]
+        except KeyError as error:
+            raise _inconsistent(error) from None
 
     for table in rows.values():
         table.sort(key=place_of)
@@ -118,6 +121,10 @@ def merge(folders: Sequence[Path], *, allow_code: bool = False) -> Run:
         cases=tuple(cases),
         tables={name: [{**row, **own_id} for row in table] for name, table in rows.items()},
     )
+
+
+def _inconsistent(error: Exception) -> InputError:
+    return InputError(f"the manifests of the shards are inconsistent: {error!r}")
 
 
 def _part(folder: Path, allow_code: bool) -> _Part:
