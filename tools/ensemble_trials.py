@@ -1,12 +1,11 @@
-"""Measure ensembles: cost and memory per size, truths, MuJoCo's overhead, error bars, hunts.
+"""Measure ensembles: cost and memory per size, truths, MuJoCo's overhead, error bars.
 
 Run as `python tools/ensemble_trials.py [PART ...]` in the activated environment. Each part prints its
-figures: kernels, scaling, mujoco, quantiles, hunt [default: all].
+figures: kernels, scaling, mujoco, quantiles [default: all].
 """
 
 from __future__ import annotations
 
-import json
 import os
 import resource
 import subprocess
@@ -30,7 +29,6 @@ from tests.helpers.quantile_agreement import agree
 
 _SCENARIO, _DT_S, _STEPS = "intermediate-axis", 1e-2, 1000
 _TRIALS, _BODIES = 100, 100_000
-_EVALUATIONS = 2000
 
 
 def _ensemble(seed: int) -> Ensemble:
@@ -138,27 +136,7 @@ def _sketch(seed: int) -> QuantileSketch:
     return sketch
 
 
-def hunt() -> None:
-    """Print what hunts find from uniform starts at fixed |omega| dt."""
-    for words in (
-        ["--engine", "reference:m1"],
-        ["--engine", "pybullet:maximal"],
-        ["--engine", "mujoco:rk4", "--spin-rad-s", "10"],
-    ):
-        with tempfile.TemporaryDirectory() as folder:
-            command = [sys.executable, "-m", "bodycheck", "hunt", _SCENARIO, *words, "--out", f"{folder}/out"]
-            command += ["--evaluations", str(_EVALUATIONS), "--json", "--quiet"]
-            found = json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
-        moments = ", ".join(f"{moment:.2e}" for moment in found["moments_kg_m2"])
-        print(
-            f"{' '.join(words)}: {found['value']:.3g} rad, "
-            f"{found['value'] / found['typical']:.0f} x the median, "
-            f"evaluation {found['evaluation']}, moments {moments}, "
-            f"separatrix distance {found['separatrix_distance']:.1e}"
-        )
-
-
-_PARTS = {part.__name__: part for part in (kernels, scaling, mujoco, quantiles, hunt)}
+_PARTS = {part.__name__: part for part in (kernels, scaling, mujoco, quantiles)}
 
 
 def main(*parts: str) -> None:
