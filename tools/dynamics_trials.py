@@ -1,19 +1,12 @@
-"""Print which planted faults of trees `bodycheck dynamics` and `explain` name, and how healthy engines do.
+"""Print what cond M costs the accelerations of engines, and what is said about healthy motions of trees.
 
-    python tools/dynamics_trials.py faults [--trees 8] [NAME ...]
-    python tools/dynamics_trials.py healthy [--trees 100] [ENGINE ...]
     python tools/dynamics_trials.py conditions [ENGINE ...]
-    python tools/dynamics_trials.py motions [NAME ...]
     python tools/dynamics_trials.py healthy-motions [--trees 50] [ENGINE[:METHOD] ...]
 
-faults: each fault of tests/helpers/faulty_tree_models.py on random trees; exit status 1 if one is not named
-first with its parameters within 5 %. healthy: mujoco, dart and pinocchio; exit status 1 if one is accused.
 conditions: the worst accelerations and wrenches, also over 10 + cond M, of the trees of
 tests/oracles/joints.json that bodies can have, and of 20 random ones.
-motions: each fault of tests/helpers/faulty_tree_motions.py on three trees; exit status 1 if fewer than 90 %
-are named first with their parameters within 5 %. healthy-motions: mujoco, dart, pybullet and reference on
-the built-in and on random trees, and how much farther than its map the next one is; exit status 1 if one has
-a fault, or is not explained.
+healthy-motions: mujoco, dart, pybullet and reference on the built-in and on random trees, and how much
+farther than its map the next one is; exit status 1 if one has a fault, or is not explained.
 """
 
 from __future__ import annotations
@@ -26,69 +19,23 @@ from trials import command
 
 from bodycheck.adapters.contract import Setting
 from bodycheck.adapters.execution import Case, record, refusal
-from bodycheck.adapters.registry import get_adapter, registered
+from bodycheck.adapters.registry import get_adapter
 from bodycheck.adapters.workers.engine_pool import EnginePool
-from bodycheck.examine.dynamics.dynamics_document import dynamics_document
-from bodycheck.examine.dynamics.engine_dynamics import EngineDynamics
 from bodycheck.examine.dynamics.tree_motion_diagnosis import diagnosed_tree
 from bodycheck.reference_impl.trees.random_trees import random_tree
 from bodycheck.reference_impl.wrench import plan_steps
 from bodycheck.reports.cache.truths import known_truth
-from bodycheck.reports.document import print_document
 from bodycheck.reports.measurement.case import stable_motion
 from bodycheck.reports.measurement.compared_motion import EnergyAndMomentum
 from bodycheck.reports.measurement.scales import scene_scales
 from bodycheck.reports.measurement.tree_map_made import DISTANCE, NEXT, made_map
-from bodycheck.runs.dynamics_run import DynamicsOptions, _case, _random, _read, dynamics
+from bodycheck.runs.dynamics_run import DynamicsOptions, _case, _random, _read
 from bodycheck.scenarios.library import load_trees, tree_names
-from tests.helpers.faulty_tree_models import PLANTED, FaultyTrees, PlantedTreeFault
-from tests.helpers.faulty_tree_motions import FAULTS, TREES, diagnosed_fault, loaded_tree
-from tests.helpers.faulty_tree_motions import is_named as motion_is_named
 from tests.helpers.tree_oracles import TREES as HANDED
 from tests.helpers.tree_oracles import tree as handed_tree
 
 _MOVING = ("mujoco", "dart", "pybullet", "reference")
-_HEALTHY = ("mujoco", "dart", "pinocchio")
-_CLOSE = 0.05
-
-
-def is_named(fault: PlantedTreeFault, found: EngineDynamics) -> bool:
-    """Whether the first cause is the planted one, with its parameters within 5 %."""
-    if not found.causes or found.causes[0].fault != fault.expected:
-        return False
-    values = found.causes[0].parameters
-    return all(
-        abs(values[name] - value) <= _CLOSE * max(abs(value), 1.0) for name, value in fault.parameters.items()
-    )
-
-
-def faults(*names: str, trees: int = 8) -> int:
-    """Print a line per fault, and return the number of those that are not named."""
-    missed = 0
-    for fault in PLANTED:
-        if names and fault.name not in names:
-            continue
-        with registered(FaultyTrees(fault)):
-            found = dynamics(f"faulty-{fault.name}", (), DynamicsOptions(random=trees))
-        named = is_named(fault, found)
-        missed += not named
-        causes = (
-            "; ".join(f"{cause.fault}: {cause.text} {cause.readings}" for cause in found.causes) or "nothing"
-        )
-        print(f"{'named ' if named else 'MISSED'} {fault.kind:14} {fault.name:24} {causes}", flush=True)
-    print(f"{missed} missed")
-    return missed
-
-
-def healthy(*names: str, trees: int = 100) -> int:
-    """Print the answers of healthy engines, and return the number of wrong readings."""
-    accused = 0
-    for engine in names or _HEALTHY:
-        found = dynamics(engine, (), DynamicsOptions(random=trees))
-        print_document(dynamics_document([found]))
-        accused += len(found.wrong)
-    print(f"{accused} readings of healthy engines accused")
-    return accused
+_READ = ("mujoco", "dart", "pinocchio")
 
 
 def conditions(*names: str) -> None:
@@ -96,7 +43,7 @@ def conditions(*names: str) -> None:
     seed = DynamicsOptions().seed
     handed = [(name, handed_tree(name)) for name in HANDED if name != "physical-pendulum"]
     sets = {"joints.json": handed, "random": [_random(seed, number) for number in range(20)]}
-    for engine in names or _HEALTHY:
+    for engine in names or _READ:
         with closing(EnginePool()) as pool:
             for label, trees in sets.items():
                 cases = [_case(*named, np.random.default_rng([seed, k, 1])) for k, named in enumerate(trees)]
@@ -113,23 +60,6 @@ def conditions(*names: str) -> None:
                         f"over 10 + cond M {max(shares):.1e}",
                         flush=True,
                     )
-
-
-def motions(*names: str) -> bool:
-    """Print a line per fault and tree, and return whether fewer than 90 % are named."""
-    named = trials = 0
-    for tree in TREES:
-        for fault in FAULTS:
-            kind = loaded_tree(tree).bodies[-1].joint.kind
-            if (names and fault.name not in names) or kind not in fault.kinds:
-                continue
-            found = diagnosed_fault(fault, tree)
-            right, trials = motion_is_named(fault, found), trials + 1
-            named += right
-            text = "not examined" if found is None else f"{found.base}: {found.sentence}"
-            print(f"{'named ' if right else 'MISSED'} {tree:12} {fault.name:20} {text}", flush=True)
-    print(f"{named} of {trials} named first, with parameters within 5 %")
-    return named < 0.9 * trials
 
 
 def healthy_motions(*names: str, trees: int = 50) -> int:
@@ -175,4 +105,4 @@ def healthy_motions(*names: str, trees: int = 50) -> int:
 
 
 if __name__ == "__main__":
-    command(faults, healthy, conditions, motions, healthy_motions)
+    command(conditions, healthy_motions)

@@ -26,12 +26,13 @@ import pandas as pd
 from trials import command
 
 import bodycheck
-from bodycheck._util.errors import BodycheckError
+from bodycheck._util.errors import BodycheckError, InputError
 from bodycheck._util.untrusted import LONGEST_LINE, printable_lines
 from bodycheck.adapters.contract import Build, Setting
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.workers import protocol, received_messages
+from bodycheck.audit.audit_run import AuditOptions, audit
 from bodycheck.recordings.column_map import ColumnMap, read_map
 from bodycheck.recordings.conversion import recorded_motion
 from bodycheck.reference_impl.kernels.cache_files import _content, _DamagedError
@@ -68,8 +69,10 @@ from tests.helpers.file_mutations import (
     toml_line,
 )
 from tests.helpers.html_page import report_page
+from tests.helpers.model_texts import mutated, random_mjcf, random_urdf, sdf_of
 from tests.helpers.nightly_runs import store_nightly_runs, unchanged
 from tests.helpers.scenario_texts import SCENARIO
+from tests.helpers.usd_stages import Stage, random_links
 from tests.recordings.test_conversion import write_mcap
 from tests.scenarios.test_mesh_files import ascii_ply, ascii_stl, binary_ply, binary_stl, obj
 from tests.scenarios.test_mesh_inputs import ascii_cube
@@ -116,7 +119,7 @@ def all_readers(sound: Path) -> list[Reader]:
     bodycheck.write_run(run, sound / "run")
     store_nightly_runs(run, sound / "history", [unchanged, unchanged])
     found = [*_inputs(sound), *_trajectories(sound), *_run_files(sound), *_night_files(sound, run.manifest)]
-    return [*found, *_messages(sound), *_caches(sound)]
+    return [*found, *_models(sound), *_messages(sound), *_caches(sound)]
 
 
 def _inputs(sound: Path) -> list[Reader]:
@@ -158,6 +161,34 @@ def _inputs(sound: Path) -> list[Reader]:
 def _mesh(path: Path) -> None:
     with open_mesh(path) as file:
         parse_mesh(path, file)
+
+
+def _models(sound: Path) -> list[Reader]:
+    """Return the readers of model files and USD stages, with links of random bodies."""
+    from pxr import Usd
+
+    text = random_urdf(np.random.default_rng(1))
+    texts = {"URDF": text, "SDFormat": sdf_of(text), "MJCF": random_mjcf(np.random.default_rng(1))}
+    for name, content in texts.items():
+        (sound / f"{name}.xml").write_text(content)
+    links = random_links(np.random.default_rng(1))
+    (sound / "stage.usda").write_text(Stage(metre=0.01).text(links))
+    Usd.Stage.Open(str(sound / "stage.usda")).Export(str(sound / "stage.usdc"))
+
+    def model(path: Path) -> None:
+        try:
+            audit(path, AuditOptions(engines=[], spins=False))
+        except InputError as error:
+            if "\n" in str(error) or str(path) not in str(error):
+                raise AssertionError(f"unclear: {error}") from None
+            raise
+
+    # a stage is read by a process of its own
+    weights = {**dict.fromkeys((f"{name}.xml" for name in texts), 0.5), "stage.usda": 0.2, "stage.usdc": 0.2}
+    return [
+        Reader(f"model {name}", sound / name, model, "model", mutated, weight)
+        for name, weight in weights.items()
+    ]
 
 
 def _trajectories(sound: Path) -> list[Reader]:

@@ -55,6 +55,21 @@ def test_position_velocity_and_horizon_are_in_seconds() -> None:
     assert other.trusted_until_s == one.trusted_until_s == np.inf
 
 
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", ["heavy-top", "sine-torque", "spring-pendulum", "satellite-libration",
+                                  "detumbling", "torsion-spring", "probe", "compass"])  # fmt: skip
+@pytest.mark.parametrize("exponent", [-40, -30, 30, 40])
+def test_every_load_is_the_same_in_another_unit_of_time(name: str, exponent: int) -> None:
+    """Attitudes, omega and positions of the built-in scenes are equal to the last bit."""
+    scene = load_scenario(name).scene
+    times = scene.sample_times[:: max(1, scene.samples // 10)]
+    one = solve_truth(scene, times).trajectory
+    other = solve_truth(scaled(scene, exponent), np.ldexp(times, exponent)).trajectory
+    np.testing.assert_array_equal(other.attitude, one.attitude)
+    np.testing.assert_array_equal(np.ldexp(other.omega_body, exponent), one.omega_body)
+    np.testing.assert_array_equal(other.position_m, one.position_m)
+
+
 def test_a_slow_motion_stays_on_the_unit_sphere() -> None:
     """1e25 s of a motion at 1e-25 rad/s: in seconds the high terms of its series underflow."""
     slow = replace(scaled(TORQUE, 83), samples=2)

@@ -51,13 +51,15 @@ def test_fault_of_a_moving_tree_is_named(fault: MotionFault) -> None:
     assert is_named(fault, diagnosed_fault(fault, "free-chain"))
 
 
+_KINDS = {tree: loaded_tree(tree).bodies[-1].joint.kind for tree in TREES}
+_EACH = [(fault, tree) for tree in TREES for fault in FAULTS if _KINDS[tree] in fault.kinds]
+
+
 @pytest.mark.nightly
-@pytest.mark.parametrize("tree", TREES)
-@pytest.mark.parametrize("fault", [one for one in FAULTS if one.name not in _QUICK], ids=lambda one: one.name)
+@pytest.mark.parametrize(("fault", "tree"), _EACH, ids=lambda one: getattr(one, "name", one))
 def test_each_fault_of_a_moving_tree_is_named(fault: MotionFault, tree: str) -> None:
-    """The same of the others, on three trees."""
-    if loaded_tree(tree).bodies[-1].joint.kind in fault.kinds:
-        assert is_named(fault, diagnosed_fault(fault, tree))
+    """The same of all, each on those of three trees on which it acts."""
+    assert is_named(fault, diagnosed_fault(fault, tree))
 
 
 @pytest.mark.parametrize(
