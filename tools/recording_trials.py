@@ -50,98 +50,52 @@ from bodycheck.runs import runner
 from bodycheck.scenarios.library import load_scenario
 from bodycheck.scenarios.model import Scenario
 
-FREE = """
-[body]
+_BODY = """
 mass_kg = 2.0
 inertia_kg_m2 = [[0.05, 0.004, -0.003], [0.004, 0.07, 0.006], [-0.003, 0.006, 0.09]]
 [initial]
 quaternion = [0.6, 0.0, 0.8, 0.0]
 velocity_m_s = [0.2, 0.0, 0.1]
 """
-SCENES = {
-    "free": FREE + "omega_body_rad_s = [1.0, -2.0, 3.0]",
-    "unstable-axis": FREE + "omega_body_rad_s = [0.2, 4.0, 0.1]",
-    "body-torque": FREE
-    + """omega_body_rad_s = [1.0, -2.0, 3.0]
-[[forcing]]
-kind = "torque"
-axes = "body"
-value_n_m = [0.05, -0.04, 0.06]
-""",
-    "thrown": FREE
-    + """omega_body_rad_s = [1.5, 1.0, -2.0]
-[[forcing]]
-kind = "gravity"
-acceleration_m_s2 = [0.0, 0.0, -9.81]
-[[forcing]]
-kind = "force"
-axes = "body"
-value_n = [0.3, 0.2, 1.0]
-at_m = [0.05, -0.02, 0.1]
-""",
-    "world-loads": FREE
-    + """omega_body_rad_s = [-1.0, 2.0, 1.0]
-[[forcing]]
-kind = "torque"
-axes = "world"
-value_n_m = [0.03, 0.05, -0.04]
-from_s = 0.3
-until_s = 1.2
-[[forcing]]
-kind = "force"
-axes = "world"
-value_n = [0.5, -0.4, 0.8]
-at_m = [0.03, 0.06, -0.05]
-""",
-}
-"""The scenes, each of 2 s with 201 samples."""
-FURTHER = {
-    "all-loads": FREE
-    + """omega_body_rad_s = [0.8, -1.2, 0.5]
-[[forcing]]
-kind = "gravity"
-acceleration_m_s2 = [1.0, -2.0, -9.0]
-[[forcing]]
-kind = "torque"
-axes = "body"
-value_n_m = [0.05, -0.04, 0.06]
-until_s = 0.7
-[[forcing]]
-kind = "torque"
-axes = "world"
-value_n_m = [-0.03, 0.05, 0.04]
-from_s = 0.4
-until_s = 1.1
-[[forcing]]
-kind = "force"
-axes = "body"
-value_n = [0.3, 0.2, 1.0]
-at_m = [0.05, -0.02, 0.1]
-from_s = 0.8
-until_s = 1.6
-[[forcing]]
-kind = "force"
-axes = "world"
-value_n = [0.5, -0.4, 0.8]
-at_m = [0.03, 0.06, -0.05]
-from_s = 1.2
-""",
-    "fast": """
-[body]
+_NEARLY_ROUND = """
 mass_kg = 2.0
 inertia_kg_m2 = [[0.05, 0.0003, -0.0002], [0.0003, 0.051, 0.0004], [-0.0002, 0.0004, 0.052]]
 [initial]
-omega_body_rad_s = [60.0, -40.0, 30.0]
-""",
-    "drag": FREE
-    + """omega_body_rad_s = [1.0, -2.0, 3.0]
-[[forcing]]
-kind = "drag"
-linear_n_s_m = 0.5
-angular_n_m_s = [[0.02, 0.0, 0.0], [0.0, 0.03, 0.0], [0.0, 0.0, 0.04]]
-""",
+"""
+_GRAVITY = 'kind = "gravity", acceleration_m_s2 = '
+_TORQUE = 'kind = "torque", axes = "body", value_n_m = [0.05, -0.04, 0.06]'
+_WORLD_TORQUE = 'kind = "torque", axes = "world", value_n_m = '
+_FORCE = 'kind = "force", axes = "body", value_n = [0.3, 0.2, 1.0], at_m = [0.05, -0.02, 0.1]'
+_WORLD_FORCE = 'kind = "force", axes = "world", value_n = [0.5, -0.4, 0.8], at_m = [0.03, 0.06, -0.05]'
+_DRAG = (
+    'kind = "drag", linear_n_s_m = 0.5, '
+    "angular_n_m_s = [[0.02, 0.0, 0.0], [0.0, 0.03, 0.0], [0.0, 0.0, 0.04]]"
+)
+SCENES: dict[str, tuple[str, ...]] = {
+    "free": ("[1.0, -2.0, 3.0]",),
+    "unstable-axis": ("[0.2, 4.0, 0.1]",),
+    "body-torque": ("[1.0, -2.0, 3.0]", _TORQUE),
+    "thrown": ("[1.5, 1.0, -2.0]", f"{_GRAVITY}[0.0, 0.0, -9.81]", _FORCE),
+    "world-loads": (
+        "[-1.0, 2.0, 1.0]",
+        f"{_WORLD_TORQUE}[0.03, 0.05, -0.04], from_s = 0.3, until_s = 1.2",
+        _WORLD_FORCE,
+    ),
 }
-"""Further scenes of that length, for the faults that act on none of the others."""
+"""The scenes, each of 2 s with 201 samples: omega in body axes at the start, and the loads."""
+FURTHER: dict[str, tuple[str, ...]] = {
+    "all-loads": (
+        "[0.8, -1.2, 0.5]",
+        f"{_GRAVITY}[1.0, -2.0, -9.0]",
+        f"{_TORQUE}, until_s = 0.7",
+        f"{_WORLD_TORQUE}[-0.03, 0.05, 0.04], from_s = 0.4, until_s = 1.1",
+        f"{_FORCE}, from_s = 0.8, until_s = 1.6",
+        f"{_WORLD_FORCE}, from_s = 1.2",
+    ),
+    "fast": ("[60.0, -40.0, 30.0]",),
+    "drag": ("[1.0, -2.0, 3.0]", _DRAG),
+}
+"""Further scenes of that length, for the faults that act on none of the others; `fast` is nearly round."""
 MAPS = {
     "m1": "M1",
     "m2": "M2",
@@ -160,8 +114,11 @@ DURATION_S, SAMPLES = 2.0, 201
 def scenario_of(name: str, folder: Path) -> Scenario:
     """Return one of the scenes."""
     path = folder / f"{name}.toml"
+    omega, *loads = (SCENES | FURTHER)[name]
     head = f'name = "{name}"\nduration_s = {DURATION_S}\nsamples = {SAMPLES}\n'
-    path.write_text(head + (SCENES | FURTHER)[name], encoding="utf-8")
+    forcing = f"forcing = [{', '.join(f'{{ {load} }}' for load in loads)}]\n"
+    body = f"[body]{_NEARLY_ROUND if name == 'fast' else _BODY}omega_body_rad_s = {omega}\n"
+    path.write_text(head + forcing + body, encoding="utf-8")
     return load_scenario(path)
 
 
