@@ -3,6 +3,7 @@
 python tools/audit_trials.py real [FOLDER ...]      every URDF, MJCF and SDF file below the folders
 python tools/audit_trials.py real --read-only [FOLDER ...]   read and lint them, without engines
 python tools/audit_trials.py valid --files 500      false differences in generated files
+python tools/audit_trials.py stages --files 300      one clear line per damaged USD stage
 python tools/audit_trials.py converters --trials 300   planted faults of converters to USD
 python tools/audit_trials.py joints --trials 240  one slip in a joint of each random file
 python tools/audit_trials.py slips --trials 2000    links with one planted slip and their shapes
@@ -12,6 +13,7 @@ python tools/audit_trials.py size --trials 1000     the time to lint so many lin
 
 from __future__ import annotations
 
+import random
 import re
 import sys
 import tempfile
@@ -38,7 +40,7 @@ from bodycheck.audit.lint import lint
 from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.model_files.xml_file import read_bytes
 from tests.helpers import usd_stages
-from tests.helpers.model_texts import random_mjcf, random_urdf, sdf_of
+from tests.helpers.model_texts import mutated, random_mjcf, random_urdf, sdf_of
 from tests.helpers.slipped_joints import JOINT_SLIPS, MJCF_SLIPS, joint_text, slipped, slipped_mjcf
 from tests.helpers.slipped_links import SLIPS, Link, chain, changes_enough, is_right, random_link
 
@@ -152,10 +154,60 @@ def _note(worst: dict[str, float], name: str, deviation: float) -> None:
     worst[name] = max(worst.get(name, 0.0), deviation)
 
 
+def stages(files: int = 500, seed: int = 1) -> None:
+    """Read damaged USD stages, as text and binary, and print every result other than one clear line."""
+    from pxr import Usd
+
+    rng = random.Random(seed)
+    endings: Counter[str] = Counter()
+    with tempfile.TemporaryDirectory() as folder:
+        text, binary = Path(folder) / "sound.usda", Path(folder) / "sound.usdc"
+        text.write_text(usd_stages.Stage(metre=0.01).text(_links(np.random.default_rng(seed))))
+        Usd.Stage.Open(str(text)).Export(str(binary))
+        for k in range(files):
+            sound = (text, binary)[k % 2]
+            path = Path(folder) / f"model{sound.suffix}"
+            path.write_bytes(mutated(sound.read_bytes(), rng))
+            endings[_ended(path)] += 1
+    _print_counts(f"{files} damaged stages", endings)
+
+
+def _ended(path: Path) -> str:
+    """Return how reading a damaged file ended; a file that raises anything else than InputError is kept."""
+    try:
+        read_model(path)
+        return "read"
+    except InputError as error:
+        clear = "\n" not in str(error) and str(path) in str(error)
+        return "one line" if clear else f"UNCLEAR: {error}"
+    except Exception as error:  # noqa: BLE001 - the trial searches for any exception
+        kept = tempfile.mkstemp(prefix="fault-", suffix=path.suffix)[1]
+        Path(kept).write_bytes(path.read_bytes())
+        return f"FAULT {kept} {type(error).__name__}: {error}"[:200]
+
+
 def _print_counts(title: str, endings: Counter[str]) -> None:
     print(title)
     for what, amount in endings.most_common():
         print(f"  {amount:6d}  {what}")
+
+
+def _links(rng: np.random.Generator) -> list[usd_stages.Link]:
+    """Return three links of random masses, centres and tensors, one of them fixed to another."""
+    found = []
+    for k in range(3):
+        moments = rng.uniform(0.5, 1.5, 3)
+        moments[2] = rng.uniform(abs(moments[0] - moments[1]), moments[0] + moments[1])
+        A = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        size = 10.0 ** rng.uniform(-4, 0)
+        tensor = A @ np.diag(moments * size) @ A.T
+        centre, position = rng.normal(size=(2, 3)) * 0.1
+        parent = found[-1].name if found else ""
+        joint = "fixed" if k == 2 else "revolute"
+        mass = float(10.0 ** rng.uniform(-1, 1))
+        tensor = 0.5 * (tensor + tensor.T)
+        found.append(usd_stages.Link(f"link{k}", mass, centre, tensor, position, parent, joint))
+    return found
 
 
 def converters(trials: int = 200, seed: int = 1) -> None:
@@ -177,7 +229,7 @@ def converters(trials: int = 200, seed: int = 1) -> None:
     with tempfile.TemporaryDirectory() as folder:
         stage, urdf = Path(folder) / "robot.usda", Path(folder) / "robot.urdf"
         for k in range(trials):
-            links, (cause, fault) = usd_stages.random_links(rng), list(faults.items())[k % len(faults)]
+            links, (cause, fault) = _links(rng), list(faults.items())[k % len(faults)]
             metre, kilogram = float(rng.choice([1.0, 0.01, 0.001])), float(rng.choice([1.0, 0.001]))
             urdf.write_text(usd_stages.urdf(links))
             written = usd_stages.Stage(metre, kilogram, str(rng.choice(["Y", "Z"])), **fault)
@@ -289,4 +341,4 @@ def size(trials: int = 200) -> None:
 
 
 if __name__ == "__main__":
-    command(*(real, valid, converters, joints, slips, healthy, size))
+    command(*(real, valid, stages, converters, joints, slips, healthy, size))

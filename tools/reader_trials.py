@@ -72,7 +72,6 @@ from tests.helpers.html_page import report_page
 from tests.helpers.model_texts import mutated, random_mjcf, random_urdf, sdf_of
 from tests.helpers.nightly_runs import store_nightly_runs, unchanged
 from tests.helpers.scenario_texts import SCENARIO
-from tests.helpers.usd_stages import Stage, random_links
 from tests.recordings.test_conversion import write_mcap
 from tests.scenarios.test_mesh_files import ascii_ply, ascii_stl, binary_ply, binary_stl, obj
 from tests.scenarios.test_mesh_inputs import ascii_cube
@@ -164,16 +163,9 @@ def _mesh(path: Path) -> None:
 
 
 def _models(sound: Path) -> list[Reader]:
-    """Return the readers of model files and USD stages, with links of random bodies."""
-    from pxr import Usd
-
+    """Return the readers of model files, which must name the file in one line."""
     text = random_urdf(np.random.default_rng(1))
     texts = {"URDF": text, "SDFormat": sdf_of(text), "MJCF": random_mjcf(np.random.default_rng(1))}
-    for name, content in texts.items():
-        (sound / f"{name}.xml").write_text(content)
-    links = random_links(np.random.default_rng(1))
-    (sound / "stage.usda").write_text(Stage(metre=0.01).text(links))
-    Usd.Stage.Open(str(sound / "stage.usda")).Export(str(sound / "stage.usdc"))
 
     def model(path: Path) -> None:
         try:
@@ -183,12 +175,9 @@ def _models(sound: Path) -> list[Reader]:
                 raise AssertionError(f"unclear: {error}") from None
             raise
 
-    # a stage is read by a process of its own
-    weights = {**dict.fromkeys((f"{name}.xml" for name in texts), 0.5), "stage.usda": 0.2, "stage.usdc": 0.2}
-    return [
-        Reader(f"model {name}", sound / name, model, "model", mutated, weight)
-        for name, weight in weights.items()
-    ]
+    for name, content in texts.items():
+        (sound / f"{name}.xml").write_text(content)
+    return [Reader(f"model {name}", sound / f"{name}.xml", model, "model", mutated) for name in texts]
 
 
 def _trajectories(sound: Path) -> list[Reader]:

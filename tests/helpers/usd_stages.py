@@ -127,21 +127,3 @@ class Stage:
 
 def _tuple(values: Sequence[float] | Array) -> str:
     return f"({', '.join(repr(float(x)) for x in values)})"
-
-
-def random_links(rng: np.random.Generator) -> list[Link]:
-    """Return three links of random masses, centres and tensors, one of them fixed to another."""
-    found = []
-    for k in range(3):
-        moments = rng.uniform(0.5, 1.5, 3)
-        moments[2] = rng.uniform(abs(moments[0] - moments[1]), moments[0] + moments[1])
-        A = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-        size = 10.0 ** rng.uniform(-4, 0)
-        tensor = A @ np.diag(moments * size) @ A.T
-        centre, position = rng.normal(size=(2, 3)) * 0.1
-        parent = found[-1].name if found else ""
-        joint = "fixed" if k == 2 else "revolute"
-        mass = float(10.0 ** rng.uniform(-1, 1))
-        tensor = 0.5 * (tensor + tensor.T)
-        found.append(Link(f"link{k}", mass, centre, tensor, position, parent, joint))
-    return found
