@@ -39,13 +39,6 @@ class _Method(BaseModel):
     ]
 
     @property
-    def key(self) -> Key:
-        """The method at its setting, as of an engine with this method alone."""
-        method = Method.of(self.method)
-        engine = Engine(self.engine, self.version, {method.name: method})
-        return engine, method, Setting(self.dt_s, self.tolerance)
-
-    @property
     def identity(self) -> tuple[Any, ...]:
         """Engine, method and setting, as in the tables."""
         return self.engine, self.method["name"], self.dt_s, self.tolerance
@@ -63,11 +56,6 @@ class _Manifest(BaseModel):
     request: EnsembleRequest
     distribution: dict[str, Any]
     methods: list[_Method]
-
-    @property
-    def facts(self) -> dict[str, str]:
-        """What may affect the results, by name."""
-        return machine_facts(self.model_dump()) | {one.engine: one.version for one in self.methods}
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +91,8 @@ def _part(folder: Path) -> _Part:
             "distribution": manifest.distribution,
             "methods": [method.identity for method in manifest.methods],
         }
-        return _Part(folder, Shard.parse(manifest.request.shard), same, manifest.facts, manifest)
+        facts = machine_facts(manifest.model_dump()) | {one.engine: one.version for one in manifest.methods}
+        return _Part(folder, Shard.parse(manifest.request.shard), same, facts, manifest)
     except FileNotFoundError:
         raise InputError(f"{path}: missing: not a folder of `bodycheck ensemble`") from None
     except ValidationError as error:
@@ -117,21 +106,21 @@ def _part(folder: Path) -> _Part:
 def _merged(parts: Sequence[_Part], *, allow_code: bool) -> EnsembleResult:
     request = replace(parts[0].manifest.request, shard=None, allow_code=allow_code)
     methods_of_shards = list(zip(*(part.manifest.methods for part in parts), strict=True))
-    keys = [_key(methods) for methods in methods_of_shards]
-    result = EnsembleResult.empty(request, request.ensemble(), keys)
+    result = EnsembleResult.empty(request, request.ensemble(), list(map(_key, methods_of_shards)))
     for part in parts:
         add_stored_rows(result, part.folder, part.manifest.request.rows)
     for (_, statistics), methods in zip(result.statistics, methods_of_shards, strict=True):
         replays = {one.replay for one in methods}  # an unknown one, "", makes that of the whole unknown
         statistics.replay = next(replay for replay in (OTHER_BITS, "", SAME_BITS) if replay in replays)
-    findings = tuple(machine_findings(parts))
-    return replace(result, shards=tuple(str(part.shard) for part in parts), findings=findings)
+    shards = tuple(str(part.shard) for part in parts)
+    return replace(result, shards=shards, findings=tuple(machine_findings(parts)))
 
 
 def _key(methods: Sequence[_Method]) -> Key:
     """Return a method of all shards; an engine in several versions has all of them as its version."""
+    first, method = methods[0], Method.of(methods[0].method)
     versions = " and ".join(dict.fromkeys(one.version for one in methods))
-    return methods[0].model_copy(update={"version": versions}).key
+    return Engine(first.engine, versions, {method.name: method}), method, Setting(first.dt_s, first.tolerance)
 
 
 def _concatenate(tables: Sequence[Path], target: Path) -> None:
