@@ -269,6 +269,7 @@ def test_new_run_is_compared_with_the_gates(folder: Path) -> None:
     assert kept.returncode == 1, kept.stderr
     assert kept.stderr.splitlines()[-1] == "kept/report.html"
     assert gate("--gates", "t.toml", "--run", "kept").exit_code == 1
+    assert "<b>Failed check:</b>" in (folder / "kept/report.html").read_text(encoding="utf-8")
     wrong = subprocess.run([*words, "mine.toml"], capture_output=True, text=True, check=False)
     assert wrong.returncode == 2
     assert wrong.stdout == ""
@@ -282,7 +283,7 @@ def test_only_scenarios_and_methods_of_gates_are_run(folder: Path, monkeypatch: 
 
     def run_selection(selection: Selection, request: Request, *_: object, **__: object) -> Tables:
         requested.append((selection, request))
-        return Tables(run_id="none", manifest={}, cases=())
+        return Tables(run_id="none", manifest={"engines": {}}, cases=())
 
     monkeypatch.setattr(gate_run, "run_selection", run_selection)
     text = '[[gate]]\nengine = "reference"\nmethod = "m[12]"\nscenario = "mine"\nreason = "r"\n'

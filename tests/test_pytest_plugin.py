@@ -229,6 +229,9 @@ def test_order(bodycheck):
     first = re.search("<li>(.*)</li>", report.read_text(encoding="utf-8"))
     assert first is not None
     assert "order.orientation_error_rad &gt;= 3.9: 1 of 1 case failed" in first[1]
+    again = run_bodycheck(inner.path, "report", str(report.parent), "--html", "again.html")
+    assert again.returncode == 0, again.stderr
+    assert first[0] in (inner.path / "again.html").read_text(encoding="utf-8")
     (command,) = re.findall("^E +explain: bodycheck (.*)", done.stdout.str(), re.MULTILINE)
     explained = run_bodycheck(inner.path, *shlex.split(command), "--json")
     (case,) = json.loads(explained.stdout)

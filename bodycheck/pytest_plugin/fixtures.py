@@ -6,7 +6,7 @@ import re
 import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from glob import escape
 from hashlib import sha256
@@ -26,8 +26,10 @@ from bodycheck.reports.gates.gate import Gate, gate_of, measure_of, read_gates
 from bodycheck.reports.gates.gate_output import failure_rows, line_of, obtained
 from bodycheck.reports.gates.verdict import GateCheck, GateResult, GateRow, at_of, check_gates, rows_of
 from bodycheck.reports.run_files.report_files import replace_pages
+from bodycheck.reports.run_files.run_reader import FAILED_CHECKS
 from bodycheck.reports.run_files.run_tables import Run, study_key
 from bodycheck.reports.run_files.tables import TABLES
+from bodycheck.reports.run_files.writer import write_manifest
 from bodycheck.runs import runner
 from bodycheck.runs.directory import write_run
 from bodycheck.runs.gate_run import run_for_gates
@@ -47,14 +49,13 @@ class Measured:
     """The measures of a run: one case, or the cases of several steps, methods or scenarios.
 
     results: one row per case, with the columns of results.csv. methods: orders and verdicts. report: the
-    report of the run, where --bodycheck-report keeps it. failed: the checks that it states first.
+    report of the run, where --bodycheck-report keeps it.
     """
 
     run: Run
     record: Record
     cause: Exception | None = None
     report: Path | None = None
-    failed: list[str] = field(default_factory=list)
 
     @property
     def results(self) -> Any:
@@ -115,8 +116,9 @@ class Measured:
         if result.is_bad and self.report is not None:
             from bodycheck.reports.render.html import report_pages  # imported here: it needs Jinja
 
-            self.failed.append(line_of(result))
-            replace_pages(report_pages(self.run, failed=self.failed), self.report)
+            self.run.manifest.setdefault(FAILED_CHECKS, []).append(line_of(result))
+            write_manifest(self.run, self.report.parent)
+            replace_pages(report_pages(self.run), self.report)
         assert_passed(result, self.run, self.record, self.cause, self.report)
 
 
@@ -374,8 +376,7 @@ def _run_of(
     )
     if report_folder is None:
         return run, None
-    failed = [line_of(result) for result in check_gates(gates, run) if result.is_bad]
-    return run, write_run(run, report_folder / run.run_id, failed=failed)
+    return run, write_run(run, report_folder / run.run_id)
 
 
 def parametrize_gates(metafunc: pytest.Metafunc) -> None:

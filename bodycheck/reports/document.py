@@ -107,6 +107,11 @@ class Table:
         return [column.head for column in self.columns]
 
     @property
+    def unfolded(self) -> int:
+        """The number of rows where a page unfolds all that are folded into one."""
+        return sum(max([1, *(len(span.items) for cell in row for span in spans(cell))]) for row in self.rows)
+
+    @property
     def left_out(self) -> int:
         """The number of rows that a console and Markdown leave out."""
         return 0 if self.max_rows is None else max(0, len(self.rows) - self.max_rows)
@@ -437,7 +442,7 @@ def page(document: Document, template: str, **others: Any) -> str:
 
     template: extends document.html by what only this page has, from `others`.
     """
-    from bodycheck.reports.templating import asset, environment
+    from bodycheck.reports.templating import environment
 
     parts = document.on("page")
     return (
@@ -449,7 +454,6 @@ def page(document: Document, template: str, **others: Any) -> str:
             commands=[part for part in parts if isinstance(part, Command)],
             tables=[part for part in parts if isinstance(part, Table)],
             spans=spans,
-            css=asset("templates/report.css"),
             **others,
         )
     )

@@ -28,22 +28,37 @@ def environment() -> Environment:
         "number": formatting.number,
         "scientific": formatting.scientific,
         "step": formatting.step,
+        "unbroken": unbroken,
         "with_issues": with_issues,
     }
-    environment.globals |= {"count": formatting.count}
+    environment.globals |= {"count": formatting.count, "css": asset("templates/report.css")}
     return environment
 
 
 def with_issues(text: str) -> Markup:
-    """Return text whose references OWNER/PROJECT#NUMBER and https addresses are links."""
+    """Return text whose references OWNER/PROJECT#NUMBER and https addresses are links; options stay whole."""
     link = '<a href="{}">{}</a>'
     parts = []
     end = 0
     for found in _LINKED.finditer(text):
         address = found[0] if found[1] is None else f"https://github.com/{found[1]}/issues/{found[2]}"
-        parts += [escape(text[end : found.start()]), Markup(link).format(address, found[0])]
+        parts += [unbroken(text[end : found.start()], _OPTION), Markup(link).format(address, found[0])]
         end = found.end()
-    return Markup("").join([*parts, escape(text[end:])])
+    return Markup("").join([*parts, unbroken(text[end:], _OPTION)])
+
+
+_WORD = r"(\S+[-/?=]\S+|--\S+)"
+_OPTION = r"((?<!\S)--\S+)"
+
+
+def unbroken(text: str, word: str = _WORD) -> Markup:
+    """Return text that breaks at spaces only, as a command must; browsers break after hyphens as well.
+
+    word: the pattern of what is kept whole, as one group.
+    """
+    parts = enumerate(re.split(word, text))
+    kept = Markup('<span class="whole">{}</span>')
+    return Markup("").join(kept.format(part) if k % 2 else escape(part) for k, part in parts)
 
 
 _LINKED = re.compile(r"\b([A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*)#(\d+)\b|https://[\w./#?=&%~+-]*[\w/]")

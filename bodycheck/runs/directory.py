@@ -286,13 +286,12 @@ def _continue_hint(again: Sequence[str], request: Request) -> str:
     return f"continue with: bodycheck {shell_join(words)}"
 
 
-def write_run(run: Run, out: str | Path, *, temp_dir: Path | None = None, failed: Sequence[str] = ()) -> Path:
+def write_run(run: Run, out: str | Path, *, temp_dir: Path | None = None) -> Path:
     """Write the tables, trajectories/, manifest.json and the report; return the path of report.html.
 
     Everything is written under a temporary name in the folder `temp_dir` [default: the parent of `out`],
-    and renamed at the end. failed: checks of the run, which stand first in the report. Raises InputError
-    where `out` is in use or cannot be written.
+    and renamed at the end. Raises InputError where `out` is in use or cannot be written.
     """
     from bodycheck.reports.render.html import report_pages  # imported here: Jinja is needed only now
 
-    return write_files(run, report_pages(run, failed=failed), Path(out), temp_dir=temp_dir)
+    return write_files(run, report_pages(run), Path(out), temp_dir=temp_dir)

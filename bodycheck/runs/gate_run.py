@@ -10,6 +10,9 @@ from bodycheck.adapters.engine_names import is_program
 from bodycheck.adapters.registry import default_engines, engine_names, optional_engines
 from bodycheck.examine.dynamics.engine_dynamics import dynamics_rows
 from bodycheck.reports.gates.gate import Gate
+from bodycheck.reports.gates.gate_output import line_of
+from bodycheck.reports.gates.verdict import check_gates
+from bodycheck.reports.run_files.run_reader import FAILED_CHECKS
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs.dynamics_run import DynamicsOptions, dynamics
 from bodycheck.runs.manifest import Identity
@@ -29,7 +32,7 @@ def run_for_gates(
     engines: Sequence[str] = (),
     allow_code: bool = False,
 ) -> Run:
-    """Run what the gates check, at the scenarios' own steps, and nothing else.
+    """Run what the gates check, at the scenarios' own steps, and nothing else; its manifest lists what fails.
 
     scenarios: names, suites, paths of TOML files. engines: as --engine names them [default: those of the
     gates]. Raises InputError if they are wrong.
@@ -71,4 +74,7 @@ def run_for_gates(
         if any(gate.matches_engine(name) for gate in of_trees)
         for row in dynamics_rows(dynamics(name, tree_names(), DynamicsOptions()))
     ]
-    return run.with_rows(dynamics=rows)
+    run = run.with_rows(dynamics=rows)
+    if failed := [line_of(result) for result in check_gates(gates, run) if result.is_bad]:
+        run.manifest[FAILED_CHECKS] = failed
+    return run

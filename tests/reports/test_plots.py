@@ -10,7 +10,17 @@ import pytest
 
 from bodycheck.reports.render.page.downsampling import LINE_POINTS, packed_line, thinned_maxima, thinned_times
 from bodycheck.reports.render.page.plots import growth_text
-from bodycheck.reports.render.styles import COLOURS, DASHES, MARKERS, engine_colour, heading, merged, styles
+from bodycheck.reports.render.styles import (
+    COLOURS,
+    CONTEXT,
+    DASHES,
+    MARKERS,
+    TRUTH,
+    engine_colour,
+    heading,
+    merged,
+    styles,
+)
 from bodycheck.reports.templating import asset
 
 
@@ -53,10 +63,14 @@ def test_an_engine_has_one_colour_in_every_run() -> None:
 
 
 def test_figures_and_pages_have_the_same_colours() -> None:
-    """Each colour number means the same on white paper as on the light page."""
-    light = str(asset("templates/report.css")).partition("@media")[0]
-    found = dict(re.findall(r"--engine-(\d): (#\w+)", light))
-    assert [found[str(number)] for number in range(len(COLOURS))] == list(COLOURS)
+    """A dark page has another value of each colour of engines, the truth and the context; scripts use all."""
+    light, dark = str(asset("templates/report.css")).split("@media")[:2]
+    names = [f"engine-{number}" for number in range(len(COLOURS))] + ["truth", "context"]
+    values = [dict(re.findall(r"--([\w-]+): (#\w+)", part)) for part in (light, dark)]
+    assert [values[0][name] for name in names] == [*COLOURS, TRUTH, CONTEXT]
+    assert all(values[0][name] != values[1][name] for name in names)
+    scripts = "".join(str(asset(f"templates/{name}.js")) for name in ("page", "motion", "plot_style"))
+    assert {"--engine-", "--truth", "--context"} <= {*re.findall(r"--(?:engine-|truth|context)", scripts)}
 
 
 def test_only_equal_lines_are_merged() -> None:

@@ -16,7 +16,6 @@ from bodycheck.reports.comparison.change import FAILING, Change, Kind, Status
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.comparison.environment_diff import BUILD_OF
 from bodycheck.reports.comparison.headlines import (
-    Headline,
     distinct,
     factor,
     headlines,
@@ -144,16 +143,16 @@ def sentences(comparison: Comparison) -> list[str]:
     """Return what changed, one sentence per method, then the environment and how much was compared."""
     lines = lines_of(comparison)
     changed = [*headlines(lines), *(f"{text}." for text in moved_texts(comparison, lines))]
-    return [*(changed if comparison.changes else [nothing(comparison)]), *scope(comparison, lines)]
+    return [*(changed if comparison.changes else [nothing(comparison)]), *scope(comparison)]
 
 
-def scope(comparison: Comparison, lines: Iterable[Headline]) -> list[str]:
+def scope(comparison: Comparison) -> list[str]:
     """Return how much else changed, the environment, and how much was compared.
 
     A different build under the same version comes first, because no version number shows it.
     """
     found = []
-    if collapsed := _collapsed(comparison, lines):
+    if collapsed := _collapsed(comparison):
         found.append(collapsed)
     if not comparison.environment:
         found.append("The same machine, versions and settings.")
@@ -187,11 +186,10 @@ def commits_of(comparison: Comparison) -> str:
     return commit_range(*manifests) + (f": {url}" if url else "")
 
 
-def _collapsed(comparison: Comparison, lines: Iterable[Headline]) -> str:
+def _collapsed(comparison: Comparison) -> str:
     """Return how many changes improved, moved or are new, which only pages list."""
     parts = []
-    better = (one for line in lines if line.direction == "improved" for one in line.changes)
-    if improved := [one for one in better if one.status == "improved"]:
+    if improved := comparison.of_status("improved"):
         parts.append(f"{len(improved)} improved")
     if moved := comparison.of_status("moved"):
         parts.append(f"{len(moved)} moved{moved_text(moved, comparison.thresholds)}")
@@ -291,6 +289,7 @@ def comparison_page(comparison: Comparison) -> str:
         "compare.html",
         threshold=100.0 * comparison.thresholds.default,
         overlays=overlays_of(comparison),
+        change_text=change_text,
         engine_colour=engine_colour,
         heading=heading,
     )

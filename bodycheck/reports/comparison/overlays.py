@@ -33,11 +33,12 @@ class Curve:
 
 @dataclass(frozen=True)
 class Overlay:
-    """The errors of one method in both runs; x_ticks, y_ticks: (position, text) along each axis."""
+    """The errors of one method in both runs, and their largest change.
 
-    scenario: str
-    engine: str
-    method: str
+    x_ticks, y_ticks: (position, text) along each axis.
+    """
+
+    change: Change
     quantity: str
     before: Curve
     after: Curve
@@ -47,8 +48,10 @@ class Overlay:
 
 def overlays_of(comparison: Comparison) -> list[Overlay]:
     """Return one overlay per method, scenario and quantity that changed, as listed, at most twelve."""
-    keys = dict.fromkeys(_key(one) for one in _listed(comparison.changes))
-    found = (_overlay(comparison, *key) for key in keys)
+    largest: dict[tuple[StudyKey, str], Change] = {}
+    for change in _listed(comparison.changes):
+        largest.setdefault(_key(change), change)
+    found = (_overlay(comparison, *key, change) for key, change in largest.items())
     return [one for one in found if one is not None][:_MAX_OVERLAYS]
 
 
@@ -59,29 +62,24 @@ def _listed(changes: Iterable[Change]) -> list[Change]:
     return sorted(plotted, key=lambda one: (ranks.index(one.status), -one.size))
 
 
-def _key(change: Change) -> tuple[str, str, str, str]:
+def _key(change: Change) -> tuple[StudyKey, str]:
     word = change.quantity.rpartition(" ")[2]  # "order of energy_drift"
-    return change.scenario or "", change.engine, change.method, word if word in MEASURES else ORIENTATION
+    return (change.scenario or "", change.engine, change.method), word if word in MEASURES else ORIENTATION
 
 
-def _overlay(
-    comparison: Comparison, scenario: str, engine: str, method: str, quantity: str
-) -> Overlay | None:
+def _overlay(comparison: Comparison, key: StudyKey, quantity: str, change: Change) -> Overlay | None:
     """Return None where neither run has two steps to connect."""
-    points = [
-        _points(tables, (scenario, engine, method), quantity)
-        for tables in (comparison.before, comparison.after)
-    ]
+    points = [_points(tables, key, quantity) for tables in (comparison.before, comparison.after)]
     all_points = [*points[0], *points[1]]
     if max(map(len, points)) < 2:
         return None
     x_range, y_range = _range([x for x, _ in all_points]), _range([y for _, y in all_points])
     curves = [
-        _curve(found, x_range, y_range, tables.manifest["engines"].get(engine, {}).get("version", ""))
+        _curve(found, x_range, y_range, tables.manifest["engines"].get(change.engine, {}).get("version", ""))
         for found, tables in zip(points, (comparison.before, comparison.after), strict=True)
     ]
     return Overlay(
-        *(scenario, engine, method, quantity, curves[0], curves[1]),
+        *(change, quantity, curves[0], curves[1]),
         x_ticks=tuple((f"{_at(v, x_range, _LEFT, _RIGHT):.1f}", number(v, 1)) for v in _ticks(x_range)),
         y_ticks=tuple((f"{_at(v, y_range, _BOTTOM, _TOP):.1f}", number(v, 1)) for v in _ticks(y_range)),
     )

@@ -23,6 +23,7 @@ from bodycheck.reports.history.open_regressions import open_lines
 from bodycheck.reports.history.queries import recorded, recorded_cases
 from bodycheck.reports.history.regression import Judgement
 from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION
+from bodycheck.reports.render.styles import MARKERS, engine_colour
 from bodycheck.reports.templating import asset, environment
 
 if TYPE_CHECKING:
@@ -54,13 +55,17 @@ def trends_page(judged: Judgement) -> str:
     regressions = [
         (_hash(one.regressions[0].change), one.text, one.duration) for one in open_lines(judged.open)
     ]
+    series = list(_series(judged, runs, manifests))
+    engines = dict.fromkeys(one["m"].rpartition(":")[0] for one in series)
     data = {
         "start": regressions[0][0] if regressions else "",
         "runs": [run.name for run in runs],
         "dates": [started_at(run.name).isoformat() for run in runs],
         "releases": _releases([versions_of(manifest) for manifest in manifests]),
+        "colours": {engine: engine_colour(engine) for engine in engines},
+        "markers": list(MARKERS),
         "labels": {name: _title(name) for name in _QUANTITIES},
-        "series": list(_series(judged, runs, manifests)),
+        "series": series,
     }
     return (
         environment()
@@ -70,7 +75,6 @@ def trends_page(judged: Judgement) -> str:
             first=headline(judged),
             open=regressions,
             data=data,
-            css=asset("templates/report.css"),
             js=Markup("\n").join(asset(f"templates/{name}.js") for name in ("plot_style", "trends")),
             plotly=asset("vendor/plotly-basic.min.js"),
         )

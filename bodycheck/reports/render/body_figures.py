@@ -19,8 +19,8 @@ from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.render.body_surface import DrawnBodies
 from bodycheck.reports.render.page.played_motions import shown_cases
-from bodycheck.reports.render.styles import COLOURS, engine_colour, merged
-from bodycheck.reports.run_files.run_tables import Run, coarsest_shared_step
+from bodycheck.reports.render.styles import COLOURS, TRUTH, TRUTH_DASH, engine_colour, merged, stacked
+from bodycheck.reports.run_files.run_tables import Run, coarsest_shared_step, key_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 FRAMES = 6
 """The number of times at which the body is drawn."""
 
-GHOST = "#8c8c8c"
-"""The colour of the truth."""
+KEY = "truth: grey, dashed"
+"""How the true body is drawn."""
 
 _ROW_IN = 0.75  # of a row of frames
 _FEW_FACES = 30  # beyond that the edges of all faces would hide them
@@ -43,10 +43,11 @@ def draw(page: Figure, run: Run, figure: str, scenario: str, cases: Sequence[Cas
     """
     problem = next((one for one in run.problems if one.scenario.name == scenario), None)
     at_s = coarsest_shared_step(cases)
-    cases_drawn = shown_cases(cases, at_s)
+    cases_drawn = [case for case in shown_cases(cases, at_s) if case.trajectory is not None]
     if problem is None or not cases_drawn:
         raise InputError(f"--figure {figure}: nothing to draw for {scenario}: no case has a motion")
-    page.suptitle(f"{scenario}, dt {step(at_s)} s", fontsize=8)
+    key = "truth: grey" if figure == "polhode" else KEY
+    page.suptitle(f"{scenario}, dt {step(at_s)} s ({key})\n", fontsize=8)
     (_polhodes if figure == "polhode" else draw_frames)(page, problem, cases_drawn)
 
 
@@ -71,15 +72,18 @@ def _polhodes(page: Figure, problem: Problem, cases_drawn: Sequence[CaseResult])
     groups = equal_motions(problem, cases_drawn)
     names_in = 0.1 * max(map(len, groups))
     page.set_figheight(page.get_figwidth() / max(len(groups), 2) + 0.2 + names_in)
-    for index, (case, *equal) in enumerate(groups):
+    for index, group in enumerate(groups):
         axes: Any = page.add_subplot(1, len(groups), index + 1, projection="3d")
         x, y, z = semiaxes[:, None, None] * sphere
         axes.plot_wireframe(x, y, z, color="#d0d0d0", linewidth=0.3)
-        axes.plot(*polhode(truth, truth, inertia).T, color=GHOST, linewidth=2.0)
-        if case.trajectory is not None:
-            colour = COLOURS[engine_colour(case.columns["engine"])]
-            axes.plot(*polhode(case.trajectory, truth, inertia).T, color=colour, linewidth=0.8)
-        bare_axes(axes, semiaxes.max(), "\n= ".join(map(method_name, (case, *equal))))
+        layers = stacked(map(key_of, (case.columns for case in group)))
+        axes.plot(*polhode(truth, truth, inertia).T, color=TRUTH, linewidth=2.0 + 0.8 * layers[0][1])
+        motion = group[0].trajectory
+        assert motion is not None
+        for (engine, _), above in layers:
+            colour, width = COLOURS[engine_colour(engine)], 0.8 + 0.8 * above
+            axes.plot(*polhode(motion, truth, inertia).T, color=colour, linewidth=width)
+        bare_axes(axes, semiaxes.max(), "\n= ".join(map(method_name, group)))
 
 
 def draw_frames(page: Figure, problem: Problem, cases_drawn: Sequence[CaseResult]) -> None:
@@ -89,18 +93,14 @@ def draw_frames(page: Figure, problem: Problem, cases_drawn: Sequence[CaseResult
     drawn = DrawnBodies.of(problem.scenario, truth)
     groups = equal_motions(problem, cases_drawn)
     page.set_figheight(_ROW_IN * len(groups) + 0.5)
-    for row, (case, *equal) in enumerate(groups):
-        if case.trajectory is None:
-            continue
+    for row, group in enumerate(groups):
         for column, k in enumerate(frames):
             axes: Any = page.add_subplot(len(groups), FRAMES, row * FRAMES + column + 1, projection="3d")
-            colour = COLOURS[engine_colour(case.columns["engine"])]
-            draw_bodies(axes, drawn, truth, k, GHOST, 0.0, 0.0)
-            draw_bodies(axes, drawn, case.trajectory, k, colour, 0.3, 0.7)
+            draw_bodies(axes, drawn, truth, group, k)
             time = f"{number(float(truth.t_s[k]), 3)} s"
             bare_axes(axes, 0.75, time)
             if column == 0:
-                names = " = ".join(map(method_name, (case, *equal)))
+                names = " = ".join(map(method_name, group))
                 title = axes.text2D(0.0, 1.25, names, fontsize=6, transform=axes.transAxes)
                 title.set_in_layout(False)  # or a long one would widen its column
 
@@ -114,21 +114,39 @@ def equal_motions(problem: Problem, cases: Sequence[CaseResult]) -> list[list[Ca
 
 
 def draw_bodies(
-    axes: Any, drawn: DrawnBodies, motion: Trajectory, k: int, colour: str, opacity: float, marked: float
-) -> Any:
-    """Draw the bodies at sample k and return them; their marked faces have the opacity `marked`."""
+    axes: Any, drawn: DrawnBodies, truth: Trajectory, group: Sequence[CaseResult], k: int
+) -> list[tuple[Any, Trajectory]]:
+    """Draw the true bodies at sample k, over them those of equal motions, and return both with their motions.
+
+    Each engine of the group colours its share of the faces.
+    """
     from matplotlib.colors import to_rgba
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
-    opacities = [marked if is_marked else opacity for is_marked in drawn.marked]
-    body = Poly3DCollection(
-        drawn.polygons(motion, k),
-        facecolors=[to_rgba(colour, own) for own in opacities],
-        edgecolors=colour,
-        linewidths=0.6 if len(opacities) <= _FEW_FACES * len(drawn.surfaces) else 0.1,
-    )
-    axes.add_collection3d(body)
-    return body
+    def draw(motion: Trajectory, colours: Sequence[str], opacity: float, marked: float, dash: Any) -> Any:
+        faces = [
+            to_rgba(colours[k * len(colours) // len(one.faces)], marked if k in one.marked else opacity)
+            for one in drawn.surfaces
+            for k in range(len(one.faces))
+        ]
+        body = Poly3DCollection(
+            drawn.polygons(motion, k),
+            facecolors=faces,
+            edgecolors=[face[:3] for face in faces],
+            linewidths=0.6 if len(faces) <= _FEW_FACES * len(drawn.surfaces) else 0.1,
+            linestyles=dash,
+        )
+        axes.add_collection3d(body)
+        return body
+
+    axes.computed_zorder = False  # the order of distances, which changes while two bodies turn
+    motion = group[0].trajectory
+    assert motion is not None
+    own = [COLOURS[engine_colour(engine)] for engine in dict.fromkeys(c.columns["engine"] for c in group)]
+    return [
+        (draw(truth, [TRUTH], 0.05, 0.3, (0, TRUTH_DASH)), truth),
+        (draw(motion, own, 0.25, 0.85, "solid"), motion),
+    ]
 
 
 def method_name(case: CaseResult) -> str:

@@ -113,11 +113,6 @@ class DrawnBodies:
         surfaces = (BodySurface(box / reach, BOX_FACES, frozenset((1,)), "a box") for box in boxes)
         return cls(tuple(surfaces), middle, 1.0 / reach)
 
-    @property
-    def marked(self) -> list[bool]:
-        """Whether each face of all bodies is marked."""
-        return [k in one.marked for one in self.surfaces for k in range(len(one.faces))]
-
     def polygons(self, motion: Trajectory, k: int) -> list[Array]:
         """Return the corners (m, 3) of all faces at sample k."""
         if not self.scale:

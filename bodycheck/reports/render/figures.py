@@ -23,7 +23,16 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measure_bounds import TRUTH_BOUNDS, floor_of
 from bodycheck.reports.measurement.measures import MEASURES, scale_of
-from bodycheck.reports.render.styles import COLOURS, Style, engine_colour, heading, merged, styles
+from bodycheck.reports.render.styles import (
+    COLOURS,
+    CONTEXT,
+    Style,
+    engine_colour,
+    heading,
+    merged,
+    stacked,
+    styles,
+)
 from bodycheck.reports.run_files.run_tables import (
     MethodKey,
     Run,
@@ -51,7 +60,6 @@ _LEGEND_LINE_IN = 0.115  # of a line of a legend of 6 points
 _LABEL_LETTERS = 52  # of a line of the legend, so that it fits one column
 _NAME_LETTERS = 36  # of a line of names next to the axes
 _MOST_ENTRIES = 12  # of a legend; the other lines are grey
-_OTHERS = "#b5b5b5"
 _DOTS_PER_INCH = 300
 _MARKERS = {
     "circle": "o",
@@ -375,7 +383,7 @@ def _legend(page: Figure, axes: Axes, appearance: Appearance, orders: Mapping[st
     labels = [_legend_text(str(group[0].get_label()), appearance, orders) for group in named]
     if others:
         for line in (line for group in others for line in group):
-            line.set(color=_OTHERS, linewidth=0.6, marker="", zorder=1, label="_other")
+            line.set(color=CONTEXT, linewidth=0.6, marker="", zorder=1, label="_other")
         named.append(others[0][:1])
         labels.append(f"{len(others)} more: --engine selects")
     handles: Any = [tuple(group) for group in named]  # drawn on top of each other
@@ -496,19 +504,19 @@ def _stability(axes: Axes, rows: pd.DataFrame, drawn: Mapping[MethodKey, Style])
     groups = [*merged(alike), *([key] for key in found if key not in alike)]
     most_lines = 1
     for group in sorted(groups, key=lambda group: [*found].index(group[0])):
-        row, engines = found[group[0]], _one_per_engine(group)
+        row = found[group[0]]
         why = "" if group[0] in alike else f" ({'none' if row['outcome'] == 'ok' else row['outcome']})"
         text = " = ".join(drawn[key].name for key in group) + why
         label = "\n".join(textwrap.wrap(text, _NAME_LETTERS, break_on_hyphens=False))
         is_open = bool(np.isnan(row["dt_unstable_s"]))
         most_lines = max(most_lines, label.count("\n") + 1)
-        for rank, key in [*enumerate(engines)][::-1]:  # the first engine is on top
+        for key, above in stacked(group):
             axes.plot(
                 [row["dt_stable_s"]],
                 [label],
                 color=COLOURS[drawn[key].colour],
                 marker=_MARKERS[drawn[key].marker],
-                markersize=4 + 2 * rank,
+                markersize=4 + 2 * above,
                 fillstyle="none" if is_open else "full",
                 linestyle="none",
             )
@@ -566,25 +574,20 @@ def _draw(
     names = [_label(drawn[key], [case for case in cases if key_of(case.columns) == key]) for key in group]
     if not len(points[0]) and names == [drawn[key].name for key in group]:
         return
-    by_engine = _one_per_engine(group)
-    for rank, key in enumerate(by_engine):
-        style, below = drawn[key], len(by_engine) - 1 - rank
+    by_engine = stacked(group)
+    for key, above in by_engine:
+        style = drawn[key]
         axes.plot(
             *points,
-            label=" = ".join(names) if rank == 0 else None,
+            label=" = ".join(names) if key == group[0] else None,
             color=COLOURS[style.colour],
             marker=_MARKERS[style.marker] if markers else None,
-            markersize=4 + 1.5 * below,
+            markersize=4 + 1.5 * above,
             markerfacecolor="none",
             markeredgewidth=0.7,
-            linewidth=0.8 + 1.4 * below,
+            linewidth=0.8 + 1.4 * above,
             linestyle="solid" if len(by_engine) > 1 else style.linestyle,
         )
-
-
-def _one_per_engine(group: Sequence[MethodKey]) -> list[MethodKey]:
-    """Return the first method of each engine, in order."""
-    return list({key[0]: key for key in reversed(group)}.values())[::-1]
 
 
 def _label(style: Style, cases: Sequence[CaseResult]) -> str:

@@ -31,6 +31,7 @@ from bodycheck.reports.render.page.scenario_section import (
 )
 from bodycheck.reports.render.styles import Style, engine_colour, heading, styles
 from bodycheck.reports.run_files.report_files import further_pages
+from bodycheck.reports.run_files.run_reader import FAILED_CHECKS
 from bodycheck.reports.run_files.run_tables import MethodKey, Run, key_of
 from bodycheck.reports.run_files.tables import Row
 from bodycheck.reports.summary.cells import Cell, faults_of
@@ -111,13 +112,10 @@ class ReportPart:
         return f"{self.number + further}.html"
 
 
-def report_pages(
-    run: Run, name: str = "report.html", failed: Sequence[str] = ()
-) -> Iterator[tuple[str, str]]:
+def report_pages(run: Run, name: str = "report.html") -> Iterator[tuple[str, str]]:
     """Yield the pages of the report of a run, each with its path relative to the first one, which is last.
 
-    Each page needs no network, and no other file. name: of the first page. failed: the checks of the run that
-    failed, in words, which stand first.
+    Each page needs no network, and no other file. name: of the first page.
     """
     if not run.cases:
         yield name, _WITHOUT_CASES
@@ -147,7 +145,7 @@ def report_pages(
         held.append(new)
     while parts and held:
         yield next_page(last=True)
-    yield name, report.first(rows, [one.html for one in held], parts, failed)
+    yield name, report.first(rows, [one.html for one in held], parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +192,6 @@ class _Report:
             "errors": ERRORS,
             "most_rows": _MOST_ROWS,
             "with_motions": len(self._tracks),
-            "css": asset("templates/report.css"),
             "js": Markup("\n").join(asset(f"templates/{name}.js") for name in _SCRIPTS),
             "plotly": asset("vendor/plotly-basic.min.js"),
         }
@@ -226,13 +223,7 @@ class _Report:
             more=more,
         )
 
-    def first(
-        self,
-        rows: Sequence[MapRow],
-        sections: Sequence[Markup],
-        parts: Sequence[ReportPart],
-        failed: Sequence[str],
-    ) -> str:
+    def first(self, rows: Sequence[MapRow], sections: Sequence[Markup], parts: Sequence[ReportPart]) -> str:
         """Return the first page: that of the whole run, with its sections unless these are on `parts`."""
         run = self._run
         by_error = {error: costs(run.problems, run.cases, error) for error in ERRORS}
@@ -249,7 +240,7 @@ class _Report:
             part=None,
             parts=parts,
             conclusion=self._summary.conclusion,
-            failed=failed,
+            failed=run.manifest.get(FAILED_CHECKS, ()),
             findings=faulty(self._summary.worst),
             alike=self._summary.shared,
             sentences=[*verdict_sentences(self._summary.cells, self._summary.worst), *cost_sentences(front)],

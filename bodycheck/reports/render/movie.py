@@ -19,7 +19,7 @@ from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.render.body_figures import (
-    GHOST,
+    KEY,
     bare_axes,
     draw_bodies,
     draw_frames,
@@ -29,7 +29,7 @@ from bodycheck.reports.render.body_figures import (
 from bodycheck.reports.render.body_surface import DrawnBodies
 from bodycheck.reports.render.figures import WIDTHS_IN, check_drawable, figure_bytes, rendering
 from bodycheck.reports.render.page.played_motions import shown_cases
-from bodycheck.reports.render.styles import COLOURS, engine_colour
+from bodycheck.reports.render.styles import TRUTH
 from bodycheck.reports.run_files.run_tables import Run, coarsest_shared_step
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def movie(
 
         if suffix == ".svg":
             page = Figure(figsize=(WIDTHS_IN[2], 1.0), layout="constrained")
-            page.suptitle(f"{scenario}, dt {step(filmed[0].dt_s)} s", fontsize=8)
+            page.suptitle(f"{scenario}, dt {step(filmed[0].dt_s)} s ({KEY})\n", fontsize=8)
             draw_frames(page, problem, filmed)
             return figure_bytes(page, suffix)
         with tempfile.TemporaryDirectory() as folder:  # a writer of matplotlib needs a path
@@ -158,20 +158,15 @@ def _panels(page: Figure, problem: Problem, cases: Sequence[CaseResult]) -> Call
     drawn = DrawnBodies.of(problem.scenario, truth)
     title = page.suptitle("", fontsize=_FONT, y=1.0 - 0.4 * _LINE)
     momentum = _momentum(problem)
-    key = "grey: truth" if momentum is None else "grey: truth, arrow: angular momentum"
+    key = KEY if momentum is None else f"{KEY}, with its angular momentum"
     bodies: list[tuple[Any, Trajectory]] = []
     labels: list[Any] = []
-    for index, (case, name) in enumerate(zip(cases, names, strict=True)):
+    for index, (group, name) in enumerate(zip(groups, names, strict=True)):
         axes: Any = page.add_subplot(rows, columns, index + 1, projection="3d")
-        axes.computed_zorder = False  # the order of distances, which changes while two bodies turn
-        assert case.trajectory is not None
-        colour = COLOURS[engine_colour(case.columns["engine"])]
-        ghost = draw_bodies(axes, drawn, truth, 0, GHOST, 0.05, 0.3)
-        body = draw_bodies(axes, drawn, case.trajectory, 0, colour, 0.25, 0.85)
+        bodies += draw_bodies(axes, drawn, truth, group, 0)
         if momentum is not None:
-            axes.quiver(0.0, 0.0, 0.0, *momentum, color="black", linewidth=0.8, arrow_length_ratio=0.1)
+            axes.quiver(0.0, 0.0, 0.0, *momentum, color=TRUTH, linewidth=1.2, arrow_length_ratio=0.1)
         bare_axes(axes, 0.75, name, fontsize=_FONT)
-        bodies += [(ghost, truth), (body, case.trajectory)]
         labels.append(axes.text2D(0.5, 0.0, "", fontsize=_FONT, ha="center", transform=axes.transAxes))
 
     def show(k: int) -> None:

@@ -5,6 +5,7 @@ Lines that cannot be distinguished are drawn as one, with the names of all.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -15,6 +16,7 @@ import numpy as np
 from bodycheck.adapters.engine_names import REFERENCE
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.run_files.run_tables import MethodKey
+from bodycheck.reports.templating import asset
 
 _COLOURS = {"mujoco": 0, "pybullet": 1, "dart": 2, REFERENCE: 3}
 """Engine -> the number of its colour, the same in every report, figure and page."""
@@ -22,11 +24,16 @@ _COLOURS = {"mujoco": 0, "pybullet": 1, "dart": 2, REFERENCE: 3}
 KNOWN_COLOURS = len(_COLOURS)
 """The number of the first colour that is not an engine's own."""
 
-COLOURS = (  # after Okabe and Ito
-    *("#0072b2", "#c44e00", "#00805c", "#1a1a1a"),
-    *("#a8487f", "#8a6d00", "#2f86b5", "#7a5cc0"),
-)
-"""The colours on white, by number; report.css has them as well, and those for a dark page."""
+_ON_WHITE = dict(re.findall(r"--([\w-]+): (#\w+)", asset("templates/report.css").partition("@media")[0]))
+
+COLOURS = tuple(_ON_WHITE[f"engine-{number}"] for number in range(8))
+"""The colours of engines on white, by number, as pages have them."""
+
+TRUTH, CONTEXT = _ON_WHITE["truth"], _ON_WHITE["context"]
+"""The colours of the truth and of lines that are not selected, on white."""
+
+TRUTH_DASH = (4, 3)
+"""The dash of the edges of the true body."""
 
 MARKERS = {
     "circle": "M14 6a4 4 0 1 0 8 0a4 4 0 1 0-8 0z",
@@ -88,6 +95,15 @@ def styles(keys: Iterable[MethodKey]) -> dict[MethodKey, Style]:
         )
         for i, (engine, method) in enumerate(ordered)
     }
+
+
+def stacked(keys: Iterable[MethodKey]) -> list[tuple[MethodKey, int]]:
+    """Return the first method of each engine, and the number of engines that are drawn on top of it.
+
+    A line of equal methods is drawn once for each of their engines, the lower ones wider.
+    """
+    first = list({key[0]: key for key in [*keys][::-1]}.values())[::-1]
+    return [(key, len(first) - 1 - rank) for rank, key in enumerate(first)]
 
 
 ALIKE = 2e-3

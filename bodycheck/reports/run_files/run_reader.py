@@ -45,6 +45,8 @@ from bodycheck.scenarios.reader import fault_lines
 from bodycheck.scenarios.serialization import deserialized
 
 MANIFEST = "manifest.json"
+FAILED_CHECKS = "failed_checks"
+"""The key of a manifest for the checks of pytest or of gates that failed, in words."""
 _MAX_INSIDE = 1000
 _SAME = 1e-6  # relative tolerance between an error measured again and the one in the table
 
@@ -391,6 +393,7 @@ class ManifestFile(BaseModel):
     motions_s: _Number | None = None
     speeds_s: _Number | None = None
     run_s: _Number | None
+    failed_checks: list[_Text] = []
 
 
 def check_manifest(path: Path, manifest: Any) -> dict[str, Any]:

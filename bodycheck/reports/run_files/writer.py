@@ -11,7 +11,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.files import check_folder, unfinished_name
+from bodycheck._util.files import atomic_write, check_folder, unfinished_name
 from bodycheck.adapters.workers.protocol import Message, read_back_message
 from bodycheck.reference_impl.truth.truth import QUANTITIES
 from bodycheck.reports.measurement.case import CaseResult
@@ -75,8 +75,13 @@ def write_tables(run: Run, folder: Path) -> None:
     """Write the tables, manifest.json and read_back.json: all that read_tables needs, and the read-backs."""
     for name in TABLES:
         (folder / f"{name}.csv").write_bytes(as_csv(getattr(run, name)))
-    (folder / "manifest.json").write_text(json.dumps(run.manifest, indent=2) + "\n", encoding="utf-8")
+    write_manifest(run, folder)
     (folder / "read_back.json").write_text(json.dumps(_read_backs(run)) + "\n", encoding="utf-8")
+
+
+def write_manifest(run: Run, folder: Path) -> None:
+    """Write manifest.json, also over an earlier one."""
+    atomic_write(folder / "manifest.json", (json.dumps(run.manifest, indent=2) + "\n").encode())
 
 
 def write_trajectories(run: Run, trajectories: Path) -> None:

@@ -32,7 +32,7 @@ function answerRow(row) {
   const cell = line.appendChild(cellOf("", 6));
   for (const text of [row.snippet, row.reproduce].filter(Boolean)) {
     const code = cell.appendChild(document.createElement("div")).appendChild(document.createElement("code"));
-    code.textContent = text;
+    showCommand(code, text);
     code.title = text;
     addCopyButton(code);
   }

@@ -1,4 +1,5 @@
 // Draws a rotating body, its momentum and its omega on a canvas: two square views, one above the other.
+const TRUTH_DASH = [4, 3]; // of the edges of the true body, as in figures
 const SHARP = 0.8; // faces whose normals have a smaller cosine meet in an edge that is drawn
 
 const askew = v => (Math.abs(v[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0]);
@@ -116,7 +117,7 @@ class View {
       context.setLineDash([]);
       context.fill();
       context.stroke();
-      for (const edge of face.sharp) this.line(edge.map(i => corners[i]), paint.edge, 1);
+      for (const edge of face.sharp) this.line(edge.map(i => corners[i]), paint.edge, 1, paint.dash);
     }
   }
 
@@ -126,7 +127,7 @@ class View {
     const towards = normals.map(normal => dot(normal, eye) > 0);
     for (const { ends, between, sharp } of edges) {
       const shown = between.filter(k => towards[k]).length;
-      if (shown && (sharp || shown < between.length)) this.line(ends.map(i => corners[i]), ink, 1.25, [4, 3]);
+      if (shown && (sharp || shown < between.length)) this.line(ends.map(i => corners[i]), ink, 1.25, TRUTH_DASH);
     }
   }
 

@@ -104,26 +104,28 @@ function drawJoints(context, motion, track, size, now) {
       context.lineWidth = width;
       context.stroke();
     };
-    curve(motion.truth.joints[k], colour("--trace"), 3);
-    if (track.joints[k]) curve(track.joints[k].slice(0, now), track === motion.truth ? colour("--trace") : engineColour(track.m), 1.5);
+    curve(motion.truth.joints[k], colour("--truth"), 3);
+    if (track.joints[k]) curve(track.joints[k].slice(0, now), track === motion.truth ? colour("--truth") : engineColour(track.m), 1.5);
     context.fillStyle = colour("--ink");
     context.font = "11px sans-serif";
     context.fillText(`${name.replace(/\.(\w+)$/, ", $1")}: ${short(low, 3)} to ${short(most, 3)}`, 4, top + 12);
   });
 }
 
+const paintOf = (ink, isTruth) => ({ paper: colour("--paper"), ink, edge: ink, dash: isTruth ? TRUTH_DASH : [] });
+
 function drawTree(context, motion, track, size, t) {
   const { truth } = motion;
-  const [ink, faint] = [track === truth ? colour("--trace") : engineColour(track.m), colour("--trace")];
+  const [ink, faint] = [track === truth ? colour("--truth") : engineColour(track.m), colour("--truth")];
   const world = new View(context, motion.world, size, 0, motion.reach);
   for (const part of posedTree(motion, track, t)) {
     for (const stick of part.sticks) world.line(stick, ink, 3);
-    world.body(part, { paper: colour("--paper"), ink, edge: ink });
+    world.body(part, paintOf(ink, track === truth));
   }
   if (track !== truth) {
     for (const part of posedTree(motion, truth, t)) {
       world.ghost(part, faint);
-      for (const stick of part.sticks) world.line(stick, faint, 1.25, [4, 3]);
+      for (const stick of part.sticks) world.line(stick, faint, 1.25, TRUTH_DASH);
     }
   }
   drawJoints(context, motion, track, size, motion.t.findLastIndex(sample => sample <= t) + 1);
@@ -141,8 +143,8 @@ function drawTrack(canvas, motion, track, t) {
     return;
   }
   const { truth, moments, semiaxes } = motion;
-  const ink = track === truth ? colour("--trace") : engineColour(track.m);
-  const faint = colour("--trace");
+  const ink = track === truth ? colour("--truth") : engineColour(track.m);
+  const faint = colour("--truth");
   const state = stateAt(track, motion.t, t);
   const ghost = stateAt(truth, motion.t, t);
   const now = motion.t.findLastIndex(sample => sample <= t) + 1;
@@ -151,7 +153,7 @@ function drawTrack(canvas, motion, track, t) {
   const world = new View(context, motion.world, size, 0, 1.05);
   const trace = points => points.map(w => scaled(w, 0.75 / widest));
   world.line(trace(truth.herpolhode), faint, 1);
-  world.body(posed(motion.surface, state.q), { paper: colour("--paper"), ink, edge: ink });
+  world.body(posed(motion.surface, state.q), paintOf(ink, track === truth));
   if (track !== truth) world.ghost(posed(motion.surface, ghost.q), faint);
   world.line(trace(track.herpolhode.slice(0, now)), ink, 1.5);
   const arrow = of => scaled(momentum(of, moments), 0.8 / motion.L);

@@ -2,6 +2,7 @@
 const data = JSON.parse(document.getElementById("data").textContent);
 const [method, scenario, measure] = ["m", "s", "q"].map(id => document.getElementById(id));
 const plot = document.getElementById("plot");
+const caption = document.getElementById("caption");
 const colour = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const unique = values => [...new Set(values)];
 const DAY = 864e5;
@@ -28,10 +29,10 @@ function draw(chosen) {
   const engine = method.value.split(":").slice(0, -1).join(":");
   const traces = chosen.flatMap((one, index) => {
     const found = points(one);
-    const line = { color: colour(`--engine-${index % 8}`), width: 1.5 };
+    const line = { color: colour(`--engine-${data.colours[engine]}`), width: 1.5 };
     const value = {
       mode: "lines+markers", name: one.f, x: found.map(([run]) => data.dates[run]), y: found.map(([, y]) => y),
-      customdata: found.map(([run]) => data.runs[run]), line, marker: { size: 6 },
+      customdata: found.map(([run]) => data.runs[run]), line, marker: { size: 7, symbol: data.markers[index % data.markers.length] },
       hovertemplate: `%{y:.4g}<br>${one.f}<br>%{customdata}<extra></extra>`,
     };
     if (!one.l) return [value];
@@ -56,6 +57,8 @@ function draw(chosen) {
   }));
   const positive = measure.value !== "order" && chosen.every(one => one.v.every(([, , value]) => value > 0));
   const title = data.labels[measure.value];
+  const state = worse.length ? `worse than its level in ${worse.length} of ${data.runs.length} nightly runs` : "never worse than its level";
+  caption.textContent = `${title} of ${method.value} on ${scenario.value}: ${chosen.some(one => one.l) ? state : "without a level"}`;
   Plotly.react(plot, traces, {
     font: { family: "system-ui, sans-serif", size: 12, color: colour("--ink") },
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
