@@ -176,7 +176,7 @@ def test_advice_predicts_and_a_search_measures(command: Command) -> None:
     assert confirming is not None
     assert command(*confirming[1].split(), "--no-speed")[0] == 0
     first = command(*requested)[1].splitlines()[0]
-    assert re.fullmatch(rf"confirmed: \S+ <= 3e-5; use reference:rk4 with dt = {dt_s} s", first)
+    assert re.fullmatch(rf"confirmed: \S+ <= 3e-5 rad; use reference:rk4 with dt = {dt_s} s", first)
     Path("mine.toml").unlink()  # the run stores its scenarios
     status, out, err = command(*requested, "--search")
     assert status == 0, err

@@ -71,7 +71,7 @@ def test_advice_about_a_task_uses_its_torque_and_its_horizon_and_is_drawn(tmp_pa
     done = run_bodycheck(tmp_path, "advise", *body.split(), *task.split())
     assert done.returncode == 0, done.stderr
     assert re.match(
-        r"(confirmed: \S+ <= \S+; )?use mujoco:rk4 with dt = \S+ s(: error at most|\n)", done.stdout
+        r"(confirmed: \S+ <= \S+ rad; )?use mujoco:rk4 with dt = \S+ s(: error at most|\n)", done.stdout
     )
     (manifest,) = tmp_path.glob("bodycheck-runs/*/manifest.json")
     (scenario,) = json.loads(manifest.read_text())["scenarios"].values()

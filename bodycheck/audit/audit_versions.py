@@ -69,7 +69,8 @@ def _audit_finding(flags: str, audit: Audit) -> ReleaseFinding:
     differing = [one for one in comparisons if one.state == "differs"]
     largest = max((one.difference.largest for one in differing if one.difference is not None), default=0.0)
     causes = dict.fromkeys(cause for one in differing for cause in one.causes)
-    text = states_text if not causes else f"{states_text}, by up to {number(largest, 2)}: {'; '.join(causes)}"
+    size = f"by up to a relative {number(largest, 2)}"
+    text = f"{states_text}, {size}: {'; '.join(causes)}" if causes else states_text
     joints = [group for group in joint_groups(audit) if group.importer == column.name]
     of_joints = (f"{group.kind} in {count(len(group.joints), 'joint')}" for group in joints)
     return ReleaseFinding("; ".join([text, *of_joints]), "")

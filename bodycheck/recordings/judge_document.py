@@ -88,7 +88,7 @@ def _conservation(motion: JudgedMotion) -> Iterator[str]:
         if abs(signed) > max(FLOOR_BOUNDS * floor, _CONSERVED):
             yield f"The body {gain_word(signed)} {_share(abs(signed))} of its rotational energy."
         elif motion.momentum is None:
-            yield f"Rotational energy is conserved to {number(max(abs(signed), floor), 2)}."
+            yield f"Rotational energy is conserved to a relative {number(max(abs(signed), floor), 2)}."
     elif name is not None and not _is_at_floor(motion, name):
         signed = row[f"{name}{SIGNED}"]
         what = "its rotational energy" if name == _ENERGIES[0] else "its largest kinetic energy"
@@ -99,12 +99,13 @@ def _momentum_sentence(change: MomentumChange, floor: float, *, free: bool) -> s
     largest = max(change.size, change.direction_rad)
     sizes = f"{_share(change.size)} of |L|, direction {number(change.direction_rad, _DIGITS)} rad"
     if largest <= FLOOR_BOUNDS * floor:
-        resolved = f"to what the file resolves ({number(floor, 2)})"
+        resolved = f"to what the file resolves ({number(floor, 2)} of |L|)"
         return f"Angular momentum is {'conserved' if free else 'the true one'}, {resolved}."
     if not free:
         return f"Angular momentum is off the truth by {sizes}."
     if largest < _CONSERVED:
-        return f"Angular momentum is conserved to {number(largest, 2)}."
+        direction = number(change.direction_rad, 2)
+        return f"Angular momentum is conserved to {number(change.size, 2)} of |L| and {direction} rad."
     if change.size < _CONSERVED:
         turn = number(change.direction_rad, _DIGITS)
         return f"Angular momentum is not conserved: its direction turns by {turn} rad; its size is constant."
@@ -151,8 +152,8 @@ def _cause(motion: JudgedMotion, found: Diagnosis | None, dt_s: float | None) ->
         hint = "" if dt_s is not None else "; --dt, the step of the program, tells them apart"
         if not is_right:
             yield (
-                f"Each row is within {off} of the exact motion from the row before, as of a solver with that "
-                f"tolerance, or of a fault as small{hint}."
+                f"Each row is within a relative {off} of the exact motion from the row before, as of a "
+                f"solver with that tolerance, or of a fault as small{hint}."
             )
     elif found.verdict in ("healthy", "strapdown", "lower-order"):
         if not (is_right and found.start is None and found.base == EXACT.name):

@@ -166,7 +166,7 @@ def gradients_document(found: Sequence[EngineGradients]) -> Document:
             sentences.append(Sentence(text, "bad", strong=True))
         else:
             largest = max(block.own for one in measured for block in one.blocks)
-            text = f"{name}: derivatives are those of its own motions, to {number(largest, 2)}"
+            text = f"{name}: derivatives are those of its own motions, to a relative {number(largest, 2)}"
             sentences.append(Sentence(text, "good", strong=True))
         for one in wrong:
             cause = one.cause or "no known fault explains the deviations"

@@ -76,9 +76,11 @@ def steps(answer: ScenarioAdvice) -> list[tuple[str, str, float | None, float | 
     return [(one.engine, one.method, one.setting, one.cpu_s) for one in answer.options]
 
 
-def printed(capsys: pytest.CaptureFixture[str], answers: Sequence[ScenarioAdvice]) -> str:
-    """Return the output of `bodycheck advise --error 1e-3` with these answers."""
-    print_document(advice_document(Advice(ERROR, 1e-3, None, "there", tuple(answers))))
+def printed(
+    capsys: pytest.CaptureFixture[str], answers: Sequence[ScenarioAdvice], error: float = 1e-3
+) -> str:
+    """Return the output of `bodycheck advise --error` with these answers."""
+    print_document(advice_document(Advice(ERROR, error, None, "there", tuple(answers))))
     return capsys.readouterr().out
 
 
@@ -235,7 +237,7 @@ def test_a_method_without_an_option_on_one_scenario_has_none_on_all() -> None:
 def test_the_nearest_setting_is_shown_where_none_meets_the_error(capsys: pytest.CaptureFixture[str]) -> None:
     """The nearest setting is printed with its error and its command."""
     shown = printed(capsys, advise([*sequence("euler", [1e-1, 5e-2]), *sequence("rk4", [1e-3])], 1e-6))
-    assert "no setting is known to meet 1e-3; the nearest is mujoco:rk4 with dt = 0.1 s: " in shown
+    assert "no setting is known to meet 1e-3 rad; the nearest is mujoco:rk4 with dt = 0.1 s: " in shown
     assert "bodycheck run free --engine mujoco:rk4 --dt 0.1" in shown
 
 
@@ -274,6 +276,19 @@ def test_a_coarser_step_is_predicted_with_its_cost_and_command() -> None:
     assert option.snippet == "model.opt.timestep = 0.02"
 
 
+@pytest.mark.parametrize(("error", "proposed"), [(1e-9, True), (1e-20, False)])
+def test_a_search_is_proposed_only_where_a_finer_step_can_meet_the_error(
+    error: float, proposed: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Below every floor the answer is the smallest error, and no command that measures more."""
+    few = curves([case("rk4", 0.1, 1e-3, 1.0, truth_bound_rad=1e-15)], floor=1e-14)
+    answers = list(settings_within(few, error, ["free"]))
+    shown = printed(capsys, answers, error)
+    assert ("--search" in shown) == proposed
+    assert ("the smallest error is 1e-3 rad, of mujoco:rk4 with dt = 0.1 s" in shown) != proposed
+    assert bool(to_measure(few, answers, error)) == proposed
+
+
 @pytest.mark.parametrize("error", [5e-14, 1e-14, 1e-16, 1e-30])
 def test_no_error_near_the_floor_or_below_it_is_promised(error: float) -> None:
     """Finer steps only add round-off there: the smallest measured error is the best that is known."""
@@ -284,7 +299,7 @@ def test_no_error_near_the_floor_or_below_it_is_promised(error: float) -> None:
     assert answer.options == ()
     assert answer.nearest is not None
     assert answer.nearest.error == measured[-1]
-    assert answer.without == (("mujoco", "near the floor of round-off and of the truth, 1e-14"),)
+    assert answer.without == (("mujoco", "near the floor of round-off and of the truth, 1e-14 rad"),)
     for dt_s in (1e-4, 1e-5):
         (answer,) = errors_at(found, dt_s, ["free"])
         (option,) = answer.options
@@ -418,7 +433,7 @@ def test_the_last_line_of_an_answer_is_the_one_to_paste(capsys: pytest.CaptureFi
 @pytest.mark.parametrize(
     ("errors", "first"),
     [
-        ([1e-2 / 4**k for k in range(5)], "confirmed: 6.25e-4 <= 1e-3; use mujoco:rk2 with dt = 0.025 s"),
+        ([1e-2 / 4**k for k in range(5)], "confirmed: 6.25e-4 <= 1e-3 rad; use mujoco:rk2 with dt = 0.025 s"),
         (
             [2e-2 / 4**k for k in range(5)],
             "use mujoco:rk2 with dt = 0.02 s: error at most 8.03e-4 rad (predicted)",
@@ -445,7 +460,7 @@ def test_an_impractical_setting_is_left_out_unless_all_are_requested(
     assert len(answer.options) == (not why)
     if why:
         first = printed(capsys, [answer]).splitlines()[0]
-        assert first.startswith("nothing practical meets 1e-3; the nearest is mujoco:rk2 with dt = ")
+        assert first.startswith("nothing practical meets 1e-3 rad; the nearest is mujoco:rk2 with dt = ")
         assert first.endswith(f", but {why}")
     every = settings_within(curves(cases), 1e-3, ["free"], every=True)
     assert [one.setting for one in every[0].options] == [dt_s]

@@ -140,7 +140,8 @@ class Diagnosis:
         if self.verdict == "healthy":
             within = f", to {self.within}" if self.within else ""
             if self.per_sample is not None:
-                within = f" to {number(self.per_sample, 2)} per sample, as a solver with that tolerance gives"
+                off = number(self.per_sample, 2)
+                within = f" to a relative {off} per sample, as a solver with that tolerance gives"
             return f"no fault: the motion is that of {self.base_words}{within}{_equal(self.equal_maps)}"
         if self.verdict == "strapdown":
             omega = "omega is that of the exact motion"

@@ -86,7 +86,8 @@ class Resolution:
         decimals = -math.log10(size) if size > 0.0 else math.inf
         if abs(decimals - round(decimals)) < 1e-6 and decimals < 15.5:
             return f"the {round(decimals)} decimals of the file"
-        return f"the resolution of the file, {number(size, 2)} in {quantity}"
+        finest = f"{number(getattr(self, quantity), 2)} {UNITS[quantity]}"
+        return f"the resolution of the file, {finest} in {quantity}"
 
 
 NOT_RECORDED = Resolution()

@@ -70,10 +70,8 @@ def _parts(found: EngineDynamics) -> Iterator[Part]:
         yield Sentence(f"{readings}: {cause.text} ({cause.tree}{where})", "bad")
     for result in found.wrong:
         if result.at_rest is not None and result.worst is not None and result.at_rest < 1e-6 * result.worst:
-            yield Sentence(
-                f"{LABELS[result.reading]}: right at rest ({number(result.at_rest, 2)}), wrong in motion",
-                "bad",
-            )
+            right = f"right at rest, to a relative {number(result.at_rest, 2)}"
+            yield Sentence(f"{LABELS[result.reading]}: {right}, wrong in motion", "bad")
     for reading in found.unexplained:
         elsewhere = " of the other trees" if any(reading in cause.readings for cause in found.causes) else ""
         yield Sentence(f"{LABELS[reading]}: no known fault explains those{elsewhere}", "open")
@@ -90,9 +88,9 @@ def _right(measured: list[ReadingResult]) -> str:
     right = [one for one in measured if one.verdict == "right"]
     if not right:
         return "nothing right"
-    worst = max(one.worst or 0.0 for one in right)
+    worst = number(max(one.worst or 0.0 for one in right), 2)
     largest = max(one.read for one in right)
-    return f"{count(len(right), 'reading')} right to {number(worst, 2)} in {count(largest, 'tree')}"
+    return f"{count(len(right), 'reading')} right to a relative {worst} in {count(largest, 'tree')}"
 
 
 def _row(one: ReadingResult) -> tuple[str | Span, ...]:

@@ -11,10 +11,8 @@ from rich.console import Console
 from rich.progress import Progress, ProgressColumn, SpinnerColumn, Task
 from rich.text import Text
 
-from bodycheck._util.formatting import count
 from bodycheck.reports.document import shortened
 
-_S_PER_KERNEL = 0.7  # of a cold `bodycheck run intermediate-axis --engine mujoco:rk4`, on two cores
 _SPINNER_WIDTH = 2
 _MAX_SILENCE_S = 30.0  # of a log
 
@@ -70,8 +68,8 @@ class _Line(ProgressColumn):
         if note and task.finished:  # nothing is left to be counted, but the work goes on
             description, amount, unit, note = f"after all{unit}: {note.strip(' ()')}", "", "", ""
         times = f", elapsed {_clock(task.elapsed)}"
-        if task.time_remaining:  # None before two are done, 0 where only uncounted work is left
-            times += f", remaining {_clock(task.time_remaining)}"
+        if task.total and task.elapsed and 1 < task.completed < task.total:  # the latest may not be typical
+            times += f", remaining {_clock(task.elapsed * (task.total / task.completed - 1.0))}"
         room = self._console.width - _SPINNER_WIDTH - len(amount + unit + times)
         text = f"{description}{amount}{unit}{note}{times}"
         if len(text) > self._console.width - _SPINNER_WIDTH:
@@ -122,8 +120,7 @@ class LiveProgress:
         total = max(total, done + 1)
         if not self._compiling:
             self._compiling = True
-            note = f" (first run, about {_rounded(total * _S_PER_KERNEL)})"
-            self._show("compiling", note, total=total, unit=" kernels")
+            self._show("compiling", " (first run only)", total=total, unit=" kernels")
         self._bar.update(self._task, completed=done, total=total)
 
     def truth_started(self, scenario: str) -> None:
@@ -159,10 +156,3 @@ class LiveProgress:
             self._bar.console.print(Text(name + unit * bool(note) + note))
         self._bar.remove_task(self._task)  # a task cannot lose its total
         self._task = self._bar.add_task(f"{self._label}{name}", total=total, note=note, unit=unit)
-
-
-def _rounded(seconds: float) -> str:
-    """Return "20 seconds" or "2 minutes"."""
-    if seconds < 45.0:
-        return f"{max(10, round(seconds, -1)):.0f} seconds"
-    return count(round(seconds / 60.0), "minute")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TypeAlias
 
@@ -15,6 +15,7 @@ from bodycheck.adapters.engine_names import REFERENCE, with_method
 from bodycheck.adapters.registry import requested_name
 from bodycheck.reports.measurement.case import ALLOW_CODE, CaseResult, scenario_spec
 from bodycheck.reports.measurement.measures import MEASURES, QUANTITIES
+from bodycheck.reports.measurement.verdicts import unit_of
 from bodycheck.reports.run_files.run_tables import MethodKey
 from bodycheck.reports.summary.error_curve import (
     MAX_STEPS,
@@ -89,7 +90,7 @@ class ScenarioAdvice:
     options: the best option of each engine, or, for the error of a step, of each method; best first, the
     reference last. left_out: the best one of each engine whose options are all impractical. without: each
     other engine or method with the reason. nearest: the option with the smallest measured error where there
-    is no other; None where nothing was measured.
+    is no other; None where nothing was measured. searchable: whether a finer step may have a smaller error.
     """
 
     scenario: str | None
@@ -97,6 +98,7 @@ class ScenarioAdvice:
     without: tuple[tuple[str, str], ...] = ()
     nearest: Option | None = None
     left_out: tuple[Option, ...] = ()
+    searchable: bool = False
 
 
 @dataclass(frozen=True)
@@ -138,9 +140,15 @@ def settings_within(
 
     by_scenario = _by_scenario(curves)
     each = {name: _found(by_scenario.get(name, {}), best, why, nearest=predicted) for name in scenarios}
-    answers = [_cheapest_of_engines(name, *each[name], every=every) for name in scenarios]
+    finer = {name for (name, _), curve in curves.items() if predicted and curve.finer_step(error) is not None}
+    answers = [
+        replace(_cheapest_of_engines(name, *each[name], every=every), searchable=name in finer)
+        for name in scenarios
+    ]
     if len(scenarios) > 1:
-        answers.insert(0, _cheapest_of_engines(None, *_over_all(each, curves, error), every=every))
+        together = _cheapest_of_engines(None, *_over_all(each, curves, error), every=every)
+        open_ends = all(one.options or one.left_out or one.searchable for one in answers)
+        answers.insert(0, replace(together, searchable=open_ends))
     return tuple(answers)
 
 
@@ -298,7 +306,8 @@ def _why_none(curve: ErrorCurve, error: float | None) -> str:
     if curve.verdict in NO_BETTER:
         return f"{curve.verdict}: finer steps do not reduce the error reliably"
     if error is not None and error < curve.least_predicted:
-        return f"near the floor of round-off and of the truth, {curve.floor:.2g}"
+        floor = f"{curve.floor:.2g}{unit_of(curve.quantity)}"
+        return f"near the floor of round-off and of the truth, {floor}"
     if not curve.is_predictable:
         return "the errors at the measured steps follow no order, so that none is predicted"
     return f"needs more than {number(MAX_STEPS)} steps"
@@ -318,9 +327,11 @@ def _cheapest_of_engines(
     ranked = sorted(best.values(), key=rank)
     shown = tuple(one for one in ranked if every or not one.impractical)
     without: dict[str, str] = {}
-    for (engine, _), why in reasons.items():
-        if engine not in best:
-            without.setdefault(engine, why)
+    for key in sorted(
+        reasons, key=lambda key: key not in nearest
+    ):  # first why measured methods do not meet it
+        if key[0] not in best:
+            without.setdefault(key[0], reasons[key])
     closest = None if best else min(nearest.values(), key=lambda one: one.error, default=None)
     return ScenarioAdvice(scenario, shown, tuple(without.items()), closest, tuple(ranked[len(shown) :]))
 

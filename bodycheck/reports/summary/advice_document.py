@@ -70,9 +70,13 @@ def _conclusion(advice: Advice, answer: ScenarioAdvice, best: Option) -> str:
     if advice.error is None:
         engine = "" if best.engine == REFERENCE else " engine"  # the reference is listed last
         return f"most accurate{engine} with dt = {step(advice.dt_s)} s: {best.name}, {error}{basis}"
-    tolerance = brief(advice.error)
+    tolerance = f"{brief(advice.error)}{unit_of(advice.measure)}"
     if best is answer.nearest:
-        return f"no setting is known to meet {tolerance}; the nearest is {_named(best)}: {error}"
+        if answer.searchable:
+            return f"no setting is known to meet {tolerance}; the nearest is {_named(best)}: {error}"
+        return (
+            f"no setting meets {tolerance}; the smallest {error.replace('at most', 'is')}, of {_named(best)}"
+        )
     if not answer.options:
         return f"nothing practical meets {tolerance}; the nearest is {_named(best)}, but {best.impractical}"
     if best.basis == "measured":
@@ -117,7 +121,7 @@ def _best_row(answer: ScenarioAdvice) -> tuple[str, ...]:
 
 def _commands(answer: ScenarioAdvice, best: Option) -> Iterator[Part]:
     """Yield the command that measures a setting, and the line that selects it in a program."""
-    if best is answer.nearest:
+    if best is answer.nearest and answer.searchable:
         yield Sentence("--search measures finer steps", "open")
     if best.confirm:
         yield Command(best.confirm, "measured by" if best.basis == "measured" else "confirm with")

@@ -89,8 +89,8 @@ def _stated(scenario: str, name: str, rows: Sequence[Mapping[str, Any]], facts: 
         f"{name}: {_ERRORS[measured]} {spread}{number(max(errors), 3)} {unit} from the truth"
     )
     details = (
-        f"They agree to {number(apart, 1)} per step of {number(rows[0]['dt_s'], 3)} s, and the next map is "
-        f"{number(farther, 1)} times farther: {names([':'.join(key_of(row)) for row in rows])}"
+        f"They agree to a relative {number(apart, 1)} per step of {number(rows[0]['dt_s'], 3)} s, and the "
+        f"next map is {number(farther, 1)} times farther: {names([':'.join(key_of(row)) for row in rows])}"
         f"{f'; the error is{where}' if where else ''}."
     )
     is_free = "joint" not in facts["body"][0] and not facts.get("forcing")
