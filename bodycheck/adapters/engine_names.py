@@ -141,7 +141,7 @@ def with_method(engine: str, method: str) -> str:
 
 
 REFERENCE = "reference"
-"""The engine that is not one: bodycheck's own methods, listed after the engines and grey in figures."""
+"""The engine that is not one: bodycheck's own methods, listed after the engines."""
 
 
 def is_named(names: Collection[str], engine: str, method: str) -> bool:

@@ -614,7 +614,7 @@ def movie(
     allow_code: _AllowCode = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write an animation of one scenario: the body of each engine, with the truth over it in grey.
+    """Write an animation of one scenario: the body of each engine, with the truth in grey.
 
     For each engine, the method farthest from the truth is shown; equal motions are one body with all their
     names. An animation has at most 200 frames, each a stored sample, and lasts about 10 s; MP4 needs ffmpeg
