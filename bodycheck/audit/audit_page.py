@@ -15,6 +15,7 @@ from bodycheck.audit.audit_document import audit_document, joint_numbers, tint_o
 from bodycheck.audit.audit_summary import TINTS, by_severity, impossible, moving_joints, repeated
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.document import page
+from bodycheck.reports.render.styles import engine_colour
 
 _VIEW = 110.0  # side of a drawing in px
 _POINTS = 48
@@ -145,10 +146,10 @@ def _cell(link: LinkAudit, name: str, outcome: str, *, impossible: bool, repeate
     if impossible and tint in ("good", "floor"):
         tint, text = "open", f"{text}, but no body has these numbers"
     causes = () if repeated else one.causes  # the sentence on the importer states it
-    return _Cell(tint, text, causes, details, _ellipsoids(one))
+    return _Cell(tint, text, causes, details, _ellipsoids(one, name))
 
 
-def _ellipsoids(one: LinkImport) -> Markup:
+def _ellipsoids(one: LinkImport, importer: str) -> Markup:
     """Draw the equivalent uniform ellipsoids of both bodies about their centres of mass, to one scale."""
     if one.held is None or one.expected is None or not one.held.possible or not one.expected.possible:
         return Markup("")
@@ -171,9 +172,10 @@ def _ellipsoids(one: LinkImport) -> Markup:
         )
     half = _VIEW / 2.0
     label = escape("ellipsoids of inertia: dashed as stated, solid as held")
+    colour = engine_colour(importer.partition(":")[0])
     return Markup(
-        f'<svg viewBox="{-half} {-half} {_VIEW} {_VIEW}" width="{_VIEW:.0f}" height="{_VIEW:.0f}" role="img" '
-        f'aria-label="{label}">{"".join(paths)}</svg>'
+        f'<svg class="engine-{colour}" viewBox="{-half} {-half} {_VIEW} {_VIEW}" width="{_VIEW:.0f}" '
+        f'height="{_VIEW:.0f}" role="img" aria-label="{label}">{"".join(paths)}</svg>'
     )
 
 

@@ -16,6 +16,7 @@ from bodycheck.reports.document import Column, Document, Part, Sentence, Table
 from bodycheck.reports.measurement.convergence import Convergence
 from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS
 from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, SIGNED, gain_word
+from bodycheck.reports.render.styles import heading
 
 _DIGITS = 3
 _CONSERVED = 1e-6  # relative: a smaller change of a conserved quantity is no sentence of its own
@@ -181,7 +182,7 @@ def judgement_document(
                 for motion, case in zip(ranking.motions, cases, strict=True)
             ]
     if evidence:
-        parts += explanation_parts(cases)
+        parts += explanation_parts(cases, concluded=True)
     first, *others = (motion.path.name for motion in ranking.motions)
     more = f" and {count(len(others), 'more file')}" if others else ""
     return Document(f"Judgement of {first}{more}", tuple(parts))
@@ -216,7 +217,7 @@ def _ranking_parts(ranking: Ranking) -> Iterator[Part]:
     columns = (
         Column("#", "number"),
         Column("file", "name"),
-        *(Column(name.replace("_", " "), "number") for name in (*steps, *measures)),
+        *(Column(heading(name), "number") for name in (*steps, *measures)),
         Column("outcome"),
     )
     rows = tuple(

@@ -21,7 +21,18 @@ from bodycheck.examine.diagnosis.fit import planted
 from bodycheck.examine.diagnosis.transitions import QUANTITIES
 from bodycheck.examine.explanation.explain import ExplainedCase
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.document import Cell, Column, Command, Document, Part, Sentence, Span, Table, page
+from bodycheck.reports.document import (
+    MEDIA,
+    Cell,
+    Column,
+    Command,
+    Document,
+    Part,
+    Sentence,
+    Span,
+    Table,
+    page,
+)
 from bodycheck.reports.measurement.verdicts import FAULTS
 
 _HOLDS = 30.0  # multiples of the round-off
@@ -165,7 +176,7 @@ def _parts(one: ExplainedCase, *, alone: bool, concluded: bool) -> Iterator[Part
         yield _evidence_table(evidence_of(found), of)
         yield _issue_table([fault.name for fault in found.faults], of)
     if reproduce := one.case.columns.get("reproduce"):
-        yield Command(str(reproduce), "reproduce", only=("console", "markdown"))
+        yield Command(str(reproduce), "reproduce", only=MEDIA if alone else ("console", "markdown"))
 
 
 _NOT_EXAMINED = {
@@ -186,7 +197,8 @@ def _facts(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
     if found.verdict == "unexplained" and found.nearly:
         yield "nearest fault", found.nearly[0].sentence
     words = found.base_words
-    yield "map", words if words.startswith(found.base) else f"{found.base}: {words}"
+    if words not in found.sentence:
+        yield "map", words if words.startswith(found.base) else f"{found.base}: {words}"
     for fault in found.faults:
         for direction in fault.undetermined:
             yield (

@@ -227,7 +227,7 @@ def nightly_document(judged: Judgement) -> Document:
     first = headline(judged)
     columns = (Column("since"), Column("worse than its level"), Column("id", "fixed"))
     rows = tuple((one.duration, one.text, one.id) for one in open_lines(judged.open))
-    listed: tuple[Medium, ...] = MEDIA if len(rows) > 1 else ("page",)  # one is the headline
+    listed: tuple[Medium, ...] = MEDIA if len(rows) > 1 else ()  # one is the headline
     run = f"Nightly run {judged.newest.run_id}"
     return Document(
         first,

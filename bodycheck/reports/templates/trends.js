@@ -49,7 +49,7 @@ function draw(chosen) {
   const shaded = worse.map(run => ({
     type: "rect", yref: "paper", y0: 0, y1: 1, layer: "below", line: { width: 0 }, fillcolor: colour("--bad"), opacity: 0.6,
     x0: half(run ? (time[run] + time[run - 1]) / 2 : time[run] - DAY / 2),
-    x1: half(run + 1 < time.length ? (time[run] + time[run + 1]) / 2 : time[run] + DAY / 2),
+    x1: half(run + 1 < time.length ? (time[run] + time[run + 1]) / 2 : time[run] + (run ? time[run] - time[run - 1] : DAY) / 2),
   }));
   const releases = data.releases[engine] ?? [];
   const marks = releases.map(([run]) => ({
