@@ -16,6 +16,7 @@ from bodycheck.reports.comparison.change import FAILING, Change, Kind, Status
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.comparison.environment_diff import BUILD_OF
 from bodycheck.reports.comparison.headlines import (
+    Headline,
     distinct,
     factor,
     headlines,
@@ -143,16 +144,16 @@ def sentences(comparison: Comparison) -> list[str]:
     """Return what changed, one sentence per method, then the environment and how much was compared."""
     lines = lines_of(comparison)
     changed = [*headlines(lines), *(f"{text}." for text in moved_texts(comparison, lines))]
-    return [*(changed if comparison.changes else [nothing(comparison)]), *scope(comparison)]
+    return [*(changed if comparison.changes else [nothing(comparison)]), *scope(comparison, lines)]
 
 
-def scope(comparison: Comparison) -> list[str]:
+def scope(comparison: Comparison, lines: Iterable[Headline]) -> list[str]:
     """Return how much else changed, the environment, and how much was compared.
 
     A different build under the same version comes first, because no version number shows it.
     """
     found = []
-    if collapsed := _collapsed(comparison):
+    if collapsed := _collapsed(comparison, lines):
         found.append(collapsed)
     if not comparison.environment:
         found.append("The same machine, versions and settings.")
@@ -186,10 +187,11 @@ def commits_of(comparison: Comparison) -> str:
     return commit_range(*manifests) + (f": {url}" if url else "")
 
 
-def _collapsed(comparison: Comparison) -> str:
+def _collapsed(comparison: Comparison, lines: Iterable[Headline]) -> str:
     """Return how many changes improved, moved or are new, which only pages list."""
     parts = []
-    if improved := comparison.of_status("improved"):
+    better = (one for line in lines if line.direction == "improved" for one in line.changes)
+    if improved := [one for one in better if one.status == "improved"]:
         parts.append(f"{len(improved)} improved")
     if moved := comparison.of_status("moved"):
         parts.append(f"{len(moved)} moved{moved_text(moved, comparison.thresholds)}")

@@ -169,7 +169,7 @@ def nightly_sentences(judged: Judgement) -> list[str]:
         lines = lines_of(judged.comparison)
         better = [one for one in lines if one.direction != "worse"]
         found += headlines(better) if judged.changes else [nothing(judged.comparison)]
-        found += scope(judged.comparison)
+        found += scope(judged.comparison, lines)
         before = judged.comparison.before.run_id
         found.append(f"Compared with the accepted levels after the nightly run {before}.")
     wrong = faulty(Summary.of(judged.newest).worst)
