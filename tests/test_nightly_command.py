@@ -191,18 +191,19 @@ def test_history_is_listed_queried_and_pruned(folder: Path) -> None:
     """`list` prints one line per run, `query` a CSV of the result, and `prune` the names of removed runs."""
     run(), run()
     listed = bodycheck("history", "list", "kept")
-    heads, *lines, machine = listed.stdout.splitlines()
-    assert heads.split() == ["run", "status", "changes", "cases", "engines"]
-    assert [line.split()[1:-3] for line in lines] == [
+    heads, *lines, engines, machine = listed.stdout.splitlines()
+    assert heads.split() == ["run", "status", "changes", "cases"]
+    assert [line.split()[1:-1] for line in lines] == [
         ["insufficient", "history", "none"],
         ["no", "regression", "none"],
     ]
+    assert engines.startswith("Engines: reference ")
     assert machine.startswith("Machine: ")
     queried = bodycheck("history", "query", "kept", "SELECT count(*) AS nights FROM nights")
     assert queried.stdout.split() == ["nights", "2"]
     oldest = min(path.name for path in (folder / "kept").glob("2*"))
     assert bodycheck("history", "prune", "kept", "--keep", "1").stdout.split() == [oldest]
-    assert len(bodycheck("history", "list", "kept").stdout.splitlines()) == 3
+    assert len(bodycheck("history", "list", "kept").stdout.splitlines()) == 4
 
 
 @pytest.mark.parametrize(

@@ -415,5 +415,5 @@ def distance(check: GateCheck, gate: Gate) -> str:
     if check.beyond is None or math.isinf(check.beyond):
         return ""
     size = number(abs(check.beyond), 2)
-    unit = f"{size} decades" if gate.target.in_decades else size
+    unit = f"{size} decade{'s' * (size != '1')}" if gate.target.in_decades else size
     return f"{unit} {'beyond' if check.beyond > 0.0 else 'within'}"

@@ -271,15 +271,14 @@ def history_data(runs: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def history_document(runs: pd.DataFrame) -> Document:
-    """Return one row per nightly run, the oldest first, and the machine of all, or of each if they differ."""
-    machines = list(dict.fromkeys(runs["machine"]))
+    """Return one row per nightly run, the oldest first; engines and machine once where all have the same."""
     columns = [
         Column("run", "fixed"),
         Column("status", "fixed"),
         Column("changes"),
         Column("cases", "number"),
     ]
-    columns += [Column("engines"), *([Column("machine")] if len(machines) > 1 else [])]
+    columns += [Column(name) for name in ("engines", "machine") if runs[name].nunique() > 1]
     counted = [name for name in (*HEADINGS, "open") if name in runs]
     rows = [
         (
@@ -290,7 +289,11 @@ def history_document(runs: pd.DataFrame) -> Document:
         )
         for row in history_data(runs)
     ]
-    same = [Sentence(f"Machine: {one}") for one in machines if len(machines) == 1]
+    same = [
+        Sentence(f"{name.capitalize()}: {runs[name].iloc[0]}")
+        for name in ("engines", "machine")
+        if runs[name].nunique() == 1
+    ]
     return Document("bodycheck: nightly runs", (Table(tuple(columns), tuple(rows)), *same))
 
 
