@@ -7,7 +7,7 @@ from functools import cache
 from importlib.resources import files
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from bodycheck._util import formatting
 
@@ -56,9 +56,8 @@ def unbroken(text: str, word: str = _WORD) -> Markup:
 
     word: the pattern of what is kept whole, as one group.
     """
-    parts = enumerate(re.split(word, text))
-    kept = Markup('<span class="whole">{}</span>')
-    return Markup("").join(kept.format(part) if k % 2 else escape(part) for k, part in parts)
+    kept, parts = Markup('<span class="whole">{}</span>'), re.split(word, text)
+    return Markup("").join(kept.format(part) if k % 2 else part for k, part in enumerate(parts))
 
 
 _LINKED = re.compile(r"\b([A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*)#(\d+)\b|https://[\w./#?=&%~+-]*[\w/]")

@@ -21,18 +21,7 @@ from bodycheck.examine.diagnosis.fit import planted
 from bodycheck.examine.diagnosis.transitions import QUANTITIES
 from bodycheck.examine.explanation.explain import ExplainedCase
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.document import (
-    MEDIA,
-    Cell,
-    Column,
-    Command,
-    Document,
-    Part,
-    Sentence,
-    Span,
-    Table,
-    page,
-)
+from bodycheck.reports.document import Cell, Column, Command, Document, Part, Sentence, Span, Table, page
 from bodycheck.reports.measurement.verdicts import FAULTS
 
 _HOLDS = 30.0  # multiples of the round-off
@@ -176,7 +165,8 @@ def _parts(one: ExplainedCase, *, alone: bool, concluded: bool) -> Iterator[Part
         yield _evidence_table(evidence_of(found), of)
         yield _issue_table([fault.name for fault in found.faults], of)
     if reproduce := one.case.columns.get("reproduce"):
-        yield Command(str(reproduce), "reproduce", only=MEDIA if alone else ("console", "markdown"))
+        command = Command(str(reproduce), "reproduce")
+        yield command if alone else replace(command, only=("console", "markdown"))
 
 
 _NOT_EXAMINED = {

@@ -123,30 +123,25 @@ def draw_bodies(
     from matplotlib.colors import to_rgba
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
-    def draw(motion: Trajectory, colours: Sequence[str], opacity: float, marked: float, dash: Any) -> Any:
-        faces = [
-            to_rgba(colours[k * len(colours) // len(one.faces)], marked if k in one.marked else opacity)
-            for one in drawn.surfaces
-            for k in range(len(one.faces))
-        ]
-        body = Poly3DCollection(
-            drawn.polygons(motion, k),
-            facecolors=faces,
-            edgecolors=[face[:3] for face in faces],
-            linewidths=0.6 if len(faces) <= _FEW_FACES * len(drawn.surfaces) else 0.1,
-            linestyles=dash,
-        )
-        axes.add_collection3d(body)
-        return body
-
     axes.computed_zorder = False  # the order of distances, which changes while two bodies turn
     motion = group[0].trajectory
     assert motion is not None
     own = [COLOURS[engine_colour(engine)] for engine in dict.fromkeys(c.columns["engine"] for c in group)]
-    return [
-        (draw(truth, [TRUTH], 0.05, 0.3, (0, TRUTH_DASH)), truth),
-        (draw(motion, own, 0.25, 0.85, "solid"), motion),
-    ]
+    bodies: list[tuple[Any, Trajectory]] = []
+    for moved, colours, opacities, dash in (
+        (truth, [TRUTH], (0.05, 0.3), (0, TRUTH_DASH)),
+        (motion, own, (0.25, 0.85), "solid"),
+    ):
+        faces = [
+            to_rgba(colours[face * len(colours) // len(one.faces)], opacities[face in one.marked])
+            for one in drawn.surfaces
+            for face in range(len(one.faces))
+        ]
+        width = 0.6 if len(faces) <= _FEW_FACES * len(drawn.surfaces) else 0.1
+        style: Any = {"facecolors": faces, "edgecolors": [face[:3] for face in faces], "linewidths": width}
+        bodies.append((Poly3DCollection(drawn.polygons(moved, k), linestyles=dash, **style), moved))
+        axes.add_collection3d(bodies[-1][0])
+    return bodies
 
 
 def method_name(case: CaseResult) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import TypeAlias
 
@@ -141,14 +141,10 @@ def settings_within(
     by_scenario = _by_scenario(curves)
     each = {name: _found(by_scenario.get(name, {}), best, why, nearest=predicted) for name in scenarios}
     finer = {name for (name, _), curve in curves.items() if predicted and curve.finer_step(error) is not None}
-    answers = [
-        replace(_cheapest_of_engines(name, *each[name], every=every), searchable=name in finer)
-        for name in scenarios
-    ]
+    answers = [_cheapest_of_engines(name, *each[name], name in finer, every=every) for name in scenarios]
     if len(scenarios) > 1:
-        together = _cheapest_of_engines(None, *_over_all(each, curves, error), every=every)
-        open_ends = all(one.options or one.left_out or one.searchable for one in answers)
-        answers.insert(0, replace(together, searchable=open_ends))
+        is_open = all(one.options or one.left_out or one.searchable for one in answers)
+        answers.insert(0, _cheapest_of_engines(None, *_over_all(each, curves, error), is_open, every=every))
     return tuple(answers)
 
 
@@ -314,7 +310,13 @@ def _why_none(curve: ErrorCurve, error: float | None) -> str:
 
 
 def _cheapest_of_engines(
-    scenario: str | None, options: _Options, reasons: _Reasons, nearest: _Options, *, every: bool
+    scenario: str | None,
+    options: _Options,
+    reasons: _Reasons,
+    nearest: _Options,
+    searchable: bool,
+    *,
+    every: bool,
 ) -> ScenarioAdvice:
     """Return the cheapest option of each engine: a practical one, then a sure one, takes precedence."""
 
@@ -333,7 +335,9 @@ def _cheapest_of_engines(
         if key[0] not in best:
             without.setdefault(key[0], reasons[key])
     closest = None if best else min(nearest.values(), key=lambda one: one.error, default=None)
-    return ScenarioAdvice(scenario, shown, tuple(without.items()), closest, tuple(ranked[len(shown) :]))
+    return ScenarioAdvice(
+        scenario, shown, tuple(without.items()), closest, tuple(ranked[len(shown) :]), searchable
+    )
 
 
 def _by_error(scenario: str | None, options: _Options, reasons: _Reasons, _: _Options) -> ScenarioAdvice:

@@ -32,7 +32,9 @@ function answerRow(row) {
   const cell = line.appendChild(cellOf("", 6));
   for (const text of [row.snippet, row.reproduce].filter(Boolean)) {
     const code = cell.appendChild(document.createElement("div")).appendChild(document.createElement("code"));
-    showCommand(code, text);
+    text.split(" ").forEach((word, k) => { // breaks at spaces only
+      code.append(k ? " " : "", Object.assign(document.createElement("span"), { className: "whole", textContent: word }));
+    });
     code.title = text;
     addCopyButton(code);
   }

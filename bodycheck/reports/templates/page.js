@@ -54,17 +54,6 @@ function whenSeen(element, call) {
   addEventListener("beforeprint", start);
 }
 
-// A command breaks at spaces only.
-function showCommand(code, text) {
-  code.replaceChildren(...text.split(/( )/).map(part => {
-    if (part === " ") return part;
-    const word = document.createElement("span");
-    word.className = "whole";
-    word.textContent = part;
-    return word;
-  }));
-}
-
 function addCopyButton(code) {
   const button = document.createElement("button");
   button.type = "button";

@@ -62,8 +62,8 @@ TITLES = (
     f"* dart:*: {ERROR} <= 1",
 )
 LINES = (
-    f"{TITLES[0]}: 1 case; worst 1e-9, 1 decades within",
-    f"{TITLES[1]}: 2 of 3 cases failed; worst 0.01, 1 decades beyond",
+    f"{TITLES[0]}: 1 case; worst 1e-9, 1 decade within",
+    f"{TITLES[1]}: 2 of 3 cases failed; worst 0.01, 1 decade beyond",
     f"{TITLES[2]}: 1 of 3 cases failed; worst failed",
     f"{TITLES[3]}: no engine of the run matches dart (available: mujoco)",
 )
@@ -106,7 +106,7 @@ def test_a_run_without_cases_has_none() -> None:
 def test_each_failed_row_is_shown_with_its_command() -> None:
     """The row has gate, scenario, method, step, value or reason, bound, distance and command."""
     assert failure_rows(results()) == [
-        ("1", "brick", "mujoco:rk4", "dt 0.02 s", "0.01", f"{ERROR} <= 0.001", "1 decades beyond", COMMAND),
+        ("1", "brick", "mujoco:rk4", "dt 0.02 s", "0.01", f"{ERROR} <= 0.001", "1 decade beyond", COMMAND),
         ("1", "brick", "mujoco:rk4", "dt 0.03 s", "failed: no\x00", f"{ERROR} <= 0.001", "", COMMAND),
         ("2", "brick", "mujoco:rk4", "dt 0.03 s", "failed", "outcome = ok", "", COMMAND),
     ]

@@ -68,11 +68,6 @@ def played_motions(
         bodies = {"moments": moments.tolist(), "body": _body(problem.of_body.body, axes)}
         track = partial(_track, axes=axes, frames=frames)
     bound = problem.truth.bound_rad[frames]
-
-    def error(case: CaseResult) -> Any:
-        found = case.series[ORIENTATION][frames]
-        return packed_line(np.where(found > bound, found, 0.0))
-
     return {
         "dt": at_s,
         "t": [float(f"{t:.6g}") for t in problem.times[frames]],
@@ -82,7 +77,7 @@ def played_motions(
             {
                 "m": numbers[key_of(case.columns)],
                 "dt": case.dt_s,
-                "error": error(case),
+                "error": packed_line(np.where((of := case.series[ORIENTATION][frames]) > bound, of, 0.0)),
                 **track(case.trajectory),
             }
             for case in shown
