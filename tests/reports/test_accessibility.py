@@ -31,6 +31,25 @@ COMMANDS = {
     "ensemble intermediate-axis --n 20 --engine reference:rk4 --out bodies": "bodies/report.html",
 }
 """Command -> the page that it writes."""
+READABLE = """() => {
+  const captionOf = figure => figure.querySelector("figcaption")?.textContent.trim();
+  const bare = [...document.querySelectorAll("figure")].filter(figure => !captionOf(figure));
+  const commands = [...document.querySelectorAll("code")].filter(one => one.textContent.startsWith("bodycheck "));
+  const broken = commands.flatMap(code => {
+    const texts = document.createTreeWalker(code, NodeFilter.SHOW_TEXT), found = [];
+    while (texts.nextNode()) for (const { 0: word, index } of texts.currentNode.data.matchAll(/\\S+/g)) {
+      const range = document.createRange();
+      range.setStart(texts.currentNode, index);
+      range.setEnd(texts.currentNode, index + word.length);
+      const rects = [...range.getClientRects()];
+      const wide = rects.reduce((sum, rect) => sum + rect.width, 0);
+      if (rects.length > 1 && wide < code.parentElement.clientWidth) found.push(word);
+    }
+    return found;
+  });
+  return [...bare.map(() => "a figure has no caption"), ...broken.map(word => `broken: ${word}`)];
+}"""
+"""What readers miss: captions, and words of commands that are broken although they would fit on a line."""
 
 
 @pytest.fixture(scope="module")
@@ -44,19 +63,21 @@ def axe(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def violations(chromium: Browser, axe: str, path: Path, width: int, scheme: str) -> list[str]:
-    """Return the rules of axe that a page breaks."""
+    """Return the rules of axe that a page breaks, and what readers miss."""
     page = chromium.new_page(viewport={"width": width, "height": 1000}, color_scheme=scheme)  # type: ignore[arg-type]
     page.goto(path.as_uri())
     page.wait_for_timeout(500)
     page.evaluate(axe)
     found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
     overflow = page.evaluate("document.documentElement.scrollWidth") > width
+    found = [f"{one['id']}: {one['nodes'][0]['html'][:200]}" for one in found] + ["overflow"] * overflow
+    found += page.evaluate(READABLE)
     page.close()
-    return [f"{one['id']}: {one['nodes'][0]['html'][:200]}" for one in found] + ["overflow"] * overflow
+    return found
 
 
 def test_axe_finds_nothing_on_any_page(chromium: Browser, axe: str, tmp_path: Path) -> None:
-    """No page breaks a rule of axe or is wider than its window; a page without a language does."""
+    """No page breaks a rule of axe, is wider than its window, breaks words of commands or misses captions."""
     (tmp_path / "arm.urdf").write_text(ROBOT)
     for command, pattern in COMMANDS.items():
         done = run_bodycheck(tmp_path, *command.split())
@@ -66,7 +87,11 @@ def test_axe_finds_nothing_on_any_page(chromium: Browser, axe: str, tmp_path: Pa
             for scheme in ("light", "dark"):
                 assert violations(chromium, axe, page, width, scheme) == [], (command, width, scheme)
     planted = tmp_path / "planted.html"
-    planted.write_text("<html><title>t</title><body><main><h1>t</h1></main></body></html>")
-    assert [one.partition(":")[0] for one in violations(chromium, axe, planted, 390, "light")] == [
-        "html-has-lang"
-    ]
+    planted.write_text(
+        "<html><title>t</title><body><main><h1>t</h1>"
+        "<figure></figure><code>bodycheck run intermediate-axis-somewhere --engine mujoco:rk4 --no-speed"
+        "</code></main></body></html>"
+    )
+    language, *others = violations(chromium, axe, planted, 390, "light")
+    assert language.startswith("html-has-lang")
+    assert others == ["a figure has no caption", "broken: --no-speed"]
