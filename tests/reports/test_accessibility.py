@@ -34,7 +34,8 @@ COMMANDS = {
 READABLE = """() => {
   const captionOf = figure => figure.querySelector("figcaption")?.textContent.trim();
   const bare = [...document.querySelectorAll("figure")].filter(figure => !captionOf(figure));
-  const commands = [...document.querySelectorAll("code")].filter(one => one.textContent.startsWith("bodycheck "));
+  const codes = [...document.querySelectorAll("code")];
+  const commands = codes.filter(code => code.textContent.startsWith("bodycheck "));
   const broken = commands.flatMap(code => {
     const texts = document.createTreeWalker(code, NodeFilter.SHOW_TEXT), found = [];
     while (texts.nextNode()) for (const { 0: word, index } of texts.currentNode.data.matchAll(/\\S+/g)) {
