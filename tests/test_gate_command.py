@@ -15,12 +15,13 @@ from typer.testing import CliRunner, Result
 
 from bodycheck._util.errors import InputError
 from bodycheck.cli import commands
-from bodycheck.reports.document import json_text
+from bodycheck.reports.document import json_text, markdown
 from bodycheck.reports.gates.gate import parse_gates
 from bodycheck.reports.gates.gate_output import as_junit, results_data
 from bodycheck.reports.gates.verdict import check_gates
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import Tables
+from bodycheck.reports.summary.sentences import run_document
 from bodycheck.runs import gate_run
 from bodycheck.runs.request import Request
 from bodycheck.runs.run_progress import NULL_PROGRESS
@@ -270,6 +271,7 @@ def test_new_run_is_compared_with_the_gates(folder: Path) -> None:
     assert kept.stderr.splitlines()[-1] == "kept/report.html"
     assert gate("--gates", "t.toml", "--run", "kept").exit_code == 1
     assert "<b>Failed check:</b>" in (folder / "kept/report.html").read_text(encoding="utf-8")
+    assert "Failed check: " in markdown(run_document(read_tables(folder / "kept")))
     wrong = subprocess.run([*words, "mine.toml"], capture_output=True, text=True, check=False)
     assert wrong.returncode == 2
     assert wrong.stdout == ""

@@ -10,6 +10,7 @@ from typing import Any
 from bodycheck._util.formatting import count, names, number
 from bodycheck.reports.document import Column, Document, Medium, Sentence, Span, Table
 from bodycheck.reports.measurement.verdicts import STATES
+from bodycheck.reports.run_files.run_reader import FAILED_CHECKS
 from bodycheck.reports.run_files.run_tables import MethodKey, Tables
 from bodycheck.reports.summary.cells import Cell, Overview, overviews, summary_cells
 from bodycheck.reports.summary.shared_maps import shared_maps
@@ -191,6 +192,7 @@ def run_document(run: Tables) -> Document:
         f"bodycheck: {count(len(summary.cells), 'scenario')}, {count(len(run.cases), 'case')}",
         (
             *_without_engines(run),
+            *(Sentence(f"Failed check: {one}", "bad") for one in run.manifest.get(FAILED_CHECKS, ())),
             Sentence(summary.conclusion, strong=True, only=("console",)),
             *(Sentence(sentence, only=("console",)) for sentence in summary.alike),
             *_remarks(run),
