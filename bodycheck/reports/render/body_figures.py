@@ -46,8 +46,8 @@ def draw(page: Figure, run: Run, figure: str, scenario: str, cases: Sequence[Cas
     cases_drawn = [case for case in shown_cases(cases, at_s) if case.trajectory is not None]
     if problem is None or not cases_drawn:
         raise InputError(f"--figure {figure}: nothing to draw for {scenario}: no case has a motion")
-    key = "truth: grey" if figure == "polhode" else KEY
-    page.suptitle(f"{scenario}, dt {step(at_s)} s ({key})\n", fontsize=8)
+    key = "(truth: grey)" if figure == "polhode" else f"({KEY})\n"  # names stand in the second line
+    page.suptitle(f"{scenario}, dt {step(at_s)} s {key}", fontsize=8)
     (_polhodes if figure == "polhode" else draw_frames)(page, problem, cases_drawn)
 
 
