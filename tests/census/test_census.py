@@ -258,7 +258,7 @@ def test_digits_that_agree(published: str, difference: str, expected: str) -> No
 
 
 def test_changed_release_is_named() -> None:
-    """A method whose map or order differs from the release before is a change; a new method is none."""
+    """Another map or order is a change; a new method is none, nor is a map that is one of many candidates."""
     rows = [
         dict(zip(HEADER, ("e", release, method, found, order, "1e-3", "converges"), strict=True))
         for release, method, found, order in (
@@ -266,6 +266,8 @@ def test_changed_release_is_named() -> None:
             ("2", "a", "M1", "1.0"),
             ("2", "b", "M2", "1.0"),
             ("3", "a", "M1", "2.0"),
+            ("3", "b", "M2 or 5 others", "1.0"),
+            ("4", "b", "RK4 or 11 others", "1.0"),
         )
     ]
     assert list(changes(rows)) == [("e", "3", "e 3, `a`: order 1.0 -> 2.0")]
