@@ -95,4 +95,4 @@ def test_axe_finds_nothing_on_any_page(chromium: Browser, axe: str, tmp_path: Pa
     )
     language, *others = violations(chromium, axe, planted, 390, "light")
     assert language.startswith("html-has-lang")
-    assert others == ["a figure has no caption", "broken: --no-speed"]
+    assert others == ["a figure has no caption", "broken: --engine"]
