@@ -27,10 +27,12 @@ CONSTANT, OWN, INSTALLED, ASKED = (
 PLACES = {
     ("__init__.py", "__getattr__", "importlib.import_module"): OWN,
     ("adapters/importers/__init__.py", "importer", "importlib.import_module"): OWN,
+    ("adapters/optional/between_steps.py", "OnRequest.__init__", "importlib.import_module"): CONSTANT,
     ("adapters/optional/ode.py", "Ode.__init__", "ctypes.CDLL"): INSTALLED,
     ("adapters/registry.py", "_import", "EntryPoint.load"): INSTALLED,
     ("adapters/registry.py", "_import", "importlib.import_module"): OWN,
     ("adapters/registry.py", "stated_by", "importlib.import_module"): OWN,
+    ("adapters/tree_contract.py", "tree_model_of", "importlib.import_module"): "the text of an adapter",
     ("adapters/versions/environments.py", "_npm_install", "subprocess.run"): CONSTANT,
     ("adapters/versions/uv.py", "_pip_config", "subprocess.run"): CONSTANT,
     ("adapters/versions/uv.py", "_watched", "subprocess.DEVNULL"): CONSTANT,

@@ -23,7 +23,7 @@ from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 
 if TYPE_CHECKING:
-    from bodycheck.adapters.tree_contract import TreeModel
+    pass
 
 _SEMI_IMPLICIT = Method(
     name="semi-implicit",
@@ -45,19 +45,13 @@ class Dart:
     name = "dart"
     version: str = dartpy.__version__
     methods: Mapping[str, Method] = {method.name: method for method in (_SEMI_IMPLICIT, _WITH_DEFAULTS)}
+    tree_model = "bodycheck.adapters.dart_tree:DartTree"
 
     def __init__(self) -> None:
         """Raise ImportError for a release whose free joints have velocities in body axes."""
         major, minor = map(int, self.version.split(".")[:2])
         if (major, minor) < (6, 17):
             raise ImportError(f"velocities of free joints have body axes in {self.version}; 6.17 is needed")
-
-    @property
-    def tree_model(self) -> type[TreeModel]:
-        """What builds trees."""
-        from bodycheck.adapters.dart_tree import DartTree
-
-        return DartTree
 
     def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
         """Return None: every scene is supported."""

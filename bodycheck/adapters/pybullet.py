@@ -29,7 +29,7 @@ from bodycheck.reference_impl.scene import ConstantLoad, PointForce, Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 
 if TYPE_CHECKING:
-    from bodycheck.adapters.tree_contract import TreeModel
+    pass
 
 _REFRESHED = "one step at rest before the start, to refresh the world inertia"
 
@@ -104,16 +104,10 @@ class PyBullet:
     name = "pybullet"
     version: str = version("pybullet")
     methods: Mapping[str, Method] = {method.name: method for method in (_MULTIBODY, _MAXIMAL, *_VARIANTS)}
+    tree_model = "bodycheck.adapters.pybullet_tree:PyBulletTree"
 
     def __init__(self) -> None:
         self._idle_clients: list[int] = []  # connecting costs a hundred times as much as building a body
-
-    @property
-    def tree_model(self) -> type[TreeModel]:
-        """What builds trees."""
-        from bodycheck.adapters.pybullet_tree import PyBulletTree
-
-        return PyBulletTree
 
     def unsupported(self, scene: Scene, method: str) -> str | None:
         """Refuse some pivots.

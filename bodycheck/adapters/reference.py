@@ -11,7 +11,6 @@ import numpy as np
 
 from bodycheck.adapters.batches import Batch, BatchAnswer
 from bodycheck.adapters.contract import Method, ReadBack, Reading, SceneSolver, Simulation, Solver, Stepping
-from bodycheck.adapters.tree_contract import TreeModel
 from bodycheck.reference_impl.batch import BatchMethod, advance_batch
 from bodycheck.reference_impl.closed_forms.exact_motion import closed_form_of
 from bodycheck.reference_impl.continuous_loads import packed_continuous_loads
@@ -213,6 +212,7 @@ class Reference:
     """The reference as one engine among the others."""
 
     name = "reference"
+    tree_model = "bodycheck.adapters.reference_tree:ReferenceTree"
 
     def __init__(self) -> None:
         self.version = version("bodycheck")
@@ -248,13 +248,6 @@ class Reference:
         if is_loaded or batch.method not in get_args(BatchMethod):
             return None
         return _stepped_together(batch, cast("BatchMethod", batch.method))
-
-    @property
-    def tree_model(self) -> type[TreeModel]:
-        """What moves trees."""
-        from bodycheck.adapters.reference_tree import ReferenceTree
-
-        return ReferenceTree
 
     def solver(self, scene: Scene | TreeScene, method: str, tolerance: float | None) -> Solver:
         """Return the closed form of the scene, or its Taylor series."""

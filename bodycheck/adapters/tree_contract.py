@@ -1,8 +1,9 @@
 """The contract for trees: what an engine reports of the equations of a tree, and how it moves one.
 
-An adapter that builds trees has the attribute `tree_model`, a subclass of `TreeModel`. The model takes and
-returns everything in the conventions of `reference_impl.trees`: bodies in the order of the scene, u with the
-velocity of a free body in world axes and its omega in body axes, rates of a ball in the child's axes.
+An adapter that builds trees has the attribute `tree_model`: a subclass of `TreeModel`, or its MODULE:CLASS,
+which is imported when it is needed. The model takes and returns everything in the conventions of
+`reference_impl.trees`: bodies in the order of the scene, u with the velocity of a free body in world axes and
+its omega in body axes, rates of a ball in the child's axes.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from typing import ClassVar
 
 import numpy as np
@@ -243,7 +245,12 @@ _NOT_READ = "the adapter does not read it"
 
 def tree_model_of(adapter: Adapter) -> type[TreeModel] | None:
     """Return what builds trees with an engine; None if its adapter does not."""
-    return getattr(adapter, "tree_model", None)
+    stated: type[TreeModel] | str | None = getattr(adapter, "tree_model", None)
+    if not isinstance(stated, str):
+        return stated
+    module, _, name = stated.partition(":")
+    found: type[TreeModel] = getattr(import_module(module), name)
+    return found
 
 
 # ------------------------------------------------------------------------------------- what adapters share

@@ -40,7 +40,6 @@ from bodycheck.reference_impl.wrench import Wrench, continuous_wrench_of
 if TYPE_CHECKING:
     from bodycheck.adapters.batches import Batch, BatchAnswer
     from bodycheck.adapters.mujoco.passive_loads import CallbackLoads, PassiveLoads
-    from bodycheck.adapters.tree_contract import TreeModel
 
 _KNOWN = methods_of(mujoco.__version__)
 
@@ -81,13 +80,7 @@ class MuJoCo:
         **{label: _KNOWN[label] for label in _INTEGRATORS},
         **variants_of([_KNOWN[label] for label in _INTEGRATORS]),
     }
-
-    @property
-    def tree_model(self) -> type[TreeModel]:
-        """What builds trees."""
-        from bodycheck.adapters.mujoco.tree import MuJoCoTree
-
-        return MuJoCoTree
+    tree_model = "bodycheck.adapters.mujoco.tree:MuJoCoTree"
 
     def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
         """Refuse a mass or a principal moment below mjMINVAL, as MuJoCo's compiler does."""

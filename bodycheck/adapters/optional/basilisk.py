@@ -8,7 +8,6 @@ because times of the simulation are whole nanoseconds, and then the hub's change
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -53,12 +52,8 @@ class Basilisk(FreeBodiesOnly):
     name = "basilisk"
     distribution = "bsk"
     requires = ("bsk>=2.10",)
+    modules = ("Basilisk.simulation.spacecraft",)
     methods: Mapping[str, Method] = {name: _method_of(name) for name in _INTEGRATORS}
-
-    def __init__(self) -> None:
-        from Basilisk.simulation import spacecraft  # noqa: F401 - before any case, as it takes seconds
-
-        self.version = version(self.distribution)
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Build a spacecraft of a hub alone."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib import import_module
+from importlib.metadata import version
 from typing import Any, Protocol
 
 import numpy as np
@@ -19,16 +21,30 @@ NO_PIVOT = "the adapter has no joint for a pivot"
 _ZERO = np.zeros(3)
 
 
-class FreeBodiesOnly:
-    """The base of an adapter without pivots and link frames."""
+class OnRequest:
+    """The base of an adapter without pivots; modules: imported before any case, as that may take seconds."""
+
+    distribution: str
+    modules: tuple[str, ...]
+
+    def __init__(self) -> None:
+        for module in self.modules:
+            import_module(module)
+        self.version = version(self.distribution)
 
     def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
+        """Refuse pivots."""
+        return NO_PIVOT if scene.pivot is not None else None
+
+
+class FreeBodiesOnly(OnRequest):
+    """The base of an adapter without pivots and link frames."""
+
+    def unsupported(self, scene: Scene, method: str) -> str | None:
         """Refuse pivots and link frames."""
-        if scene.pivot is not None:
-            return NO_PIVOT
-        return (
-            "the engine's own frame of the body is at the centre of mass" if scene.link is not None else None
-        )
+        if scene.pivot is None and scene.link is not None:
+            return "the engine's own frame of the body is at the centre of mass"
+        return super().unsupported(scene, method)
 
 
 class SteppedBody(Protocol):

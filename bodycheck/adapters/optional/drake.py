@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +16,7 @@ import numpy as np
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, Stepping
 from bodycheck.adapters.engine_loads import StageLoads
 from bodycheck.adapters.frames import link_frame
-from bodycheck.adapters.optional.between_steps import NO_PIVOT, array
+from bodycheck.adapters.optional.between_steps import OnRequest, array
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.imu import has_imu, imu_point
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
@@ -25,7 +24,7 @@ from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 
 if TYPE_CHECKING:
-    from bodycheck.adapters.tree_contract import TreeModel
+    pass
 
 
 @dataclass(frozen=True)
@@ -81,32 +80,21 @@ def _method_of(name: str, scheme: _Scheme) -> Method:
     )
 
 
-class Drake:
-    """Drake (Tedrake et al.) through pydrake."""
+class Drake(OnRequest):
+    """Drake (Tedrake et al.) through pydrake.
+
+    Pivots are refused: its ball joint has angles with a singularity.
+    """
 
     name = "drake"
     distribution = "drake"
     requires = ("drake>=1.51",)
+    modules = ("pydrake.all",)
     methods: Mapping[str, Method] = {
         _DISCRETE.name: _DISCRETE,
         **{name: _method_of(name, scheme) for name, scheme in _SCHEMES.items()},
     }
-
-    def __init__(self) -> None:
-        import pydrake.all  # noqa: F401 - before any case, as it takes a second
-
-        self.version = version(self.distribution)
-
-    @property
-    def tree_model(self) -> type[TreeModel]:
-        """What builds trees."""
-        from bodycheck.adapters.optional.drake_tree import DrakeTree
-
-        return DrakeTree
-
-    def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
-        """Refuse pivots: Drake's ball joint has angles with a singularity."""
-        return NO_PIVOT if scene.pivot is not None else None
+    tree_model = "bodycheck.adapters.optional.drake_tree:DrakeTree"
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Build a plant with one body."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, S
 from bodycheck.adapters.engine_loads import StageLoads
 from bodycheck.adapters.optional.between_steps import FreeBodiesOnly, array
 from bodycheck.adapters.optional.exudyn_solvers import ROUND_OFF, SOLVERS, ExudynSolver, fixed_steps
-from bodycheck.adapters.tree_contract import TreeModel
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import log_quaternion
 from bodycheck.reference_impl.scene import Scene
@@ -47,20 +45,9 @@ class Exudyn(FreeBodiesOnly):
     name = "exudyn"
     distribution = "exudyn"
     requires = ("exudyn>=1.13.6",)
+    modules = ("exudyn", "exudyn.itemInterface")
     methods: Mapping[str, Method] = {name: _method_of(name, solver) for name, solver in SOLVERS.items()}
-
-    def __init__(self) -> None:
-        import exudyn
-        import exudyn.itemInterface  # noqa: F401 - before any case
-
-        self.version = version(self.distribution)
-
-    @property
-    def tree_model(self) -> type[TreeModel]:
-        """What builds trees."""
-        from bodycheck.adapters.optional.exudyn_tree import ExudynTree
-
-        return ExudynTree
+    tree_model = "bodycheck.adapters.optional.exudyn_tree:ExudynTree"
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Build a system of one body."""

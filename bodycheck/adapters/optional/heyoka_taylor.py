@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
 from bodycheck.adapters.contract import Method, SceneSolver, Simulation, Solver
+from bodycheck.adapters.optional.between_steps import OnRequest
 from bodycheck.adapters.optional.scipy_solvers import (
     by_tolerance,
     segments,
@@ -29,18 +29,14 @@ _TAYLOR = by_tolerance(
 _NO_SERIES = "loads that vary with time or motion are not available as heyoka expressions"
 
 
-class Heyoka:
+class Heyoka(OnRequest):
     """heyoka (Biscani and Izzo 2021) through heyoka.py."""
 
     name = "heyoka"
     distribution = "heyoka"
     requires = ("heyoka>=7.10.1",)
+    modules = ("heyoka",)
     methods: Mapping[str, Method] = {_TAYLOR.name: _TAYLOR}
-
-    def __init__(self) -> None:
-        import heyoka  # noqa: F401 - fails here where it is missing
-
-        self.version = version(self.distribution)
 
     def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
         """Refuse pivots and continuous loads."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
-from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -83,13 +82,12 @@ class JSBSim(FreeBodiesOnly):
     name = "jsbsim"
     distribution = "jsbsim"
     requires = ("jsbsim>=1.2.1",)
+    modules = ("jsbsim",)
     methods: Mapping[str, Method] = {name: _method_of(name) for name in _INTEGRATORS}
 
     def __init__(self) -> None:
         os.environ.setdefault("JSBSIM_DEBUG", "0")
-        import jsbsim  # noqa: F401 - fails here where it is missing
-
-        self.version = version(self.distribution)
+        super().__init__()
 
     def unsupported(self, scene: Scene, method: str) -> str | None:
         """Refuse loads that vary with time or motion, too."""

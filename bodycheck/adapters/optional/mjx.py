@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
     import mujoco
 
     from bodycheck.adapters.gradients import Gradients
-    from bodycheck.adapters.tree_contract import TreeModel
 
 _FLOAT64 = f"{VARIANT}float64"
 _EULER = Method(
@@ -69,19 +67,9 @@ class Mjx(FreeBodiesOnly):
     name = "mjx"
     distribution = "mujoco-mjx"
     requires = ("mujoco-mjx>=3.17", "jax")
+    modules = ("mujoco.mjx",)
     methods: Mapping[str, Method] = {method.name: method for method in (*_SINGLE, *map(_double, _SINGLE))}
-
-    def __init__(self) -> None:
-        from mujoco import mjx  # noqa: F401 - before any case, as it takes seconds
-
-        self.version = version(self.distribution)
-
-    @property
-    def tree_model(self) -> type[TreeModel]:
-        """What builds trees."""
-        from bodycheck.adapters.optional.port_trees import MjxTree
-
-        return MjxTree
+    tree_model = "bodycheck.adapters.optional.port_trees:MjxTree"
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Put MuJoCo's model of one body into JAX."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from importlib.metadata import version
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
     import mujoco
 
     from bodycheck.adapters.gradients import Gradients
-    from bodycheck.adapters.tree_contract import TreeModel
 
 _EULER = Method(
     name="euler",
@@ -56,26 +54,20 @@ class MuJoCoWarp(FreeBodiesOnly):
     name = "mujoco-warp"
     distribution = "mujoco-warp"
     requires = ("mujoco-warp>=4.0",)
+    modules = ("mujoco_warp",)
     methods: Mapping[str, Method] = {
         "euler": _EULER,
         "implicit": _of_integrator(_IMPLICIT, "implicit"),
         "implicitfast": _of_integrator(_IMPLICIT, "implicitfast"),
         "rk4": _of_integrator(_RK4, "rk4"),
     }
+    tree_model = "bodycheck.adapters.optional.port_trees:WarpTree"
 
     def __init__(self) -> None:
-        import mujoco_warp  # noqa: F401 - before any case, as it takes seconds
+        super().__init__()
         import warp
 
         warp.config.quiet = True
-        self.version = version(self.distribution)
-
-    @property
-    def tree_model(self) -> type[TreeModel]:
-        """What builds trees."""
-        from bodycheck.adapters.optional.port_trees import WarpTree
-
-        return WarpTree
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Put MuJoCo's model of one body into Warp."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from importlib.metadata import version
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +31,6 @@ from bodycheck.reference_impl.wrench import plan_steps
 
 if TYPE_CHECKING:
     from bodycheck.adapters.gradients import Gradients
-    from bodycheck.adapters.tree_contract import TreeModel
 
 
 def _methods() -> dict[str, Method]:
@@ -72,7 +70,9 @@ class Newton(FreeBodiesOnly):
     name = "newton"
     distribution = "newton"
     requires = ("newton[sim]>=1.8",)
+    modules = ("newton",)
     methods: Mapping[str, Method] = _methods()
+    tree_model = "bodycheck.adapters.optional.newton_tree:NewtonTree"
 
     def __init__(self) -> None:
         import newton
@@ -80,14 +80,7 @@ class Newton(FreeBodiesOnly):
 
         warp.config.quiet = True
         self._newton: Any = newton
-        self.version = version(self.distribution)
-
-    @property
-    def tree_model(self) -> type[TreeModel]:
-        """What builds trees."""
-        from bodycheck.adapters.optional.newton_tree import NewtonTree
-
-        return NewtonTree
+        super().__init__()
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Build a model of one body."""

@@ -6,7 +6,6 @@ q = (x, y, z, qx, qy, qz, qw) of the body frame, v = (velocity of its origin, om
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +13,7 @@ import numpy as np
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, Stepping
 from bodycheck.adapters.engine_loads import StageLoads
 from bodycheck.adapters.frames import link_frame
-from bodycheck.adapters.optional.between_steps import NO_PIVOT, scalar_first, scalar_last
+from bodycheck.adapters.optional.between_steps import OnRequest, scalar_first, scalar_last
 from bodycheck.adapters.optional.pinocchio_loops import PinocchioLoops
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
@@ -22,7 +21,7 @@ from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 
 if TYPE_CHECKING:
-    from bodycheck.adapters.tree_contract import TreeModel
+    pass
 
 _SEMI_IMPLICIT = Method(
     name="semi-implicit",
@@ -48,29 +47,15 @@ _RK4 = Method(
 )
 
 
-class Pinocchio:
+class Pinocchio(OnRequest):
     """Pinocchio (Carpentier et al. 2019)."""
 
     name = "pinocchio"
     distribution = "pin"
     requires = ("pin>=4.0",)
+    modules = ("pinocchio",)
     methods: Mapping[str, Method] = {method.name: method for method in (_SEMI_IMPLICIT, _RK4)}
-
-    def __init__(self) -> None:
-        import pinocchio  # noqa: F401 - fails here where it is missing
-
-        self.version = version(self.distribution)
-
-    @property
-    def tree_model(self) -> type[TreeModel]:
-        """What builds trees."""
-        from bodycheck.adapters.optional.pinocchio_tree import PinocchioTree
-
-        return PinocchioTree
-
-    def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
-        """Refuse pivots."""
-        return NO_PIVOT if scene.pivot is not None else None
+    tree_model = "bodycheck.adapters.optional.pinocchio_tree:PinocchioTree"
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Build a model of one free-flyer."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from importlib.metadata import version
 
 import numpy as np
 
@@ -54,13 +53,9 @@ class Rapier(FreeBodiesOnly):
     name = "rapier"
     distribution = "rapier3d"
     requires = ("rapier3d>=0.36",)
+    modules = ("rapier3d",)
     methods: Mapping[str, Method] = {method.name: method for method in (_STEP, _DEFAULTS)}
     tree_model = RapierTree
-
-    def __init__(self) -> None:
-        import rapier3d  # noqa: F401 - fails here where it is missing
-
-        self.version = version(self.distribution)
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Build a world of one body."""

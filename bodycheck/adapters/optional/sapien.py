@@ -9,7 +9,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -51,15 +50,14 @@ class Sapien(FreeBodiesOnly):
     name = "sapien"
     distribution = "sapien"
     requires = ("sapien>=3.0.3",)
+    modules = ("sapien",)
     methods: Mapping[str, Method] = {method.name: method for method in (_PHYSX, _DEFAULTS)}
     tree_model = SapienTree
 
     def __init__(self) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # it warns of a missing libvulkan, which only pictures need
-            import sapien  # noqa: F401
-
-        self.version = version(self.distribution)
+            super().__init__()
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Build a scene of one entity."""

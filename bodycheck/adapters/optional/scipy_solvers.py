@@ -6,13 +6,13 @@ y = (x, v, q, omega_body), x' = v, v' = F / m, q' = q omega / 2, I omega' = tau 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib.metadata import version
 from itertools import pairwise
 
 import numpy as np
 
 from bodycheck.adapters.contract import Method, SceneSolver, Simulation, Solver
 from bodycheck.adapters.engine_loads import StageLoads
+from bodycheck.adapters.optional.between_steps import OnRequest
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import quaternion_product, quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene
@@ -48,21 +48,17 @@ def by_tolerance(name: str, formula: str, source: str, snippet: str, tolerances:
     )
 
 
-class SciPy:
+class SciPy(OnRequest):
     """scipy.integrate."""
 
     name = "scipy"
     distribution = "scipy"
     requires = ("scipy>=1.13",)
+    modules = ("scipy.integrate",)
     methods: Mapping[str, Method] = {
         name: by_tolerance(name, formula, source, f"solve_ivp(f, t_span, y0, method='{called}')", TOLERANCES)
         for name, (called, formula, source) in _FORMULAS.items()
     }
-
-    def __init__(self) -> None:
-        import scipy.integrate  # noqa: F401 - fails here where it is missing
-
-        self.version = version(self.distribution)
 
     def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
         """Refuse pivots; a link frame means nothing where no engine is between."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -52,13 +51,14 @@ class Simbody(FreeBodiesOnly):
     name = "simbody"
     distribution = "opensim"
     requires = ("opensim>=4.6",)
+    modules = ("opensim",)
     methods: Mapping[str, Method] = {name: _method_of(name) for name in _INTEGRATORS}
 
     def __init__(self) -> None:
         import opensim
 
         opensim.Logger.setLevelString("Off")
-        self.version = version(self.distribution)
+        super().__init__()
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Build a model of one body on a free joint."""
