@@ -7,7 +7,7 @@
 The first command stores in .coverage which tests run each line. A mutant is a copy of the package with one
 operator, constant, condition, return value or argument changed. It is killed if one of the tests that run its
 line fails, or takes several times its usual time; for a line that is run at import, the tests of its module.
-Without slow ones 60 are tried, those of its package first, then those that run the least other code.
+60 are tried, those of its package first, then those that run the least other code; slow ones if --slow.
 Prints the mutants that survive, some of which change nothing, and the number that were killed. Exit status 1
 if fewer than 85 % were killed.
 """
@@ -128,6 +128,7 @@ def main(
     mutants: int = 200,
     seed: int = 1,
     modules: tuple[str, ...] = MODULES,
+    slow: bool = False,
 ) -> bool:
     """Try mutants of these modules; return whether too few were killed."""
     package = ROOT / "bodycheck"
@@ -143,7 +144,7 @@ def main(
     except FileExistsError:
         raise SystemExit(f"{_FOLDER}: is there: trials go on, or were killed: then remove it") from None
     try:
-        survived = tried(copied(_FOLDER), dict(zip(drawn, tests, strict=True)))
+        survived = tried(copied(_FOLDER), dict(zip(drawn, tests, strict=True)), slow)
     finally:
         shutil.rmtree(_FOLDER)
     return summed_up(drawn, survived)
@@ -199,31 +200,32 @@ def copied(place: Path) -> Path:
     return place
 
 
-def tried(place: Path, mutants: Mapping[Mutant, tuple[str, ...]]) -> list[Mutant]:
+def tried(place: Path, mutants: Mapping[Mutant, tuple[str, ...]], slow: bool) -> list[Mutant]:
     """Run the tests of each mutant on it; return the survivors."""
+    tiers = "-m", "not nightly" if slow else "not slow and not nightly"
     survived, usual = list[Mutant](), dict[tuple[str, ...], tuple[tuple[str, ...], float]]()
     for mutant, chosen in mutants.items():
         file = place / "bodycheck" / mutant.module
         if chosen not in usual:
-            usual[chosen] = passing(chosen)
+            usual[chosen] = passing(chosen, tiers)
         tests, usual_s = usual[chosen]
         sound = file.read_text(encoding="utf-8")
         file.write_text(mutant.source, encoding="utf-8")
-        if not tests or passed(tests, SLACK * (1.0 + usual_s)):
+        if not tests or passed(tests, SLACK * (1.0 + usual_s), *tiers):
             survived.append(mutant)
             print(f"survived  {mutant}", flush=True)
         file.write_text(sound, encoding="utf-8")
     return survived
 
 
-def passing(tests: tuple[str, ...]) -> tuple[tuple[str, ...], float]:
+def passing(tests: tuple[str, ...], tiers: tuple[str, str]) -> tuple[tuple[str, ...], float]:
     """Return the tests that pass in a copy without a mutant, and their processor time in s.
 
     Those that start pytest themselves cannot: pytest warns that its plugins are imported already.
     """
     while True:
         start = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
-        if not tests or passed(tests, 600.0, "--maxfail=60"):
+        if not tests or passed(tests, 600.0, "--maxfail=60", *tiers):
             return tests, resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - start
         text = _OUTPUT.read_text()
         failed = re.findall("^(?:FAILED|ERROR) (.*?)(?: - .*)?$", text, re.MULTILINE)
@@ -251,7 +253,7 @@ def _test(words: Sequence[str], limit_s: float) -> None:
     output = os.open(_OUTPUT, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(output, 1)
     os.dup2(output, 2)
-    status = pytest.main([*_OPTIONS, "-m", "not slow and not nightly", *words])
+    status = pytest.main([*_OPTIONS, *words])
     sys.exit(status not in (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED))
 
 
