@@ -19,6 +19,7 @@ from bodycheck.examine.diagnosis.diagnosis import (
 )
 from bodycheck.examine.diagnosis.engine_model import ReportedStates
 from bodycheck.examine.diagnosis.faults import FAULTS
+from bodycheck.examine.diagnosis.faults.tableau_faults import tableau_faults
 from bodycheck.examine.diagnosis.faults.wrong_readings import WrongReading, wrong_readings
 from bodycheck.examine.diagnosis.quantity_resolution import Resolution
 from bodycheck.examine.diagnosis.recording_noise import with_noise
@@ -33,6 +34,7 @@ from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.scales import Scales
 
+_SLIPS = {fault.name for fault in tableau_faults()}
 _ALIKE = 0.9  # correlation of errors that one map makes, in one step and in several
 _FAR, _NEAR = 0.5, 0.2  # relative distance of omega from the turns between the attitudes: misread, meant
 
@@ -241,7 +243,9 @@ def _with_fault(search: Search, *, stepped: bool) -> Diagnosis:
     if search.own is not None and not stepped and len(found.faults) != 1:
         # as without a fault, maps with one step per sample are tried
         one = search.diagnosis(bases_for(None), (), None)
-        if one.verdict == "explained" and one.after <= search.own.limit:
+        # one long step with a misplaced stage or weight is as several short ones of a method of lower order
+        is_slip = any(fault.name in _SLIPS for fault in one.faults)
+        if one.verdict == "explained" and one.after <= search.own.limit and not is_slip:
             return one
     # the errors of a method of many steps are smooth, too, but then there is no step to name
     is_like_solver = left is not None and not left.is_one_sided and not (stepped and left.is_smooth)

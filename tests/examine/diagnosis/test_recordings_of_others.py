@@ -448,6 +448,27 @@ def test_rows_that_are_rounded_alike_do_not_narrow_an_interval(tmp_path: Path) -
     assert 0.2 < float(np.sqrt(np.mean(np.square(off)))) < 1.6
 
 
+@pytest.mark.slow
+def test_many_steps_of_euler_between_two_rows_are_no_slip_of_one_long_step(tmp_path: Path) -> None:
+    """20 steps of order 1 leave what one of RK4 with its third stage at 0.425 leaves, which is not named."""
+    dt_s, omega, attitude, rows = 1e-3, np.array([0.1, 0.9, 0.2]), np.array([1.0, 0.0, 0.0, 0.0]), []
+    for step in range(20 * 100 + 1):
+        if step % 20 == 0:
+            rows.append([dt_s * step, *np.zeros(6), *attitude, *omega])
+        turned = 0.5 * quaternion_product(attitude, np.array([0.0, *omega]))
+        omega = omega + dt_s * np.linalg.solve(INERTIA, -np.cross(omega, INERTIA @ omega))
+        attitude = attitude + dt_s * turned
+        attitude /= np.linalg.norm(attitude)
+    np.savetxt(tmp_path / "euler.csv", rows, "%.6f", ",", header=ROWS, comments="")
+    (tmp_path / "free.toml").write_text(FREE.replace("1.0, -2.0, 3.0", "0.1, 0.9, 0.2"))
+    found = runner.explain(tmp_path / "euler.csv", tmp_path / "free.toml").diagnosis
+    assert found is not None
+    assert found.faults == ()
+    found = runner.explain(tmp_path / "euler.csv", tmp_path / "free.toml", dt_s=dt_s).diagnosis
+    assert found is not None
+    assert found.verdict == "healthy"
+
+
 TORQUE = np.array([0.05, -0.04, 0.06])
 
 
