@@ -120,8 +120,8 @@ def evidence_of(found: Diagnosis) -> list[Evidence]:
 def explanation_document(cases: Sequence[ExplainedCase]) -> Document:
     """Return the explanations of cases in turn; the conclusion is the title and the first line."""
     if not cases:
-        nothing = Sentence("Nothing to explain: no verdict counts against a method.", "good")
-        return Document(_title(cases), (nothing,))
+        nothing = "Nothing to explain: no verdict counts against a method; --case examines one."
+        return Document(_title(cases), (Sentence(nothing, "good"),))
     title = _title(cases)
     first = Sentence(title, _conclusion(cases[0]).tint, strong=True, only=("console",))
     return Document(title, (first, *explanation_parts(cases, concluded=len(cases) == 1)))
