@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import dartpy
 import numpy as np
@@ -21,9 +21,6 @@ from bodycheck.adapters.frames import EngineAxes, LinkFrame, link_frame, pivot_p
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
-
-if TYPE_CHECKING:
-    pass
 
 _SEMI_IMPLICIT = Method(
     name="semi-implicit",

@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pybullet
@@ -27,9 +26,6 @@ from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.rotations import hat, matrix_to_quaternion
 from bodycheck.reference_impl.scene import ConstantLoad, PointForce, Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
-
-if TYPE_CHECKING:
-    pass
 
 _REFRESHED = "one step at rest before the start, to refresh the world inertia"
 

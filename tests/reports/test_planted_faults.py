@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import pytest
 from markupsafe import escape
@@ -18,9 +17,6 @@ from bodycheck.reports.summary.sentences import Summary, run_document
 from tests.helpers.html_page import report_page
 from tests.helpers.planted_faults import BASES, FAULTS, NO_FAULT, Fault, Faulty
 from tests.helpers.reported_results import reported_results
-
-if TYPE_CHECKING:
-    pass
 
 NOT_BY_PROBES = {
     "position-by-old-velocity": "an error of order 1 in the position, and no wrong reading",

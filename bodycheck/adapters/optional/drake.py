@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -22,9 +22,6 @@ from bodycheck.reference_impl.imu import has_imu, imu_point
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True)

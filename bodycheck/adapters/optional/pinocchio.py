@@ -6,7 +6,7 @@ q = (x, y, z, qx, qy, qz, qw) of the body frame, v = (velocity of its origin, om
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,9 +19,6 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
-
-if TYPE_CHECKING:
-    pass
 
 _SEMI_IMPLICIT = Method(
     name="semi-implicit",

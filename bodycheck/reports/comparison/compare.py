@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 from bodycheck.adapters.engine_names import pin_of
 from bodycheck.reports.comparison.change import (
@@ -31,9 +31,6 @@ from bodycheck.reports.comparison.environment_diff import (
 )
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.run_files.run_tables import CaseKey, Tables, announced_of, case_key, study_key
-
-if TYPE_CHECKING:
-    pass
 
 """The tables of a run with a column `engine`."""
 

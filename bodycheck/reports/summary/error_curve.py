@@ -15,7 +15,7 @@ from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 from bodycheck._util.formatting import step
 from bodycheck.reports.measurement.case import SWITCH_NOTE, CaseResult
@@ -23,9 +23,6 @@ from bodycheck.reports.measurement.convergence import ABOVE_FLOOR, LARGEST_ERROR
 from bodycheck.reports.measurement.measure_bounds import bound_of
 from bodycheck.reports.measurement.order import Order, predicted_error, settled_order
 from bodycheck.reports.run_files.run_tables import MethodKey, Tables, cases_by_method, key_of
-
-if TYPE_CHECKING:
-    pass
 
 RefinementSequence: TypeAlias = Sequence[CaseResult]
 """The cases of one method on one scenario, finest first."""

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 from bodycheck._util.formatting import count, names, number
 from bodycheck.reports.document import Column, Document, Sentence, Span, Table
 from bodycheck.reports.run_files.method_words import NO_KNOWN_MAP, NOT_MEASURED, REPLAY
 from bodycheck.reports.run_files.run_tables import MethodKey, key_of
-
-if TYPE_CHECKING:
-    pass
-
 
 _UNKNOWN = (NO_KNOWN_MAP, NOT_MEASURED)
 
