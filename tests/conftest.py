@@ -29,6 +29,9 @@ from tests.helpers.shared_folder import shared_folder
 # Bytecode is written even if the environment disables it: the tests start about a hundred processes, each of
 # which would compile our modules again, and pytest rewrites every assertion of these files before it starts.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+# readline, which pytest imports, exports the width of the terminal, to which commands would wrap their lines
+os.environ.pop("COLUMNS", None)
+os.unsetenv("COLUMNS")
 sys.dont_write_bytecode = False
 
 # the lines of a log depend on how busy a machine is; the test of these lines sets its own interval

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +14,7 @@ from typer.testing import CliRunner
 from bodycheck._util.errors import InputError
 from bodycheck.cli import commands
 from tests.helpers.file_permissions import obey_file_permissions
+from tests.helpers.in_process_cli import run_bodycheck
 
 GATES = '[[gate]]\nmeasure = "outcome"\nequals = "ok"\nreason = "any"\n'
 WRITING = {
@@ -65,3 +68,28 @@ def test_unwritable_tolerance_file_is_refused_before_the_run(tmp_path: Path) -> 
     assert done.stdout == ""
     assert done.stderr == "--update gates.toml: cannot be written: Permission denied\n"
     assert (tmp_path / "gates.toml").read_text() == GATES
+
+
+ANSWERING = {
+    "compare": ("compare", "run", "run", "--html", "a.html", "--markdown", "a.md"),
+    "explain": ("explain", "run", "--markdown", "a.md"),
+    "gate": ("gate", "--gates", "gates.toml", "--run", "run", "--junit", "a.xml", "--badge", "a.json"),
+    "audit": ("audit", "arm.urdf", "--lint", "--html", "a.html", "--sarif", "a.sarif"),
+}
+
+
+@pytest.mark.parametrize("command", ANSWERING)
+def test_files_that_were_asked_for_are_named_after_the_answer(
+    command: str, stored_run: Path, tmp_path: Path
+) -> None:
+    """The last lines are their paths; standard output as JSON is JSON alone."""
+    shutil.copytree(stored_run, tmp_path / "run")
+    (tmp_path / "gates.toml").write_text(GATES)
+    (tmp_path / "arm.urdf").write_text("<robot name='arm'><link name='base'/></robot>")
+    words = ANSWERING[command]
+    files = [word for word in words if word.startswith("a.")]
+    answer = run_bodycheck(tmp_path, *words).stdout.splitlines()
+    assert len(answer) > len(files)
+    assert answer[-len(files) :] == files
+    assert all((tmp_path / file).stat().st_size for file in files)
+    json.loads(run_bodycheck(tmp_path, *words, "--json").stdout)

@@ -298,7 +298,7 @@ def test_a_table_is_printed_or_written(command: Command) -> None:
     words = ("table", "run", "--columns", "scenario")
     assert command(*words, "--format", "md")[1].startswith("| scenario |\n| --- |\n| free |\n")
     assert json.loads(command(*words, "--format", "json")[1])[0] == {"scenario": "free"}
-    assert command(*words, "--parquet", "t.parquet")[:2] == (0, "")
+    assert command(*words, "--parquet", "t.parquet")[:2] == (0, "t.parquet\n")
     assert duckdb.sql("SELECT scenario FROM 't.parquet' LIMIT 1").fetchall() == [("free",)]
 
 
@@ -315,13 +315,17 @@ def test_a_figure_is_drawn(command: Command) -> None:
 
 @pytest.mark.parametrize("suffix", ["gif", "svg"])
 def test_a_movie_is_written(suffix: str, command: Command) -> None:
-    """`movie` writes the named file and prints its name."""
+    """`movie` says first which body is farthest from the truth, and when; its last line is the file."""
     pytest.importorskip("matplotlib")
     out = f"film.{suffix}"
-    assert command("movie", "run", "--scenario", "free", "--engine", "reference", f"--{suffix}", out)[:2] == (
-        0,
-        f"{out}\n",
+    words = ("movie", "run", "--scenario", "free", "--engine", "reference", f"--{suffix}", out)
+    status, shown, _ = command(*words)
+    assert status == 0
+    first, *_, last = shown.splitlines()
+    assert re.match(
+        r"free, dt \S+ s: farthest from the truth is reference:\S+, by \S+ rad at \S+ s\.$", first
     )
+    assert last == out
     assert Path(out).read_bytes().startswith({"gif": b"GIF89a", "svg": b"<?xml"}[suffix])
 
 

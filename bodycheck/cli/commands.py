@@ -28,6 +28,7 @@ from bodycheck.cli.options import (
     Json,
     OutFolder,
     Quiet,
+    check_files,
     complete_scenarios,
     described,
     engine_option,
@@ -35,6 +36,7 @@ from bodycheck.cli.options import (
     progress_of,
     refuse_others,
     takes_request,
+    write_files,
 )
 from bodycheck.cli.project_commands import project_commands
 from bodycheck.cli.rooms import rooms
@@ -295,15 +297,13 @@ def judge(
     The truth is that of a scenario, or of a body that starts at the first row. An energy drift is relative to
     the truth, and with the suffix _from_start relative to the file's first sample.
     """
-    from bodycheck._util.files import check_file, write_file
     from bodycheck.recordings.judge import explained_motion
     from bodycheck.recordings.judge_document import conclusion, is_true, judgement_document
     from bodycheck.reports.document import answer
     from bodycheck.reports.render.progress import status_line
     from bodycheck.runs import runner
 
-    if html is not None:
-        check_file("--html", html)
+    check_files({"html": html})
     steps_s = numbers(dt, "--dt")
     body = _given_motion(inertia_kg_m2, mass_kg, torque_body_n_m, gravity)
     if body is not None and start is not None:
@@ -335,10 +335,6 @@ def judge(
             for motion, row in zip(ranking.motions if diagnosed else (), ranking.rows, strict=False)
         ]
     document = judgement_document(ranking, cases, evidence=explain)
-    if html is not None:
-        from bodycheck.recordings.judge_page import judgement_page
-
-        write_file(html, judgement_page(ranking, cases).encode())
     data = ranking.data
     if cases:
         from bodycheck.examine.explanation.explanation_document import explanation_data
@@ -346,14 +342,15 @@ def judge(
         sentences = [conclusion(motion, case) for motion, case in zip(ranking.motions, cases, strict=True)]
         data = {"conclusions": sentences, **data, "explanations": explanation_data(cases)}
     answer(document, data, as_json=json)
-    if html is not None and not json:
-        print(html)
+    if html is not None:
+        from bodycheck.recordings.judge_page import judgement_page
+
+        write_files({"html": html}, {"html": lambda: judgement_page(ranking, cases)}, as_json=json)
 
 
 def _judge_tree(
     file: Path, scenario: str, steps_s: Sequence[float] | None, html: Path | None, *, json: bool
 ) -> None:
-    from bodycheck._util.files import write_file
     from bodycheck.recordings.judged_tree import tree_judgement, tree_judgement_data
     from bodycheck.reports.document import answer, page
     from bodycheck.reports.render.progress import status_line
@@ -362,11 +359,8 @@ def _judge_tree(
     with status_line(f"solving the truth of {scenario}"):
         found = runner.judge_tree(file, scenario, steps_s)
     document = tree_judgement(found)
-    if html is not None:
-        write_file(html, page(document, "document.html").encode())
     answer(document, tree_judgement_data(found), as_json=json)
-    if html is not None and not json:
-        print(html)
+    write_files({"html": html}, {"html": lambda: page(document, "document.html")}, as_json=json)
 
 
 def _given_motion(

@@ -114,13 +114,14 @@ def dynamics(
         results = check_gates(bounds, Tables(run_id="", manifest={}, cases=(), tables={"dynamics": rows}))
         shown = document.Document(shown.title, (*results_document(results).parts, *shown.parts))
         failed = any(result.is_bad for result in results)
+    document.answer(shown, found[0] if len(found) == 1 else found, as_json=json)
     write_files(
         files,
         {
-            "html": lambda _: document.page(shown, "document.html"),
-            "markdown": lambda _: document.markdown(shown),
+            "html": lambda: document.page(shown, "document.html"),
+            "markdown": lambda: document.markdown(shown),
         },
+        as_json=json,
     )
-    document.answer(shown, found[0] if len(found) == 1 else found, as_json=json)
     if failed:
         raise typer.Exit(1)

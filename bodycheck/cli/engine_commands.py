@@ -183,14 +183,15 @@ def gradients(
     with status_line(f"differentiating motions by {engine}", quiet=quiet):
         found = computed(engine.split(","), timeout_s, allow_code=allow_code)
     shown = gradients_document(found)
+    document.answer(shown, found, as_json=json)
     write_files(
         files,
         {
-            "html": lambda _: document.page(shown, "document.html"),
-            "markdown": lambda _: document.markdown(shown),
+            "html": lambda: document.page(shown, "document.html"),
+            "markdown": lambda: document.markdown(shown),
         },
+        as_json=json,
     )
-    document.answer(shown, found, as_json=json)
     if any(one.wrong for one in found):
         raise typer.Exit(1)
 

@@ -159,10 +159,11 @@ def gate(
     write_files(
         files,
         {
-            "junit": lambda _: gate_output.as_junit(results, str(gates)),
-            "sarif": lambda _: alerts.sarif(found),
-            "badge": lambda _: gate_output.badge_of(results),
+            "junit": lambda: gate_output.as_junit(results, str(gates)),
+            "sarif": lambda: alerts.sarif(found),
+            "badge": lambda: gate_output.badge_of(results),
         },
+        as_json=json,
     )
     if update:
         changes = _update(gates, results, margin, loosen)

@@ -157,13 +157,15 @@ def print_judgement(
         print(run_folder / "night.html")
     if github:
         tell_github(alerts_of(judged), "bodycheck nightly", document, as_json=json)
+    html = files.get("html") or Path()
     write_files(
         files,
         {
-            "html": lambda path: nightly_page(judged, relpath(run_folder, path.parent) + "/"),
-            "markdown": lambda _: markdown(document),
-            "junit": lambda _: as_junit(alerts_of(judged), "bodycheck nightly"),
+            "html": lambda: nightly_page(judged, relpath(run_folder, html.parent) + "/"),
+            "markdown": lambda: markdown(document),
+            "junit": lambda: as_junit(alerts_of(judged), "bodycheck nightly"),
         },
+        as_json=json,
     )
     only_open = judged.status == "regression" and not any(one.newly for one in judged.open)
     raise typer.Exit(0 if only_open and fail_on == "newly-worse" else _EXITS[judged.status])

@@ -438,11 +438,18 @@ def check_files(files: Files) -> None:
         check_file(f"--{format_name}", path)
 
 
-def write_files(files: Files, contents: Mapping[str, Callable[[Path], str | bytes]]) -> None:
-    """Write each file that is named; contents: format -> function path -> content."""
+def write_files(
+    files: Files, contents: Mapping[str, Callable[[], str | bytes]], *, as_json: bool = False
+) -> None:
+    """Write each file that is named, and print its path; contents: format -> function that returns it.
+
+    A command calls it after its answer. as_json: that is JSON, after which no path is printed.
+    """
     from bodycheck._util.files import write_file
 
     for format_name, path in files.items():
         if path is not None:
-            content = contents[format_name](path)
+            content = contents[format_name]()
             write_file(path, content.encode() if isinstance(content, str) else content)
+            if not as_json:
+                print(path)

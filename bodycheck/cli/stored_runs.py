@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -45,8 +46,6 @@ from bodycheck.cli.options import (
 from bodycheck.reports.gates.thresholds import THRESHOLD
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from bodycheck.reports.comparison.change import Status
     from bodycheck.reports.run_files.run_tables import Tables
     from bodycheck.reports.summary.advice import Advice
@@ -123,10 +122,12 @@ def compare(
     check_files(files)
     comparison = compared(read_tables(before), read_tables(after), levels)
     document = comparison_document(comparison)
-    write_files(
-        files, {"html": lambda _: comparison_page(comparison), "markdown": lambda _: as_markdown(document)}
-    )
     answer(document, comparison_data(comparison), as_json=json)
+    write_files(
+        files,
+        {"html": lambda: comparison_page(comparison), "markdown": lambda: as_markdown(document)},
+        as_json=json,
+    )
     if github:
         alerts = alerts_of(comparison, FAIL_ON[fail_on])
         tell_github(alerts, "bodycheck compare", document, as_json=json)
@@ -262,9 +263,8 @@ def advise(
     advice = advice_run.advise(request, progress_of(quiet=quiet))
     answer(advice_document(advice), advice, as_json=json)
     if plot is not None:
-        _plot_advice(plot, advice, request.engines)
-        if not json:
-            print(plot)
+        drawn = partial(_drawn_advice, advice, request.engines, plot.suffix)
+        write_files({"plot": plot}, {"plot": drawn}, as_json=json)
 
 
 def _check_plot(plot: Path | None) -> None:
@@ -278,9 +278,8 @@ def _check_plot(plot: Path | None) -> None:
         check_files({"plot": plot})
 
 
-def _plot_advice(plot: Path, advice: Advice, engines: tuple[str, ...]) -> None:
-    """Draw the scenario that limits the answer, with its tolerance."""
-    from bodycheck._util.files import write_file
+def _drawn_advice(advice: Advice, engines: tuple[str, ...], suffix: str) -> bytes:
+    """Return a figure of the scenario that limits the answer, with its tolerance."""
     from bodycheck.adapters.engine_names import REFERENCE
     from bodycheck.reports.render.figures import Appearance, picture
     from bodycheck.reports.run_files.run_reader import read_tables
@@ -291,7 +290,7 @@ def _plot_advice(plot: Path, advice: Advice, engines: tuple[str, ...]) -> None:
     shown = engines or tuple(name for name in tables.manifest["engines"] if name != REFERENCE)
     figure = "work-precision" if tables.manifest["speed"] and advice.error is not None else "order"
     appearance = Appearance(2, engines=shown, tolerance=advice.error)
-    write_file(plot, picture(tables, figure, str(scenario), advice.measure, plot.suffix, appearance))
+    return picture(tables, figure, str(scenario), advice.measure, suffix, appearance)
 
 
 def _free_body(
@@ -358,19 +357,16 @@ def explain(
     from bodycheck.examine.explanation import explanation_document as explanations
 
     document = explanations.explanation_document(cases)
-
-    def drawn(kind: str) -> Callable[[Path], bytes]:
-        return lambda _: explanations.explanation_figure(cases, f".{kind}")
-
+    answer(document, explanations.explanation_data(cases), as_json=json)
     write_files(
         files,
         {
-            "html": lambda _: explanations.explanation_page(cases),
-            "markdown": lambda _: as_markdown(document),
-            **{kind: drawn(kind) for kind in pictures},
+            "html": lambda: explanations.explanation_page(cases),
+            "markdown": lambda: as_markdown(document),
+            **{kind: partial(explanations.explanation_figure, cases, f".{kind}") for kind in pictures},
         },
+        as_json=json,
     )
-    answer(document, explanations.explanation_data(cases), as_json=json)
 
 
 @stored_run_commands.command(
@@ -388,7 +384,6 @@ def report(
 
     A run too large for one page has further pages next to it, in the folder report-files.
     """
-    from bodycheck._util.files import write_file
     from bodycheck.reports.run_files.run_reader import read_run, read_tables
 
     files = {"html": html, "markdown": markdown}
@@ -406,8 +401,8 @@ def report(
 
         if html is None:
             refuse_others(context, "--markdown: measures nothing again", ("run", "markdown"))
-        write_file(markdown, as_markdown(run_document(read_tables(run))).encode())
-        print(markdown)
+        summary = as_markdown(run_document(read_tables(run)))
+        write_files({"markdown": markdown}, {"markdown": lambda: summary})
         if html is None:
             return
     from bodycheck.reports.cache.disk_cache import Cache
@@ -467,7 +462,7 @@ def table(
         if len(set(requested)) < len(requested):
             raise InputError(f"--columns {columns}: has a column twice")
         found = found[requested]
-    write_files({"parquet": parquet}, {"parquet": lambda _: FORMATS["parquet"](found)})
+    write_files({"parquet": parquet}, {"parquet": lambda: FORMATS["parquet"](found)})
     if parquet is None:
         print(FORMATS[as_](found).decode(), end="")
 
@@ -516,7 +511,6 @@ def plot(
 
     Error against CPU time, against step size, or over time; stable steps; the polhode; the body at six times.
     """
-    from bodycheck._util.files import write_file
     from bodycheck.adapters.engine_names import REFERENCE
     from bodycheck.reports.cache.disk_cache import Cache
     from bodycheck.reports.measurement.measures import MEASURES
@@ -551,9 +545,8 @@ def plot(
     needs_motions = figure in NEED_MOTIONS
     found = read_run(run, allow_code=allow_code, cache=Cache.default()) if needs_motions else tables
     shown = measure or "orientation_error_rad"
-    for kind, path in files.items():
-        write_file(path, picture(found, figure, scenario, shown, f".{kind}", appearance))
-        print(path)
+    drawn = {kind: partial(picture, found, figure, scenario, shown, f".{kind}", appearance) for kind in files}
+    write_files(files, drawn)
 
 
 def _pair(text: str) -> tuple[str, str]:
@@ -620,8 +613,8 @@ def movie(
     names. An animation has at most 200 frames, each a stored sample, and lasts about 10 s; MP4 needs ffmpeg
     on the path. An SVG is a strip of six frames.
     """
-    from bodycheck._util.files import write_file
     from bodycheck.reports.cache.disk_cache import Cache
+    from bodycheck.reports.document import print_document
     from bodycheck.reports.render import movie as films
     from bodycheck.reports.render.progress import status_line
     from bodycheck.reports.run_files.run_reader import read_run, read_tables
@@ -634,7 +627,6 @@ def movie(
     engines = _engines_of(tables, engine)
     with status_line("drawing the frames", quiet=quiet):
         found = read_run(run, allow_code=allow_code, cache=Cache.default())
-        made = [(path, films.movie(found, scenario, f".{kind}", engines, dt)) for kind, path in files.items()]
-    for path, film in made:
-        write_file(path, film)
-        print(path)
+        drawn = {kind: films.movie(found, scenario, f".{kind}", engines, dt) for kind in files}
+    print_document(films.movie_document(found, scenario, engines, dt))
+    write_files(files, {kind: partial(bytes, film) for kind, film in drawn.items()})

@@ -8,6 +8,7 @@ shortens in the middle.
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -175,11 +176,11 @@ _STYLES = {"good": "green", "floor": "green", "open": "yellow", "bad": "red", "f
 
 
 def console() -> Console:
-    """Return a console on standard output; it does not wrap lines in a pipe."""
+    """Return a console on standard output; it wraps lines in a pipe only where COLUMNS is set."""
     from rich.console import Console  # imported here: a document as JSON needs none
 
     made = Console(highlight=False)
-    if not made.is_terminal:
+    if not made.is_terminal and not os.environ.get("COLUMNS"):
         made.width = _ENDLESS
     return made
 

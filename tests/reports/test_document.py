@@ -130,6 +130,16 @@ def test_no_drawn_table_is_wider_than_its_terminal(seed: int, monkeypatch: pytes
                 assert set(plain(text).split()) <= set(shown)
 
 
+@pytest.mark.parametrize(("columns", "lines"), [("40", 3), ("", 1)])
+def test_a_pipe_wraps_only_where_columns_is_set(
+    columns: str, lines: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """COLUMNS is the width of the lines; without it a sentence is one line."""
+    monkeypatch.setenv("COLUMNS", columns)
+    document.print_document(Document("", (Sentence(" ".join(10 * ["ten words"])),)))
+    assert len(capsys.readouterr().out.splitlines()) == lines
+
+
 def test_a_short_list_of_a_long_table_says_where_the_rest_is(monkeypatch: pytest.MonkeyPatch) -> None:
     """The console and Markdown both say so."""
     table = Table((Column("a"),), tuple((f"row {k}",) for k in range(5)), max_rows=2, rest="--html FILE")

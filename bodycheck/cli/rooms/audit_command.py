@@ -166,14 +166,15 @@ def audit(
         write_shard(found, part, out)
     if fix is not None and model is not None:
         found = with_fix(found, model, fix)
+    answer(audit_document(found), audit_data(found), as_json=json)
     write_files(
         files,
         {
-            "html": lambda _: audit_page(found),
-            "sarif": lambda _: as_sarif(alerts_of(found, differences="difference" in levels)),
+            "html": lambda: audit_page(found),
+            "sarif": lambda: as_sarif(alerts_of(found, differences="difference" in levels)),
         },
+        as_json=json,
     )
-    answer(audit_document(found), audit_data(found), as_json=json)
     if failures(found, levels):
         raise typer.Exit(1)
 

@@ -15,6 +15,7 @@ from bodycheck._util.formatting import number, step
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
+from bodycheck.reports.document import Column, Document, Sentence, Table
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.problem import Problem
@@ -41,6 +42,7 @@ FRAMES = 200
 
 _PLAY_S = 10.0
 _HOLD_S = 1.5
+_SEEN_RAD = 0.1  # six degrees
 _SLOWEST, _FASTEST = 2, 25  # frames per second
 _SIZE_IN = (9.6, 5.4)  # 16:9
 _MAX_IN_ROW = 4
@@ -70,11 +72,7 @@ def movie(
     empty. dt_s: their step; if None, the coarsest that most of them share. Raises InputError if the run has
     no such motion.
     """
-    problem = next((one for one in run.problems if one.scenario.name == scenario), None)
-    cases = [case for case in run.cases if case.columns["scenario"] == scenario]
-    filmed = filmed_cases(cases, engines, dt_s)
-    if problem is None or not filmed:
-        raise InputError(f"--scenario {scenario}: no case with a step has outcome ok")
+    problem, filmed = _filmed(run, scenario, engines, dt_s)
     with rendering():
         from matplotlib.figure import Figure
 
@@ -87,6 +85,61 @@ def movie(
             film = Path(folder) / f"film{suffix}"
             _write_film(film, Figure(), problem, filmed)
             return film.read_bytes()
+
+
+def movie_document(
+    run: Run, scenario: str, engines: Sequence[str] = (), dt_s: float | None = None
+) -> Document:
+    """Return what a film shows: its bodies, the farthest first, and from when each is seen to be wrong."""
+    problem, filmed = _filmed(run, scenario, engines, dt_s)
+    groups = sorted(equal_motions(problem, filmed), key=lambda group: -_shown_errors(problem, group[0]).max())
+    rows = []
+    for group in groups:
+        errors = _shown_errors(problem, group[0])
+        seen = problem.times[: len(errors)][errors > _SEEN_RAD]
+        rows.append(
+            (
+                " = ".join(map(method_name, group)),
+                number(float(errors.max()), 3),
+                number(float(problem.times[errors.argmax()]), 4) if errors.any() else "",
+                number(float(seen[0]), 4) if len(seen) else "never",
+            )
+        )
+    farthest, error, at_s, _ = rows[0]
+    where = f"{scenario}, dt {step(filmed[0].dt_s)} s"
+    conclusion = f"farthest from the truth is {farthest}, by {error} rad at {at_s} s"
+    return Document(
+        "bodycheck: film",
+        (
+            Sentence(f"{where}: {conclusion if at_s else 'no body leaves the truth'}."),
+            Table(
+                (
+                    Column("body (=: equal motions)"),
+                    Column("largest error, rad", "number"),
+                    Column("at t, s", "number"),
+                    Column(f"above {_SEEN_RAD:g} rad from t, s", "number"),
+                ),
+                tuple(rows),
+            ),
+        ),
+    )
+
+
+def _filmed(
+    run: Run, scenario: str, engines: Sequence[str], dt_s: float | None
+) -> tuple[Problem, list[CaseResult]]:
+    problem = next((one for one in run.problems if one.scenario.name == scenario), None)
+    cases = [case for case in run.cases if case.columns["scenario"] == scenario]
+    filmed = filmed_cases(cases, engines, dt_s)
+    if problem is None or not filmed:
+        raise InputError(f"--scenario {scenario}: no case with a step has outcome ok")
+    return problem, filmed
+
+
+def _shown_errors(problem: Problem, case: CaseResult) -> Array:
+    """Return the error in rad at each sample (n,), 0 where it is within the bound of the truth."""
+    errors = case.series[ORIENTATION]
+    return np.where(errors > problem.truth.bound_rad[: len(errors)], errors, 0.0)
 
 
 def filmed_cases(
@@ -176,9 +229,7 @@ def _panels(page: Figure, problem: Problem, cases: Sequence[CaseResult]) -> Call
         for body, motion in bodies:
             body.set_verts(drawn.polygons(motion, k))
         for text, case in zip(labels, cases, strict=True):
-            error = float(case.series[ORIENTATION][k])
-            error_text = number(error, 2) if error > problem.truth.bound_rad[k] else "0"
-            text.set_text(f"error {error_text} rad")
+            text.set_text(f"error {number(float(_shown_errors(problem, case)[k]), 2)} rad")
 
     return show
 
