@@ -9,6 +9,7 @@ import shlex
 import tomllib
 from importlib.metadata import entry_points
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -71,9 +72,10 @@ def imported(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 
 @pytest.fixture
-def inner(pytester: pytest.Pytester, imported: None) -> pytest.Pytester:
-    """Return a user's folder with two scenarios."""
+def inner(pytester: pytest.Pytester, imported: None, monkeypatch: pytest.MonkeyPatch) -> pytest.Pytester:
+    """Return a user's folder with two scenarios, and a wide terminal."""
     del imported
+    monkeypatch.setenv("COLUMNS", "200")
     pytester.makefile(".toml", mine=SCENARIO, other=SCENARIO.replace('"mine"', '"other"'))
     # hypothesis would be imported again at the end of every inner session
     plugins = "-p no:cacheprovider -p no:hypothesispytest"
@@ -93,6 +95,27 @@ def test_plugin_is_an_entry_point() -> None:
     plugin = importlib.import_module(MODULE)
     assert hasattr(plugin, "pytest_addoption")
     assert hasattr(plugin, "bodycheck_gate")
+
+
+def test_summary_is_as_wide_as_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A check that needs more room goes on in indented lines; a path stays whole."""
+    lines = ["passed mine reference:rk4: orientation_error_rad <= 1e-5: 1 case", f"report /{60 * 'a'}"]
+    report = SimpleNamespace(when="call", user_properties=[("bodycheck", line) for line in lines])
+    shown: list[str] = []
+    reporter = SimpleNamespace(
+        stats={"passed": [report]},
+        section=shown.append,
+        write_line=lambda text: shown.extend(text.split("\n")),
+    )
+    monkeypatch.setenv("COLUMNS", "50")
+    importlib.import_module(MODULE).pytest_terminal_summary(reporter)
+    assert shown == [
+        "bodycheck",
+        "passed mine reference:rk4: orientation_error_rad",
+        "    <= 1e-5: 1 case",
+        "report",
+        f"    /{60 * 'a'}",
+    ]
 
 
 @pytest.mark.slow

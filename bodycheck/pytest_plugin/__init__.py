@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from shutil import get_terminal_size
+from textwrap import TextWrapper
 from typing import TYPE_CHECKING
 
 import pytest
@@ -94,12 +96,14 @@ def bodycheck_gate(request: pytest.FixtureRequest) -> GateCase:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Print one line per check, from all workers."""
+    """Print each check, from all workers, in lines as wide as those of pytest."""
     lines = list(_checks(terminalreporter))
     if lines:
         terminalreporter.section("bodycheck")
+        width = get_terminal_size().columns
+        wrapper = TextWrapper(width, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False)
         for line in lines:
-            terminalreporter.write_line(line)
+            terminalreporter.write_line(wrapper.fill(line))
 
 
 def _checks(terminalreporter: pytest.TerminalReporter) -> Iterator[str]:
