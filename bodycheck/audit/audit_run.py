@@ -269,7 +269,7 @@ def link_audit(model: ModelFile, link: ModelLink, imported: Sequence[Imported]) 
         one.column.name: compared(model, link, one) for one in imported if one.column.outcome == "ok"
     }
     derived = "" if link.stated is None else link.stated.derived
-    return LinkAudit(link.name, link.line, stated, derived, link.unread, comparisons)
+    return LinkAudit(link.name, link.place, stated, derived, link.unread, comparisons)
 
 
 def compared(model: ModelFile, link: ModelLink, imported: Imported) -> LinkImport:

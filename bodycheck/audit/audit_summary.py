@@ -169,7 +169,8 @@ def _of_bodies(audit: Audit, column: ImporterColumn) -> tuple[str, bool]:
     )
     base = ", but fixes the base, whose mass then moves nothing" if fixed else ""
     within = f", with {count(merged - fixed, 'link')} merged" if merged > fixed else ""
-    return f"holds it {held}{within}{base}", True
+    numbers = "the impossible numbers" if impossible(audit) else "it"
+    return f"holds {numbers} {held}{within}{base}", True
 
 
 def _compared(audit: Audit, differing: int, total: int, *, single: bool) -> tuple[str, bool]:

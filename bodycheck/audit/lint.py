@@ -70,8 +70,7 @@ def _range(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
 def _finding(
     rule: str, severity: Severity, confidence: Confidence, link: ModelLink, message: str, expected: str = ""
 ) -> LintFinding:
-    line = link.line if link.stated is None else link.stated.line
-    return LintFinding(rule, severity, confidence, str(link.file), line, link.name, message, expected)
+    return LintFinding(rule, severity, confidence, str(link.file), link.place, link.name, message, expected)
 
 
 def _written(link: ModelLink) -> Body | None:

@@ -184,9 +184,10 @@ def test_linter_reports_a_wrong_inertia_with_its_line(
 ) -> None:
     """Each wrong inertia is found in line 3 and with what is expected; the right one gives no finding."""
     assert not list(lint(read_model(_file(tmp_path))))
-    findings = list(lint(read_model(_file(tmp_path, **changes))))
+    path = _file(tmp_path, **changes)
+    findings = list(lint(read_model(path)))
     assert [one.rule for one in findings] == [rule]
-    assert findings[0].line == 3
+    assert [one.line for one in (*findings, *audit(path, AuditOptions([])).links)] == [3, 3]
     assert findings[0].expected
 
 
@@ -305,7 +306,7 @@ def test_outputs_have_all_digits_and_places(audited: Audit) -> None:
     assert data["links"][0]["stated"]["inertia_kg_m2"] == stated.inertia_kg_m2.tolist()
     results = json.loads(sarif(alerts_of(audited, differences=True)))["runs"][0]["results"]
     assert {one["ruleId"] for one in results} == {"import-difference"}
-    assert results[0]["locations"][0]["physicalLocation"]["region"]["startLine"] == 2
+    assert results[0]["locations"][0]["physicalLocation"]["region"]["startLine"] == 3
     page = audit_page(audited)
     assert page.count('<path class="held"') == page.count('<path class="true"') >= 4
     assert failures(audited, ["difference"])
@@ -429,7 +430,9 @@ def test_page_marks_bad_links_and_links_issues() -> None:
     finding = LintFinding(
         "triangle-inequality", "error", "certain", "robot.urdf", 2, "arm", "impossible tensor"
     )
-    page = audit_page(Audit("robot.urdf", "urdf", "", [column], links, [finding]))
+    found = Audit("robot.urdf", "urdf", "", [column], links, [finding])
+    assert _sentences(found)[1].text == "DART holds the impossible numbers as written."
+    page = audit_page(found)
     assert '<th scope="row" class="tint-bad">arm<br><small>line 2<br>error: triangle-inequality' in page
     assert (
         '<td class="tint-open" data-heading="dart:default"><strong>agrees, but no body has these numbers'

@@ -101,6 +101,11 @@ class ModelLink:
     several: tuple[StatedJoint, ...] = ()
 
     @property
+    def place(self) -> int:
+        """The line of the inertia that the file states, else that of the link: it stands for the link."""
+        return self.line if self.stated is None else self.stated.line
+
+    @property
     def joints(self) -> tuple[StatedJoint, ...]:
         """All joints to the parent."""
         return self.several or (() if self.joint is None else (self.joint,))
