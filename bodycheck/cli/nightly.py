@@ -153,8 +153,6 @@ def print_judgement(
 
     document, data = nightly_document(judged), {**nightly_data(judged), "folder": run_folder}
     answer(document, data, as_json=json)
-    if not json:
-        print(run_folder / "night.html")
     if github:
         tell_github(alerts_of(judged), "bodycheck nightly", document, as_json=json)
     html = files.get("html") or Path()
@@ -167,6 +165,8 @@ def print_judgement(
         },
         as_json=json,
     )
+    if not json:
+        print(run_folder / "night.html")
     only_open = judged.status == "regression" and not any(one.newly for one in judged.open)
     raise typer.Exit(0 if only_open and fail_on == "newly-worse" else _EXITS[judged.status])
 

@@ -20,6 +20,7 @@ from bodycheck.reports.comparison.headlines import (
     distinct,
     factor,
     headlines,
+    largest_error,
     lines_of,
     moved_text,
     moved_texts,
@@ -79,26 +80,25 @@ class ChangeGroup:
 
     @property
     def text(self) -> str:
-        """The largest change and the number of further ones."""
-        first, *others = self.changes
-        if not others:
-            return change_text(first)
+        """The first change and the number of further ones."""
+        if len(self.changes) == 1:
+            return change_text(self.first)
         cases = {(change.control, change.fineness) for change in self.changes}
-        more = f"{count(len(others), 'more change')}, in {count(len(cases), 'case')}"
-        return f"{change_text(first)}; {count(len(cases) - 1, 'more case') if self.kind == 'case' else more}"
+        more = f"{count(len(self.changes) - 1, 'more change')}, in {count(len(cases), 'case')}"
+        more = count(len(cases) - 1, "more case") if self.kind == "case" else more
+        return f"{change_text(self.first)}; {more}"
 
     @property
-    def factor(self) -> str:
-        """The largest factor from the value before to the value after; "" for changes without a size."""
-        decades = self.changes[0].decades
-        return "" if decades is None else f"× {number(10.0**decades, 3)}"
+    def first(self) -> Change:
+        """The change that the headlines name: the largest of the orientation error, else the largest."""
+        return largest_error(self.changes) or self.changes[0]
 
     @property
     def row(self) -> tuple[str, str, Span, str, Span]:
         """The cells of a table of changes; a page unfolds every single change of the group."""
         others = tuple(change_text(change) for change in self.changes) if len(self.changes) > 1 else ()
         kind = Span(self.kind, _TINTS[self.status])
-        return self.where, self.method, kind, self.factor, Span(self.text, items=others)
+        return self.where, self.method, kind, factor(self.first), Span(self.text, items=others)
 
 
 def groups(changes: Iterable[Change]) -> list[ChangeGroup]:
@@ -130,7 +130,7 @@ def change_text(change: Change) -> str:
         kind, outcome = ("new", change.after) if change.before is None else ("missing", change.before)
         return f"{kind} case{at} ({outcome})"
     before, after = distinct(change, 4)
-    size = factor(change, 3)
+    size = factor(change)
     return f"{change.quantity} {before} -> {after}{f' ({size})' * bool(size)}{at}"
 
 
@@ -188,8 +188,9 @@ def commits_of(comparison: Comparison) -> str:
 
 
 def _collapsed(comparison: Comparison, lines: Iterable[Headline]) -> str:
-    """Return how many changes improved, moved or are new, which only pages list."""
-    parts = []
+    """Return how many values changed, of which consoles list those that fail."""
+    failing = ((status, comparison.of_status(status)) for status in FAILING)
+    parts = [f"{len(changes)} {status}" for status, changes in failing if changes]
     better = (one for line in lines if line.direction == "improved" for one in line.changes)
     if improved := [one for one in better if one.status == "improved"]:
         parts.append(f"{len(improved)} improved")
@@ -197,7 +198,7 @@ def _collapsed(comparison: Comparison, lines: Iterable[Headline]) -> str:
         parts.append(f"{len(moved)} moved{moved_text(moved, comparison.thresholds)}")
     if new := comparison.of_status("new"):
         parts.append(f"{len(new)} new")
-    return f"Single changes: {', '.join(parts)}." if parts else ""
+    return f"Changed values: {', '.join(parts)}." if parts else ""
 
 
 def nothing(comparison: Comparison) -> str:
@@ -218,7 +219,7 @@ def change_tables(changes: Iterable[Change], rest: str) -> tuple[Table, ...]:
         Column("scenario", "name"),
         Column("engine:method", "name"),
         Column("kind", "fixed", only=("page",)),
-        Column("factor", "number", only=("page",)),
+        Column("size", "number", only=("page",)),
         Column("change"),
     )
     return tuple(

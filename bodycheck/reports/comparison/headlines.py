@@ -56,17 +56,28 @@ class Headline:
     @property
     def text(self) -> str:
         """Return "mujoco:rk4: order 4 -> 2 in orientation, error at 1 ms x 7e5 in brick (cause)"."""
-        found = [part for make in _EFFECTS for part in make(self.changes, self.direction)]
-        main = _largest_error(self.changes) or self.changes[0]
-        first = [main.scenario] if main.scenario else []
-        scenarios = dict.fromkeys([*first, *(one.scenario for one in self.changes if one.scenario)])
-        where = f" in {names_of(list(scenarios))}" if scenarios else ""
         engine, arrow, version = self.release.rpartition(" -> ")
         since = f"since version {version}, {engine} before" if arrow else ""
         commits = f"in commits {version}" if version and not arrow else ""
         why = "; ".join(filter(None, (self.cause, since, commits)))
+        return self._with(", ".join(self._effects)) + (f" ({why})" if why else "")
+
+    @property
+    def title(self) -> str:
+        """Return the first effect alone, "mujoco:rk4: order 4 -> 2 in orientation in brick"."""
+        return self._with(", ".join(self._effects[:1]))
+
+    @property
+    def _effects(self) -> list[str]:
+        return [part for make in _EFFECTS for part in make(self.changes, self.direction)]
+
+    def _with(self, effects: str) -> str:
+        main = largest_error(self.changes) or self.changes[0]
+        first = [main.scenario] if main.scenario else []
+        scenarios = dict.fromkeys([*first, *(one.scenario for one in self.changes if one.scenario)])
+        where = f" in {names_of(list(scenarios))}" if scenarios else ""
         improved = " improved" if self.direction == "improved" else ""
-        return f"{self.subject}{improved}: {', '.join(found)}{where}" + (f" ({why})" if why else "")
+        return f"{self.subject}{improved}: {effects}{where}"
 
 
 def _subject(engine: str, methods: Sequence[str]) -> str:
@@ -235,7 +246,7 @@ def _verdicts(changes: Sequence[Change], direction: Direction) -> list[str]:
 
 def _orders(changes: Sequence[Change], _: Direction) -> list[str]:
     """Return the change of order that matches the largest error by quantity and, if possible, by scenario."""
-    found, error = _of_kind(changes, "order"), _largest_error(changes)
+    found, error = _of_kind(changes, "order"), largest_error(changes)
     if not found:
         return []
     if error is not None:
@@ -249,7 +260,7 @@ def _orders(changes: Sequence[Change], _: Direction) -> list[str]:
 def _errors(changes: Sequence[Change], _: Direction) -> list[str]:
     sized = [one for one in _of_kind(changes, "accuracy") if one.decades is not None]
     gone = dict.fromkeys(one.quantity for one in _of_kind(changes, "accuracy") if one.after is None)
-    largest = _largest_error(changes)
+    largest = largest_error(changes)
     worst = max(sized, key=lambda one: one.size, default=None)
     named = [one for one in (largest,) if one is not None]
     if largest and worst and worst.size > largest.size + _FARTHER_DECADES:
@@ -276,7 +287,7 @@ def _others(changes: Sequence[Change], _: Direction) -> list[str]:
 _EFFECTS: tuple[_Effects, ...] = (_cases, _outcomes, _verdicts, _orders, _errors, _others)
 
 
-def _largest_error(changes: Iterable[Change]) -> Change | None:
+def largest_error(changes: Iterable[Change]) -> Change | None:
     """Return the largest change of the orientation error, or else of any measure."""
     errors = [one for one in _of_kind(changes, "accuracy") if one.decades is not None]
     of_orientation = [one for one in errors if one.quantity == ORIENTATION]
@@ -304,13 +315,13 @@ def at(change: Change) -> str:
     return f" at {setting(change.control, change.fineness)}"
 
 
-def factor(change: Change, digits: int = 2) -> str:
+def factor(change: Change) -> str:
     """Return "x 1.9e6", or "+2.1 %" if a change is below 100 %; "" without a size."""
     if change.decades is None or change.relative is None:
         return ""
     if change.relative >= 1.0:
         times = 10.0**change.decades
-        return f"x {times:.0f}" if 10.0 <= times < 1e3 else f"x {number(times, digits)}"
+        return f"x {times:.0f}" if 10.0 <= times < 1e3 else f"x {number(times, 2)}"
     return f"{'+' if change.decades > 0.0 else '-'}{number(100.0 * change.relative, 2)} %"
 
 

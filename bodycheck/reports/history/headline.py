@@ -30,10 +30,17 @@ def headline(judged: Judgement) -> str:
         return still + first.text + (f"; {count(len(others), 'more regression')}" if others else "")
     if judged.status == "insufficient history":
         cases = count(sum(case.ok for case in judged.newest.cases), "case")
-        return f"{_why_no_baseline(judged.baseline)}: {cases} stored, with which the next run is compared."
+        why = _why_no_baseline(judged.baseline)
+        return f"{why}: nothing to compare with yet, {cases} stored for the next run."
     better = [] if judged.comparison is None else lines_of(judged.comparison)
     improved = [one.subject for one in better if one.direction == "improved"]
     if not improved:
         return "No regression."
     named = ", ".join(improved) if len(improved) <= _MAX_NAMED else count(len(improved), "method")
     return f"No regression; {named} improved."
+
+
+def title(judged: Judgement) -> str:
+    """Return the first effect on the method that is worst, for a heading; else the headline."""
+    lines = open_lines(judged.open)
+    return lines[0].line.title if lines and judged.status == "regression" else headline(judged)

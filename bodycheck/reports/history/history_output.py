@@ -18,7 +18,7 @@ from bodycheck.reports.document import MEDIA, Column, Command, Document, Medium,
 from bodycheck.reports.history.acceptances import acceptance_text
 from bodycheck.reports.history.archive import started_at
 from bodycheck.reports.history.baseline import SUMMARY_KEYS, machine_class
-from bodycheck.reports.history.headline import headline
+from bodycheck.reports.history.headline import headline, title
 from bodycheck.reports.history.nightly_files import versions_of
 from bodycheck.reports.history.open_regressions import OpenLine, open_lines
 from bodycheck.reports.history.regression import Judgement, Speeds
@@ -162,7 +162,7 @@ def nightly_sentences(judged: Judgement) -> list[str]:
     """Return sentences: what improved, closed or was accepted, what was compared, what was left out."""
     found = [f"{one.text_closed}." for one in open_lines(judged.state.closed)]
     if judged.status == "insufficient history":
-        found.append("Run the same command again; status 3 only says that there was nothing to compare with.")
+        found.append("Exit status 3 says only this; run the same command again to compare.")
     earlier = () if not judged.baseline.runs else judged.baseline.runs[0].state.acceptances
     found += [f"Acceptance {acceptance_text(one)}." for one in judged.acceptances if one.id not in earlier]
     if judged.comparison is not None:
@@ -224,15 +224,20 @@ def _speed_sentence(judged: Judgement) -> str:
 
 def nightly_document(judged: Judgement) -> Document:
     """Return what is worse and since when, what else changed, and all changes."""
-    first = headline(judged)
+    heading, first = title(judged), headline(judged)
     columns = (Column("since"), Column("worse than its level"), Column("id", "fixed"))
     rows = tuple((one.duration, one.text, one.id) for one in open_lines(judged.open))
     listed: tuple[Medium, ...] = MEDIA if len(rows) > 1 else ()  # one is the headline
     run = f"Nightly run {judged.newest.run_id}"
+    said_by_heading: tuple[Medium, ...] = ("console",)  # which consoles do not show
     return Document(
-        first,
+        heading,
         (
-            Sentence(first, _TINTS[judged.status], strong=True, only=("console",)),
+            Sentence(
+                *(first, _TINTS[judged.status]),
+                strong=True,
+                only=said_by_heading if first == heading else MEDIA,
+            ),
             Table(
                 *(columns, rows, "Open regressions", "bad"),
                 max_rows=_MAX_OPEN,

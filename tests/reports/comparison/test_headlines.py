@@ -139,7 +139,7 @@ def test_a_better_release_is_one_sentence() -> None:
         "mujoco:rk4 improved: order 2 -> 4 in orientation, error at 1 ms x 5.3e-7 in brick "
         "(since version 4.0.0, 3.17.0 before).",
         "mujoco: euler, implicit, implicitfast and discrete moved in the 12th digit.",
-        "Single changes: 2 improved, 4 moved in the 12th digit.",
+        "Changed values: 2 improved, 4 moved in the 12th digit.",
     ]
     assert not compare(OLD, NEW).failing
 
@@ -245,7 +245,7 @@ def test_a_method_has_one_line_however_many_of_its_digits_moved() -> None:
     assert sentences(compare(before, after))[:3] == [
         "mujoco:euler: error at 10 ms x 2 in brick.",
         "mujoco:rk4 moved in the 11th digit.",
-        "Single changes: 2 moved in the 11th digit.",
+        "Changed values: 1 worse, 2 moved in the 11th digit.",
     ]
 
 

@@ -263,7 +263,7 @@ def test_the_page_has_all_of_it_under_the_tints_of_a_report() -> None:
     assert places == sorted(places)
     assert page.count("orientation_error_rad 0.001 -&gt; 0.01") == 2  # in the table, and below its figure
     assert "new case at dt 0.04 s (ok)" in page
-    for column in ("kind", "factor"):
+    for column in ("kind", "size"):
         assert f">{column}</th>" in page
     assert "--good" in page  # the report's own style
     assert "by more than 2.0 % of the smaller value" in page

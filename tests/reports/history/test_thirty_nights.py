@@ -66,7 +66,7 @@ CREEP = {n: (*BETA3, ("gamma:m2", 1.007**n)) for n in (1, 2, 3, 4)}
 GAMMA = (*BETA3, ("gamma:m2", 2.0))
 
 NIGHTS = (
-    Night("First nightly run: 24 cases stored, with which the next run is compared.", 3),
+    Night("First nightly run: nothing to compare with yet, 24 cases stored for the next run.", 3),
     *(Night(QUIET),) * 3,
     Night(BROKEN, 1, (BROKEN,), M1, CAUSE),  # 1: broken on the fifth night
     Night(f"Still worse since 2026-01-05 (2 nightly runs): {BROKEN}", 1, (BROKEN,), M1, CAUSE),  # 2
