@@ -200,7 +200,9 @@ def trial(problem: Problem, base: str, faults: Sequence[Fault]) -> Trial:
 def is_hit(one: Trial) -> bool:
     """Return whether the planted fault or its class is named with its parameter within 5 %."""
     right, value = NAMES[one.faults[0].name]
-    if one.found is None or not any(len(names) == 1 and names <= right for names in one.names):
+    if one.found is None or one.found.verdict != "explained":
+        return False
+    if not any(len(names) == 1 and names <= right for names in one.names):
         return False
     first = one.found.faults[0]
     if value is None or first.name not in right or not first.parameters:

@@ -148,6 +148,8 @@ def _cause(motion: JudgedMotion, found: Diagnosis | None, dt_s: float | None) ->
         yield f"The start differs: {found.start.sentence}."
     if found.verdict == "explained":
         yield f"Likely cause: {found.sentence}."
+    elif found.verdict == "nearest":
+        yield f"{found.sentence[:1].upper()}{found.sentence[1:]}."
     elif found.per_sample is not None:
         off = number(found.per_sample, 2)
         hint = "" if dt_s is not None else "; --dt, the step of the program, tells them apart"

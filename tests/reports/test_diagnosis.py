@@ -31,8 +31,12 @@ from bodycheck.examine.explanation.explanation_document import (
     similar_issues,
     upstream_issues,
 )
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.dynamics import angular_acceleration
+from bodycheck.reference_impl.rotations import exp_quaternion, normalised, quaternion_product
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.wrench import steps_per_sample
 from bodycheck.reports.document import Document, Sentence, Span, Table
 from bodycheck.reports.document import markdown as as_markdown
 from bodycheck.reports.measurement.problem import Problem
@@ -213,6 +217,41 @@ def test_a_planted_fault_is_named_with_its_parameter(
         assert math.isclose(fitted.value, value, rel_tol=1e-6, abs_tol=1e-9)
         assert fitted.low <= fitted.value <= fitted.high
     assert found.share > 0.999
+
+
+def test_a_fault_that_leaves_more_than_another_map_would_is_the_nearest_one() -> None:
+    """Something unknown acts besides the missing term: what is left is far above round-off."""
+    motion = motion_of("full-tensor", "rk4", ["no-gyroscopic-term"])
+    noise = np.random.default_rng(25).normal(size=motion.omega_body.shape)
+    noisy = replace(motion, omega_body_rad_s=motion.omega_body + 1e-3 * noise)
+    found = diagnosis_of("full-tensor", noisy, 4)
+    assert (found.verdict, found.faults[0].name) == ("nearest", "gyroscopic-term")
+    assert found.sentence.startswith(
+        "nearest known fault: the gyroscopic term omega x I omega is missing; or"
+    )
+    assert not found.without_faults.sentence.startswith("nearest")
+
+
+def test_a_fault_of_an_unknown_map_is_stated_as_it_is() -> None:
+    """What is left is no more than one map of order 1 differs from another."""
+    scene = problem_of("full-tensor").scenario.scene
+    initial, inertia, dt_s = scene.initial, scene.body.inertia, STEPS["full-tensor"]
+    rows = [(normalised(initial.quaternion), initial.omega_body)]
+
+    def rate(omega: Array) -> Array:
+        return angular_acceleration(inertia, omega, np.zeros(3)) - 0.5 * omega
+
+    for _ in range(steps_per_sample(scene.duration_s, dt_s)):
+        q, omega = rows[-1]
+        omega = omega + dt_s * (0.7 * rate(omega) + 0.3 * rate(omega + dt_s * rate(omega)))
+        rows.append((quaternion_product(q, exp_quaternion(dt_s * omega)), omega))
+    stride = steps_per_sample(scene.sample_interval_s, dt_s)
+    attitude, omegas = (np.array(part)[::stride] for part in zip(*rows, strict=True))
+    still = motion_of("full-tensor", "m1")
+    found = diagnosis_of("full-tensor", replace(still, quaternion=attitude, omega_body_rad_s=omegas), 1)
+    assert "damping-angular" in {found.faults[0].name, *(name for (name,) in found.alike_names)}
+    assert found.verdict == "explained"
+    assert found.share < 0.995
 
 
 def test_faults_that_a_scene_cannot_tell_apart_are_one_class() -> None:

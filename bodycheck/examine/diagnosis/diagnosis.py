@@ -49,6 +49,9 @@ _NEAR = 3.0  # multiples of the limit, within which a fit is weighed by its own 
 _INVOLVED = 1e-3  # length of the part of a direction that counts
 _COARSEST_TURN = 0.1  # rad, of a step of the exact flow
 _MAX_STEPS = 400  # between two samples
+ALL = 0.9999
+"""Share of the differences from which on faults count as explaining all of them."""
+
 LIBRARY_STEPS = 10
 """The most steps between two samples for which all maps of the library are tried."""
 
@@ -83,13 +86,14 @@ class FittedFault:
 class Diagnosis:
     """What explains a motion.
 
-    verdict: explained, healthy (the motion is that of the map, without a fault), lower-order (the same, but
-    the map is of a lower order than the method), strapdown (the attitude is integrated from an omega that is
+    verdict: explained, nearest (the faults leave more than round-off and another map of the same order
+    would), healthy (the motion is that of the map, without a fault), lower-order (the same, but the map is
+    of a lower order than the method), strapdown (the attitude is integrated from an omega that is
     right), this-scene-only (faults explain it, but another scene of the run refutes them), elsewhere (the
     steps are right, although the method is wrong), or unexplained. base: the map that the faults change.
     faults: one or two. share: of the differences from the map, over one sample interval, that the faults
-    explain. alike: other faults that this scene cannot distinguish from them. nearly: the best single fault
-    of an unexplained motion. before, after: root mean square of the differences, over their scales;
+    explain. alike: other faults that this scene cannot distinguish from them. nearly: the nearest faults of
+    an unexplained motion. before, after: root mean square of the differences, over their scales;
     round_off: their round-off, or 1 where they are whitened (whitening.py). order: of the method, where the
     verdict is lower-order. start: how a recording begins off its scenario. equal_maps: other known maps that
     make the same motion, to the digits of a recording. within: these digits in words, or the noise that is in
@@ -135,6 +139,14 @@ class Diagnosis:
         )
 
     @property
+    def without_faults(self) -> Diagnosis:
+        """The diagnosis of a motion that is unexplained, near to which the faults come."""
+        return Diagnosis(
+            "unexplained", self.base, self.base_words, nearly=self.faults, before=self.before,
+            after=self.before, round_off=self.round_off, circumstances=self.circumstances,
+        )  # fmt: skip
+
+    @property
     def sentence(self) -> str:
         """The faults in one sentence, with those that would explain the motion as well."""
         if self.verdict == "healthy":
@@ -153,12 +165,13 @@ class Diagnosis:
         if self.verdict == "elsewhere":
             steps = f"the single steps of this case are right, those of {self.base_words}"
             return f"{steps}: the cause acts at other steps, or within many steps that one call makes"
-        if self.verdict not in ("explained", "this-scene-only"):
+        if self.verdict not in ("explained", "nearest", "this-scene-only"):
             return "unexplained: no known fault, and no pair of them, makes this motion"
         named = "; or ".join(["; and ".join(fault.sentence for fault in self.faults), *self.alike])
         if self.verdict == "this-scene-only":
             return f"explains this scene only: {named}; {self.refuted_by} refutes it for the engine"
-        return f"{named} (explains {_percent(self.share)} of the error)"
+        lead = "nearest known fault: " if self.verdict == "nearest" else ""
+        return f"{lead}{named} (explains {_percent(self.share)} of the error)"
 
 
 def _equal(maps: Sequence[str]) -> str:
@@ -168,7 +181,7 @@ def _equal(maps: Sequence[str]) -> str:
 
 
 def _percent(share: float) -> str:
-    return "all" if share > 0.9999 else f"{100.0 * share:.3g} %"
+    return "all" if share > ALL else f"{100.0 * share:.3g} %"
 
 
 def bases_for(order: int | None) -> tuple[Base, ...]:
@@ -309,7 +322,27 @@ class Search:
             base, is_exact = self._best_base(usable)
             if not is_exact and base is not EXACT and self._knows_library:
                 base = self._library_base(base, order) or base
-        return self._with_base(base)
+        found = self._with_base(base)
+        if found.verdict == "explained" and found.share <= ALL:
+            few = self._subset(base, _SCREENED)
+            if found.after > max(few.limit, self._error_of_maps(base, bases)):
+                return replace(found, verdict="nearest")
+        return found
+
+    def _error_of_maps(self, base: Base, bases: Sequence[Base]) -> float:
+        """Return the differences of a map from the exact flow, which another map of its order may leave.
+
+        Of the exact flow, those of the first map of the method; without a step, of one step per sample.
+        """
+        if base is not EXACT:
+            few = self._subset(base, _SCREENED)
+        else:
+            assert self.fine is not None
+            scene, t_s = self.fine.scene, self.fine.trajectory.t_s
+            grid = Grid.between(scene, t_s, 1) if self.own is None else self.own.grid
+            few = _few(replace(self.fine, grid=grid), _SCREENED)
+            base = next((one for one in bases if one is not EXACT), BASES["m1"])
+        return few.cost_of(_healthy(few, base) - _healthy(few, EXACT))
 
     def _without_fault(self, base: Base, usable: Sequence[Base], order: int | None) -> Diagnosis:
         """Return the diagnosis of the motion of a map, or of one that this motion cannot tell from it."""
@@ -414,9 +447,7 @@ class Search:
     def _subset(self, base: Base, max_count: int) -> Transitions:
         transitions = self.on(base)
         assert transitions is not None
-        if transitions.whitening is not None:
-            max_count = _FITTED_OF_LOG if max_count == _FITTED else _SCREENED_OF_LOG
-        return transitions.subset(max_count)
+        return _few(transitions, max_count)
 
     def _first_look(self, base: Base, starts: Sequence[Start] | None, *, general: bool) -> list[Fit]:
         """Return the best fits of a single fault, specific or general, on a few transitions.
@@ -551,6 +582,13 @@ class Search:
 
 _LISTED = 4  # maps
 _MAX_PAIRS = 6  # more pairs that fit equally well are no explanation
+
+
+def _few(transitions: Transitions, max_count: int) -> Transitions:
+    """Return at most so many transitions, more of them where the whole log counts."""
+    if transitions.whitening is not None:
+        max_count = _FITTED_OF_LOG if max_count == _FITTED else _SCREENED_OF_LOG
+    return transitions.subset(max_count)
 
 
 def _is_below(base: Base, order: int | None) -> bool:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from bodycheck.adapters.contract import Precision
 from bodycheck.adapters.stable_step import kinetic_limit
-from bodycheck.examine.diagnosis.diagnosis import Diagnosis, FittedFault, FittedParameter
+from bodycheck.examine.diagnosis.diagnosis import ALL, Diagnosis, FittedFault, FittedParameter
 from bodycheck.examine.diagnosis.faults.fault import number_text
 from bodycheck.examine.dynamics.faults import TREE_FAULTS
 from bodycheck.examine.dynamics.faults.tree_fault import TreeFault
@@ -38,6 +38,7 @@ _LEADERS = 12
 _EXPLAINED, _NEARLY = 0.02, 0.5
 """Of the differences, at most, that a fault leaves: one that explains the motion, and one that is near."""
 _TIE, _ROUND_OFF = 3.0, 1e-12
+_ACCURATE = "RK4"  # the map that stands for the exact motion
 _SPECIAL = 1e-3
 _FAR = 1e3  # a difference beyond which a hypothesis has diverged
 _SAMPLED, _ULPS = 3, 30.0
@@ -292,14 +293,17 @@ def _conclusion(
     before = float(np.sqrt(np.mean(left[fits[0].base if fits else base] ** 2)))
     if not fits or fits[0].cost > _NEARLY * before:
         return Diagnosis("unexplained", base, _words(base), before=before, after=before)
-    limit = max(_TIE * fits[0].cost, _ROUND_OFF, 0.01 * MADE[precision])
-    best = sorted((fit for fit in fits if fit.cost <= limit), key=lambda fit: _rank(scene, fit))
+    tied = max(_TIE * fits[0].cost, _ROUND_OFF, 0.01 * MADE[precision])
+    best = sorted((fit for fit in fits if fit.cost <= tied), key=lambda fit: _rank(scene, fit))
     named = [_described(scene, fit) for fit in best]
-    share = 1.0 - (best[0].cost / before) ** 2
-    found = Diagnosis(
-        "explained", best[0].base, _words(best[0].base), before=before, after=best[0].cost, share=share
-    )
-    if best[0].cost > _EXPLAINED * before:
+    after, made = best[0].cost, best[0].base
+    share = 1.0 - after / before
+    # another map of the order may leave as much as this one does of an accurate one
+    error_of_maps = float(np.sqrt(np.mean((left[made] - left[_ACCURATE]) ** 2)))
+    is_left = share <= ALL and after > max(MADE[precision], error_of_maps)
+    verdict = "nearest" if is_left else "explained"
+    found = Diagnosis(verdict, made, _words(made), before=before, after=after, share=share)
+    if after > _EXPLAINED * before:
         return replace(found, verdict="unexplained", nearly=(named[0],))
     others = dict.fromkeys(one.sentence for one in named[1:] if one.sentence != named[0].sentence)
     return replace(

@@ -166,7 +166,11 @@ def explained_cases(
                 known[key] = [name, *(other for other in names if other != name)]
     certain: dict[tuple[str, ...], list[frozenset[str]]] = {}
     for one in found:
-        if one.diagnosis is not None and len(one.diagnosis.fits) == 1:
+        if (
+            one.diagnosis is not None
+            and one.diagnosis.verdict == "explained"
+            and len(one.diagnosis.fits) == 1
+        ):
             certain.setdefault(one.key, []).append(one.diagnosis.fault_names)
     separated = [_separated(one, certain.get(one.key, ())) for one in found]
     diagnoses = {(one.problem.scenario.name, one.key): one.diagnosis for one in separated}
@@ -197,16 +201,18 @@ def _tested(
 ) -> ExplainedCase:
     """Return the case with those of its equally good fits that no other scene of the run refutes.
 
-    It is marked if all are refuted.
+    If all are refuted, it is marked, or unexplained where they were the nearest faults only.
     """
     found = one.diagnosis
-    if found is None or found.verdict != "explained" or not found.fits:
+    if found is None or not found.fits:
         return one
     refuted_by = [
         next(_refuting(fit, BASES[found.base], one, problems, by_method, diagnoses), "") for fit in found.fits
     ]
     if left := [fit for fit, scene in zip(found.fits, refuted_by, strict=True) if not scene]:
         return replace(one, diagnosis=found.with_fits(left))
+    if found.verdict == "nearest":
+        return replace(one, diagnosis=found.without_faults)
     return replace(one, diagnosis=replace(found, verdict="this-scene-only", refuted_by=refuted_by[0]))
 
 

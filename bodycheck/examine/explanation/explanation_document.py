@@ -185,7 +185,7 @@ def _facts(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
     if found is None:
         return
     if found.verdict == "unexplained" and found.nearly:
-        yield "nearest fault", found.nearly[0].sentence
+        yield "nearest fault", "; and ".join(fault.sentence for fault in found.nearly)
     words = found.base_words
     if words not in found.sentence:
         yield "map", words if words.startswith(found.base) else f"{found.base}: {words}"
