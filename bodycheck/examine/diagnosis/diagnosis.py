@@ -248,10 +248,14 @@ def obstacle(scene: Scene, trajectory: Trajectory, known: frozenset[str]) -> str
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """The transitions of a case on the grid of its own steps, if any, and on one for the exact flow."""
+    """The transitions of a case on the grid of its own steps, if any, and on one for the exact flow.
+
+    faults: those that are tried.
+    """
 
     own: Transitions | None
     fine: Transitions | None
+    faults: Sequence[Fault] = FAULTS
 
     @classmethod
     def of(
@@ -264,6 +268,7 @@ class Search:
         resolution: Resolution = NOT_RECORDED,
         *,
         from_rows: bool = False,
+        faults: Sequence[Fault] = FAULTS,
     ) -> Search | None:
         """Return the search; None where there are too many steps between two samples."""
         own = fine = None
@@ -281,7 +286,7 @@ class Search:
             if stride <= _MAX_STEPS:
                 fine_grid = Grid.between(scene, trajectory.t_s, int(stride))
                 fine = on(fine_grid, EXACT)
-        return None if own is None and fine is None else cls(own, fine)
+        return None if own is None and fine is None else cls(own, fine, faults)
 
     def with_steps(self, count: int) -> Search:
         """Return the search with so many steps between two samples, without the exact flow."""
@@ -458,7 +463,7 @@ class Search:
         at = self._context(base, few)
         # leaders of another map may be slips of a tableau that this one does not have
         starts = [start for start in starts or () if could_act(start[0], at)]
-        starts = starts or [start for start in _starts(at) if start[0][0].is_general == general]
+        starts = starts or [start for start in _starts(self.faults, at) if start[0][0].is_general == general]
         fits = sorted(fitted(few, base, at, starts, sweeps=_FIRST_SWEEPS), key=lambda fit: fit.cost)
         return sorted(
             [*self._settled(base, few, fits[:_LEADERS]), *fits[_LEADERS:]], key=lambda fit: fit.cost
@@ -498,7 +503,7 @@ class Search:
     def _with_base(self, base: Base) -> Diagnosis:
         few, full = self._subset(base, _SCREENED), self._subset(base, _FITTED)
         at = self._context(base, few)
-        singles = self._sorted(base, few, fitted(few, base, at, _starts(at)), _SETTLED)
+        singles = self._sorted(base, few, fitted(few, base, at, _starts(self.faults, at)), _SETTLED)
         best = singles[0]
         pairs: list[Fit] = []
         is_exact = best.cost <= few.limit
@@ -629,8 +634,8 @@ def _score(fit: Fit, transitions: Transitions) -> float:
     return math.log10(max(fit.cost, lowest)) + _PARAMETER_COST * fit.complexity + wrong
 
 
-def _starts(at: FaultContext) -> list[Start]:
-    possible = (fault for fault in FAULTS if fault.could_change(at))
+def _starts(faults: Iterable[Fault], at: FaultContext) -> list[Start]:
+    possible = (fault for fault in faults if fault.could_change(at))
     return [((fault,), start) for fault in possible for start in fault.starts(at)]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -35,6 +36,11 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.scales import Scales
 
 _SLIPS = {fault.name for fault in tableau_faults()}
+_STEPLESS = tuple(fault for fault in FAULTS if fault.name not in _SLIPS)
+"""The faults that are tried where the step is unknown.
+
+One long step with a misplaced stage or weight is as several short ones of a method of lower order.
+"""
 _ALIKE = 0.9  # correlation of errors that one map makes, in one step and in several
 _FAR, _NEAR = 0.5, 0.2  # relative distance of omega from the turns between the attitudes: misread, meant
 
@@ -89,7 +95,9 @@ def diagnosed_recording(
         step = scene.sample_interval_s if dt_s is None else dt_s
     from_rows = from_first_row or start is not None or not at_start
     with np.errstate(all="ignore"):
-        search = Search.of(scene, trajectory, scales, step, known, resolution, from_rows=from_rows)
+        searched = partial(Search.of, scene, trajectory, scales, step, known)
+        faults = _STEPLESS if dt_s is None else FAULTS
+        search = searched(resolution, from_rows=from_rows, faults=faults)
         if search is None:
             return None
         found, made_by = _without_fault(search, known, resolution)
@@ -97,7 +105,7 @@ def diagnosed_recording(
         if noisy is not None:
             resolution = noisy
             start = start_difference(scene, trajectory, known, noisy, {}) if at_start else None
-            search = Search.of(scene, trajectory, scales, step, known, noisy, from_rows=True) or search
+            search = searched(noisy, from_rows=True, faults=faults) or search
             found, made_by = _without_fault(search, known, noisy)
         if found is None and dt_s is None:
             found, made_by = _of_several_steps(search, known, resolution)
@@ -243,9 +251,7 @@ def _with_fault(search: Search, *, stepped: bool) -> Diagnosis:
     if search.own is not None and not stepped and len(found.faults) != 1:
         # as without a fault, maps with one step per sample are tried
         one = search.diagnosis(bases_for(None), (), None)
-        # one long step with a misplaced stage or weight is as several short ones of a method of lower order
-        is_slip = any(fault.name in _SLIPS for fault in one.faults)
-        if one.verdict == "explained" and one.after <= search.own.limit and not is_slip:
+        if one.verdict == "explained" and one.after <= search.own.limit:
             return one
     # the errors of a method of many steps are smooth, too, but then there is no step to name
     is_like_solver = left is not None and not left.is_one_sided and not (stepped and left.is_smooth)
