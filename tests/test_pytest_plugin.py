@@ -258,7 +258,9 @@ def test_order(bodycheck):
     (command,) = re.findall("^E +explain: bodycheck (.*)", done.stdout.str(), re.MULTILINE)
     explained = run_bodycheck(inner.path, *shlex.split(command), "--json")
     (case,) = json.loads(explained.stdout)
-    assert (case["scenario"], case["method"]) == ("mine", "step:euler")
+    assert "--case" not in command
+    assert (case["scenario"], case["method"], case["wrong"]) == ("mine", "step:euler", [])
+    assert "No findings in" not in report.read_text(encoding="utf-8")
     tables = read_tables(report.parent)
     assert set(tables.results["reproduce"]) == {"pytest test_runs_are_kept_with_their_reports.py::test_order"}
     assert list(tables.results["dt_s"]) == [0.1, 0.05, 0.02, 0.01]

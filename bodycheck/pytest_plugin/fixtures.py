@@ -23,10 +23,9 @@ from bodycheck.adapters.registry import registered
 from bodycheck.adapters.step_function import Step, StepFunction
 from bodycheck.reports.cache import Reuse
 from bodycheck.reports.gates.gate import Gate, gate_of, measure_of, read_gates
-from bodycheck.reports.gates.gate_output import failure_rows, line_of, obtained
-from bodycheck.reports.gates.verdict import GateCheck, GateResult, GateRow, at_of, check_gates, rows_of
+from bodycheck.reports.gates.gate_output import failure_rows, line_of, note_failures, obtained
+from bodycheck.reports.gates.verdict import GateCheck, GateResult, GateRow, check_gates, rows_of
 from bodycheck.reports.run_files.report_files import replace_pages
-from bodycheck.reports.run_files.run_reader import FAILED_CHECKS
 from bodycheck.reports.run_files.run_tables import Run, study_key
 from bodycheck.reports.run_files.tables import TABLES
 from bodycheck.reports.run_files.writer import write_manifest
@@ -116,7 +115,7 @@ class Measured:
         if result.is_bad and self.report is not None:
             from bodycheck.reports.render.html import report_pages  # imported here: it needs Jinja
 
-            self.run.manifest.setdefault(FAILED_CHECKS, []).append(line_of(result))
+            note_failures(self.run, [result])
             write_manifest(self.run, self.report.parent)
             replace_pages(report_pages(self.run), self.report)
         assert_passed(result, self.run, self.record, self.cause, self.report)
@@ -152,19 +151,9 @@ def assert_passed(
         lines.append(f"and {len(rows) - _MAX_ROWS} more")
     if report is not None:
         lines.append(f"report: {report}")
-        causes = dict.fromkeys(_explain(check.row, run, report.parent) for check in result.failed[:_MAX_ROWS])
-        lines += [f"explain: {command}" for command in causes if command]
+        if run.cases:
+            lines.append(f"explain: {shlex.join(['bodycheck', 'explain', str(report.parent)])}")
     raise AssertionError("\n".join(lines)) from cause
-
-
-def _explain(row: GateRow, run: Run, folder: Path) -> str:
-    """Return the command that examines the case of a row, whatever its verdicts; "" without a case."""
-    own = [case for case in run.cases if study_key(case.columns) == study_key(vars(row))]
-    if not own:
-        return ""
-    names = [escape(row.scenario), f"{escape(row.engine)}:{escape(row.method)}"]
-    names += [repr(case.setting.fineness) for case in own if row.at and row.at == at_of(case.columns)]
-    return shlex.join(["bodycheck", "explain", str(folder), "--case", ",".join(names)])
 
 
 _KEYS = ("scenario", "engine", "method", "dt_s")

@@ -10,9 +10,8 @@ from bodycheck.adapters.engine_names import is_program
 from bodycheck.adapters.registry import default_engines, engine_names, optional_engines
 from bodycheck.examine.dynamics.engine_dynamics import dynamics_rows
 from bodycheck.reports.gates.gate import Gate
-from bodycheck.reports.gates.gate_output import line_of
+from bodycheck.reports.gates.gate_output import note_failures
 from bodycheck.reports.gates.verdict import check_gates
-from bodycheck.reports.run_files.run_reader import FAILED_CHECKS
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs.dynamics_run import DynamicsOptions, dynamics
 from bodycheck.runs.manifest import Identity
@@ -75,6 +74,5 @@ def run_for_gates(
         for row in dynamics_rows(dynamics(name, tree_names(), DynamicsOptions()))
     ]
     run = run.with_rows(dynamics=rows)
-    if failed := [line_of(result) for result in check_gates(gates, run) if result.is_bad]:
-        run.manifest[FAILED_CHECKS] = failed
+    note_failures(run, check_gates(gates, run))
     return run

@@ -109,7 +109,7 @@ SCHEMAS: Mapping[str, Schema] = {
         Schema("gates", "1.1", "A file of gates of bodycheck", lambda: _tolerances("gate")),
         Schema("thresholds", "1.1", "A file of thresholds of bodycheck", lambda: _tolerances("change")),
         Schema("engines", "1.0", "A file of programs for --engines", ProgramsFile.model_json_schema),
-        Schema("manifest", "1.1", "manifest.json of a run", ManifestFile.model_json_schema),
+        Schema("manifest", "1.2", "manifest.json of a run", ManifestFile.model_json_schema),
         Schema("results", "1.0", "The rows of results.csv, as JSON", _results),
         Schema("protocol", "1.0", "A message of a worker", _protocol),
     )

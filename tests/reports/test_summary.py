@@ -73,6 +73,30 @@ def test_many_methods_have_one_line_per_engine_on_a_console() -> None:
     assert "Methods" in {part.title for part in run_document(run).on("markdown") if isinstance(part, Table)}
 
 
+def test_no_finding_of_a_method_that_is_far_off_at_every_step_states_how_far() -> None:
+    """A low order on a hard scenario is no finding, but the reader must not take it for a right motion."""
+    cells = {
+        "slow": {("one", "euler"): Cell("converges", finest=1e-3, finest_at="dt 0.001 s", cases=4)},
+        "fast": {("one", "euler"): Cell("pre-asymptotic", finest=3.1, finest_at="dt 0.0005 s", cases=4)},
+    }
+    assert Summary(cells, []).conclusion == (
+        "No findings in 1 method on 2 scenarios, but one:euler is up to 3.1 rad from the truth in fast at "
+        "its finest step, dt 0.0005 s: 1 is undecided in some scenarios."
+    )
+
+
+def test_a_single_step_states_its_error_and_a_failed_check_is_no_lack_of_findings() -> None:
+    """No order can show in one case, such as that which confirms advice."""
+    single = Cell("too-few-points", finest=8.5e-6, finest_at="dt 0.1 s", cases=1)
+    assert Summary({"fast": {("one", "rk4"): single}}, []).conclusion == (
+        "one:rk4 is up to 8.5e-6 rad from the truth in fast at dt 0.1 s; a single step shows no order."
+    )
+    sound = {"fast": {("one", "rk4"): Cell("converges", cases=4)}}
+    assert Summary(sound, [], failed=("order",)).conclusion == (
+        "No other findings in 1 method: 1 converges or is at the floor."
+    )
+
+
 def test_too_few_steps_do_not_read_as_a_failure() -> None:
     """If no verdict is possible yet, no sentence says that nothing converges."""
     cells = {"forced": {("reference", "rk4"): Cell("too-few-points")}}

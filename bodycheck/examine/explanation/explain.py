@@ -320,19 +320,23 @@ class _CasePattern:
 
 
 def explain_run(folder: Path, case: str | None, *, allow_code: bool = False) -> list[ExplainedCase]:
-    """Return the diagnoses of a run: of every wrong method, or of the cases of a pattern.
+    """Return the diagnoses of a run: of failed checks and every wrong method, or of the cases of a pattern.
 
     Methods all of whose cases broke down are listed without a diagnosis; where no case ended well, so are
     those that do not support a scenario. case: SCENARIO[,ENGINE[:METHOD][,STEP]]. Raises InputError where the
     run cannot be read, or has no such case.
     """
-    from bodycheck.reports.run_files.run_reader import read_run  # imported here: runs diagnose without it
+    from bodycheck.reports.run_files.run_reader import FAILED_CASES, read_run  # runs diagnose without it
 
     pattern = None if case is None else _CasePattern.of(case)
     run = read_run(folder, allow_code=allow_code, cache=Cache.default())
     if pattern is None:
-        rows = run.rows("methods")
-        return [*explained_cases(run.problems, run.cases, rows, _orders(run)), *_without_motion(run)]
+        found = explained_cases(run.problems, run.cases, run.rows("methods"), _orders(run))
+        named = {(one.problem.scenario.name, one.key) for one in found}
+        failed = [_CasePattern.of(text) for text in run.manifest.get(FAILED_CASES, ())]
+        others = (one for one in run.cases if any(check.fits(one) for check in failed))
+        others = (one for one in others if (one.columns["scenario"], key_of(one.columns)) not in named)
+        return [*_named(replace(run, cases=tuple(others))), *found, *_without_motion(run)]
     every = run.cases
     run = replace(run, cases=tuple(one for one in run.cases if pattern.fits(one)))
     if not run.cases:

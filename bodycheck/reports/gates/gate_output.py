@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from glob import escape
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -13,7 +14,8 @@ from bodycheck._util.formatting import count, number
 from bodycheck.reports.alerts import Alert, badge, xml_text
 from bodycheck.reports.document import Column, Document, Sentence, Span, Table
 from bodycheck.reports.gates.proposal import BoundChange
-from bodycheck.reports.gates.verdict import GateCheck, GateResult, distance
+from bodycheck.reports.gates.verdict import GateCheck, GateResult, GateRow, at_of, distance
+from bodycheck.reports.run_files.run_reader import FAILED_CASES, FAILED_CHECKS
 from bodycheck.reports.run_files.run_tables import StudyKey, Tables, study_key
 
 
@@ -115,6 +117,23 @@ def obtained(check: GateCheck) -> str:
     if not isinstance(value, str):
         return number(value)
     return f"{value}: {check.row.about}" if check.row.about else value
+
+
+def note_failures(run: Tables, results: Iterable[GateResult]) -> None:
+    """Add the results that are bad, and the cases that failed, to the manifest of a run."""
+    for result in results:
+        if result.is_bad:
+            run.manifest.setdefault(FAILED_CHECKS, []).append(line_of(result))
+            cases = (_case_of(check.row, run) for check in result.failed)
+            run.manifest.setdefault(FAILED_CASES, []).extend(filter(None, cases))
+
+
+def _case_of(row: GateRow, run: Tables) -> str:
+    """Return SCENARIO,ENGINE:METHOD[,STEP], as `explain --case` takes it; "" without a case."""
+    own = [case for case in run.cases if study_key(case.columns) == study_key(vars(row))]
+    names = [escape(row.scenario), f"{escape(row.engine)}:{escape(row.method)}"]
+    names += [repr(case.setting.fineness) for case in own if row.at and row.at == at_of(case.columns)]
+    return ",".join(names) if own else ""
 
 
 def failure_rows(results: Sequence[GateResult]) -> list[tuple[str, ...]]:

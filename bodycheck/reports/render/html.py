@@ -31,7 +31,6 @@ from bodycheck.reports.render.page.scenario_section import (
 )
 from bodycheck.reports.render.styles import Style, engine_colour, heading, styles
 from bodycheck.reports.run_files.report_files import further_pages
-from bodycheck.reports.run_files.run_reader import FAILED_CHECKS
 from bodycheck.reports.run_files.run_tables import MethodKey, Run, key_of
 from bodycheck.reports.run_files.tables import Row
 from bodycheck.reports.summary.cells import Cell, faults_of
@@ -240,7 +239,7 @@ class _Report:
             part=None,
             parts=parts,
             conclusion=self._summary.conclusion,
-            failed=run.manifest.get(FAILED_CHECKS, ()),
+            failed=self._summary.failed,
             findings=faulty(self._summary.worst),
             alike=self._summary.shared,
             sentences=[*verdict_sentences(self._summary.cells, self._summary.worst), *cost_sentences(front)],

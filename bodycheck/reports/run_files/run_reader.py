@@ -47,6 +47,8 @@ from bodycheck.scenarios.serialization import deserialized
 MANIFEST = "manifest.json"
 FAILED_CHECKS = "failed_checks"
 """The key of a manifest for the checks of pytest or of gates that failed, in words."""
+FAILED_CASES = "failed_cases"
+"""The same for the cases that failed them, as SCENARIO,ENGINE:METHOD[,STEP]."""
 _MAX_INSIDE = 1000
 _SAME = 1e-6  # relative tolerance between an error measured again and the one in the table
 
@@ -394,6 +396,7 @@ class ManifestFile(BaseModel):
     speeds_s: _Number | None = None
     run_s: _Number | None
     failed_checks: list[_Text] = []
+    failed_cases: list[_Text] = []
 
 
 def check_manifest(path: Path, manifest: Any) -> dict[str, Any]:

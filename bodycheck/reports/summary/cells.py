@@ -38,7 +38,8 @@ class Cell:
 
     verdict: the most severe of the quantities; None where no case ended well. order: of the orientation.
     error: of the orientation at the common step, or at the finest tolerance; `at` names it. largest: the
-    largest over the listed steps or tolerances; `largest_at` names it. faults: number of cases per fault.
+    largest over the listed steps or tolerances; `largest_at` names it. finest: the one at the finest step or
+    tolerance; `finest_at` names it. faults: number of cases per fault.
     cases: total number of cases. wrong: the quantities that count against the method, most severe first.
     properties: of the engine's state, not faults. detail: what the verdict is based on. cause: the diagnosis
     of a wrong motion.
@@ -51,6 +52,8 @@ class Cell:
     at: str = ""
     largest: float | None = None
     largest_at: str = ""
+    finest: float | None = None
+    finest_at: str = ""
     faults: Mapping[str, int] = field(default_factory=dict)
     cases: int = 0
     wrong: tuple[QuantityVerdict, ...] = ()
@@ -92,7 +95,7 @@ def summary_cell(
     error = at_step.columns[ORIENTATION] if at_step and at_step.ok else None
     ended = Counter(case.columns["outcome"] for case in cases)
     faults = {fault: ended[fault] for fault in FAULTS if ended[fault]}
-    largest, largest_at = _largest_error(cases, coarsest_s)
+    (largest, largest_at), (finest, finest_at) = _largest_error(cases, coarsest_s), _finest_error(cases)
     verdicts = {quantity: QuantityVerdict.of(row) for quantity, row in found.items()}
     verdict = method_verdict(verdicts)
     if not ended["ok"] or verdict is None:
@@ -107,6 +110,8 @@ def summary_cell(
         "" if at_step is None else setting(at_step.columns["control"], at_step.setting.fineness),
         largest,
         largest_at,
+        finest,
+        finest_at,
         faults,
         len(cases),
         tuple(most_severe(verdicts.values())),
@@ -123,6 +128,15 @@ def _largest_error(cases: Sequence[CaseResult], coarsest_s: float) -> tuple[floa
         return None, ""
     error, case = max(measured, key=lambda pair: pair[0])
     return error, setting(case.columns["control"], case.setting.fineness)
+
+
+def _finest_error(cases: Sequence[CaseResult]) -> tuple[float | None, str]:
+    """Return the error of the orientation at the finest step or tolerance, and which that is."""
+    measured = [case for case in cases if case.ok and ORIENTATION in case.columns]
+    if not measured:
+        return None, ""
+    case = min(measured, key=lambda one: one.setting.fineness or 0.0)
+    return case.columns[ORIENTATION], setting(case.columns["control"], case.setting.fineness)
 
 
 def _detail(cases: Sequence[CaseResult], row: Mapping[str, Any] | None) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 
 from bodycheck._util.formatting import count, names, number
 from bodycheck.reports.document import Column, Document, Medium, Sentence, Span, Table
+from bodycheck.reports.measurement.convergence import LARGEST_ERROR
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.run_files.run_reader import FAILED_CHECKS
 from bodycheck.reports.run_files.run_tables import MethodKey, Tables
@@ -31,19 +32,20 @@ class Summary:
     """The conclusions from a run, as shown by the terminal, Markdown and the report.
 
     cells: by scenario, then by engine and method. worst: the methods with results, worst first. alike,
-    details: what is said of methods that make one map of a tree.
+    details: what is said of methods that make one map of a tree. failed: the checks that failed, in words.
     """
 
     cells: dict[str, dict[MethodKey, Cell]]
     worst: list[MethodResults]
     alike: tuple[str, ...] = ()
     details: tuple[str, ...] = ()
+    failed: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, run: Tables) -> Summary:
         """Return the summary of a run."""
-        cells = summary_cells(run)
-        return cls(cells, worst_methods(run, cells), *map(tuple, shared_maps(run)))
+        cells, failed = summary_cells(run), run.manifest.get(FAILED_CHECKS, ())
+        return cls(cells, worst_methods(run, cells), *map(tuple, (*shared_maps(run), failed)))
 
     @property
     def shared(self) -> tuple[str, ...]:
@@ -72,12 +74,40 @@ class Summary:
             if states[group] and group != "findings"
         )
         if not found:
+            if single := self._of_a_single_step:
+                return single
             on = f" on {len(self.cells)} scenarios" if len(self.cells) > 1 else ""
-            what = "No findings" if states["unsupported"] < len(methods) else "Nothing was measured"
-            return f"{what} in {count(len(methods), 'method')}{on}: {others}."
+            nothing = "No other findings" if self.failed else "No findings"
+            what = nothing if states["unsupported"] < len(methods) else "Nothing was measured"
+            return f"{what} in {count(len(methods), 'method')}{on}{self._far_off}: {others}."
         listed = names(found if len(found) <= _NAMED else [*found[:_NAMED], f"{len(found) - _NAMED} more"])
         rest = f"; {others}" if others else ""
         return f"Findings in {len(found)} of {count(len(methods), 'method')}: {listed}{rest}."
+
+    @property
+    def _of_a_single_step(self) -> str:
+        """The error of a run with one case that cannot show an order; "" for any other run."""
+        (scenario, by_method), *more = self.cells.items()
+        (key, cell), *others = by_method.items()
+        if more or others or cell.cases > 1 or cell.finest is None or cell.is_sound:
+            return ""
+        error = f"{':'.join(key)} is up to {number(cell.finest, 3)} rad from the truth in {scenario}"
+        return f"{error} at {cell.finest_at}; a single step shows no order."
+
+    @property
+    def _far_off(self) -> str:
+        """The method that is farthest from the truth at its finest step, if one is far off there."""
+        far = [
+            (cell.finest, ":".join(key), scenario, cell.finest_at)
+            for scenario, by_method in self.cells.items()
+            for key, cell in by_method.items()
+            if cell.finest is not None and cell.finest >= LARGEST_ERROR
+        ]
+        if not far:
+            return ""
+        error, method, scenario, at = max(far)
+        of_it = f"{method} is up to {number(error, 2)} rad from the truth in {scenario}"
+        return f", but {of_it} at its finest step, {at}"
 
     def group_of(self, method: Overview) -> str:
         """Return the group of a method over all scenarios, a key of _GROUPS."""
@@ -192,7 +222,7 @@ def run_document(run: Tables) -> Document:
         f"bodycheck: {count(len(summary.cells), 'scenario')}, {count(len(run.cases), 'case')}",
         (
             *_without_engines(run),
-            *(Sentence(f"Failed check: {one}", "bad") for one in run.manifest.get(FAILED_CHECKS, ())),
+            *(Sentence(f"Failed check: {one}", "bad") for one in summary.failed),
             Sentence(summary.conclusion, strong=True, only=("console",)),
             *(Sentence(sentence, only=("console",)) for sentence in summary.alike),
             *_remarks(run),
