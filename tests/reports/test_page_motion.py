@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser, Error, Locator, Page, expect
 
 from bodycheck.reports.render.page.played_motions import shown_cases
-from bodycheck.reports.run_files.run_tables import Run, coarsest_shared_step
+from bodycheck.reports.run_files.run_tables import Run, coarsest_shared_step, key_of
 from tests.helpers.markup_run import HOSTILE
 
 pytestmark = pytest.mark.slow
@@ -25,7 +25,7 @@ def opened(chromium: Browser, report_file: Path) -> Iterator[Page]:
     errors: list[Error] = []
     page.on("pageerror", lambda error: errors.append(error))
     page.goto(report_file.as_uri())
-    expect(page.locator("[data-motion]").first).to_have_attribute("data-drawn", "0.00 s")
+    expect(page.locator("[data-motion][data-drawn]").first).to_be_visible()
     yield page
     assert errors == []
     page.close()
@@ -54,12 +54,21 @@ def set_time(figure: Locator, share: float) -> None:
     figure.get_by_label("Time").fill(str(round(1000 * share)))
 
 
-def test_the_motion_begins_at_its_start(figure: Locator, run: Run) -> None:
-    """The first time shown is 0; at any other time, each panel shows its case's error."""
+def test_the_motion_opens_where_it_is_farthest_from_the_truth(figure: Locator, run: Run) -> None:
+    """The caption names case, time and distance; play begins at 0; each panel shows the error of its case."""
     cases = [case for case in run.cases if case.columns["scenario"] == HOSTILE]
     shown = shown_cases(cases, coarsest_shared_step(cases))
     series = [case.series["orientation_error_rad"] for case in shown]
-    expect(figure.locator("output")).to_have_text("0.00 s")
+    worst = max(range(len(shown)), key=lambda k: series[k].max())
+    at_s = run.problems[0].times[series[worst].argmax()]
+    expect(figure.locator("output")).to_have_text(f"{at_s:.2f} s")
+    caption = figure.locator("figcaption")
+    for part in (f"{at_s:.2f} s", ":".join(key_of(shown[worst].columns)), f"{series[worst].max():.2g} rad"):
+        expect(caption).to_contain_text(part)
+    figure.locator("[data-play]").click()
+    figure.page.wait_for_function(
+        "([figure, t]) => parseFloat(figure.dataset.drawn) < t", arg=[figure.element_handle(), float(at_s)]
+    )
     for share, k in ((1.0, -1), (0.5, (len(series[0]) - 1) // 2)):
         set_time(figure, share)
         assert angles(figure) == pytest.approx([own[k] for own in series], rel=0.06)

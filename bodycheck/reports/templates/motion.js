@@ -199,7 +199,7 @@ function newPanel(panel, motion, track) {
 
 function startPlayer(figure) {
   const motion = prepared(dataOf(figure));
-  const { t: times, truth, tracks } = motion;
+  const { t: times, truth, tracks, farthest } = motion;
   const section = figure.closest("[data-section]");
   const slider = figure.querySelector("input[type=range]");
   const button = figure.querySelector("[data-play]");
@@ -245,7 +245,7 @@ function startPlayer(figure) {
 
   function play() {
     const seconds = Math.min(Math.max(last, MIN_PLAY_S), MAX_PLAY_S);
-    if (t >= last) t = 0;
+    if (t >= last || t === farthest.t) t = 0; // where the view opens is no beginning
     let before = null;
     const frame = now => {
       t += (((now - (before ?? now)) / 1000) * Number(speed.value) * last) / seconds;
@@ -306,7 +306,7 @@ function startPlayer(figure) {
   addEventListener("beforeprint", show);
   addEventListener("afterprint", show);
   const [place, stored] = (state.get("time") ?? "").split("@");
-  goTo(place === section.id ? Number(stored) || 0 : 0);
+  goTo(place === section.id ? Number(stored) || 0 : farthest.t);
 
   return {
     // Shows a time that was chosen in a plot, and in the panel of its engine the case whose line it was.

@@ -67,23 +67,32 @@ def played_motions(
         moments, axes = diagonalised(rotational_inertia(problem.of_body.scene))
         bodies = {"moments": moments.tolist(), "body": _body(problem.of_body.body, axes)}
         track = partial(_track, axes=axes, frames=frames)
+    times = [float(f"{t:.6g}") for t in problem.times[frames]]
     bound = problem.truth.bound_rad[frames]
+    errors = [np.where((of := case.series[ORIENTATION][frames]) > bound, of, 0.0) for case in shown]
+    opened = {case.columns["engine"]: k for k, case in reversed([*enumerate(shown)])}.values()
+    worst = max(opened, key=lambda k: float(errors[k].max()))
     return {
         "dt": at_s,
-        "t": [float(f"{t:.6g}") for t in problem.times[frames]],
+        "t": times,
+        "farthest": {
+            "m": numbers[key_of(shown[worst].columns)],
+            "t": times[errors[worst].argmax()],
+            "error": float(errors[worst].max()),
+        },
         **bodies,
         "truth": track(problem.truth.trajectory),
         "tracks": [
             {
                 "m": numbers[key_of(case.columns)],
                 "dt": case.dt_s,
-                "error": packed_line(np.where((of := case.series[ORIENTATION][frames]) > bound, of, 0.0)),
+                "error": packed_line(error),
                 **track(case.trajectory),
             }
-            for case in shown
+            for case, error in zip(shown, errors, strict=True)
             if case.trajectory is not None
         ],
-        "panels": 1 + len({case.columns["engine"] for case in shown}),  # the truth, and one per engine
+        "panels": 1 + len(opened),  # the truth, and one per engine
         "left_out": max(len(played) - most, 0),
     }
 
