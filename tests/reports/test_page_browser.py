@@ -22,11 +22,14 @@ PLOTS = 3 * SECTIONS + 1
 
 @pytest.fixture
 def opened(chromium: Browser, report_file: Path) -> Iterator[Page]:
-    """Return the report in its own window; an error in a script fails the test."""
+    """Return the report in its own window, never idle; an error in a script fails the test."""
     page = chromium.new_page(viewport={"width": 1200, "height": 600})
     page.set_default_timeout(LONG_MS)
     errors: list[Error] = []
     page.on("pageerror", lambda error: errors.append(error))
+    page.add_init_script(
+        "window.requestIdleCallback = call => { window.idle = [...(window.idle ?? []), call]; }"
+    )
     page.goto(report_file.as_uri())
     yield page
     assert errors == []
@@ -471,3 +474,10 @@ def test_plots_wait_until_they_are_seen_or_printed(opened: Page) -> None:
     opened.evaluate("() => dispatchEvent(new Event('beforeprint'))")
     expect(opened.locator("[data-plot][data-drawn]")).to_have_count(PLOTS)
     expect(opened.locator("[data-motion][data-drawn]")).to_have_count(SECTIONS)
+
+
+def test_an_idle_page_draws_what_nobody_has_seen(opened: Page) -> None:
+    """After the idle callbacks a picture of the whole page has every plot and motion."""
+    opened.evaluate("() => window.idle.forEach(call => call())")
+    assert opened.locator("[data-plot][data-drawn]").count() == PLOTS
+    assert opened.locator("[data-motion][data-drawn]").count() == SECTIONS

@@ -40,11 +40,15 @@ addEventListener("afterprint", () => {
   for (const part of closed) part.open = false;
 });
 
-// Calls back once, before the element comes into view or is printed.
+const whenIdle = window.requestIdleCallback ?? window.setTimeout;
+
+// Calls back once: before the element comes into view or is printed, or when nothing else is left to do.
 function whenSeen(element, call) {
+  let waits = true;
   const start = () => {
+    if (!waits) return;
+    waits = false;
     observer.disconnect();
-    removeEventListener("beforeprint", start);
     call();
   };
   const observer = new IntersectionObserver(entries => {
@@ -52,6 +56,7 @@ function whenSeen(element, call) {
   }, { rootMargin: "400px" });
   observer.observe(element);
   addEventListener("beforeprint", start);
+  whenIdle(() => { if (element.getClientRects().length) start(); }); // of what is folded, only once it is opened
 }
 
 function addCopyButton(code) {
