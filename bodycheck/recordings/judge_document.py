@@ -66,11 +66,7 @@ def _derived(motion: JudgedMotion) -> Iterator[str]:
 def is_true(motion: JudgedMotion) -> bool:
     """Whether attitude and omega are the true ones, to what the file and the truth resolve."""
     compared = [name for name in (ORIENTATION, "omega_error") if name in motion.row]
-    return bool(compared) and all(_is_at_floor(motion, name) for name in compared)
-
-
-def _is_at_floor(motion: JudgedMotion, measure: str) -> bool:
-    return bool(motion.row[measure] <= FLOOR_BOUNDS * motion.floors.get(measure, 0.0))
+    return bool(compared) and all(motion.is_at_floor(name) for name in compared)
 
 
 def _share(value: float) -> str:
@@ -90,7 +86,7 @@ def _conservation(motion: JudgedMotion) -> Iterator[str]:
             yield f"The body {gain_word(signed)} {_share(abs(signed))} of its rotational energy."
         elif motion.momentum is None:
             yield f"Rotational energy is conserved to a relative {number(max(abs(signed), floor), 2)}."
-    elif name is not None and not _is_at_floor(motion, name):
+    elif name is not None and not motion.is_at_floor(name):
         signed = row[f"{name}{SIGNED}"]
         what = "its rotational energy" if name == _ENERGIES[0] else "its largest kinetic energy"
         yield f"The body {gain_word(signed)} {_share(abs(signed))} of {what} relative to the truth."
@@ -118,14 +114,14 @@ def _distance(motion: JudgedMotion) -> Iterator[str]:
     row, until = motion.row, number(motion.row["compared_until_s"], 4)
     if ORIENTATION in row:
         largest, final = row[ORIENTATION], row["orientation_error_final_rad"]
-        if _is_at_floor(motion, ORIENTATION):
+        if motion.is_at_floor(ORIENTATION):
             floor = number(motion.floors[ORIENTATION], 2)
             yield f"The attitude is the true one for {until} s, to what the file resolves ({floor} rad)."
             return
         before = "" if final > 0.9 * largest else f", {number(largest, _DIGITS)} rad at most before"
         yield f"The attitude is {_angle(final)} from the truth after {until} s{before}."
     elif "omega_error" in row:
-        if _is_at_floor(motion, "omega_error"):
+        if motion.is_at_floor("omega_error"):
             floor = number(motion.floors["omega_error"], 2)
             yield f"Omega is the true one for {until} s, to what the file resolves ({floor} of |omega|)."
         else:
@@ -143,7 +139,7 @@ def _angle(rad: float) -> str:
 def _cause(motion: JudgedMotion, found: Diagnosis | None, dt_s: float | None) -> Iterator[str]:
     if found is None:
         return
-    is_right = ORIENTATION in motion.row and _is_at_floor(motion, ORIENTATION)
+    is_right = ORIENTATION in motion.row and motion.is_at_floor(ORIENTATION)
     if found.start is not None:
         yield f"The start differs: {found.start.sentence}."
     if found.verdict == "explained":

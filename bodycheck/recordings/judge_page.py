@@ -15,6 +15,7 @@ from bodycheck.recordings.judge import Ranking
 from bodycheck.recordings.judge_document import judgement_document
 from bodycheck.recordings.judged_motion import JudgedMotion
 from bodycheck.reports.document import page
+from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.render.page.played_motions import played_motions
 from bodycheck.reports.render.page.plots import plot_data
@@ -28,14 +29,23 @@ _SCRIPTS = (
     "links",
 )
 
+_FIRST = (ORIENTATION, "rotational_energy_drift", "energy_drift")
+"""The quantities whose plots open a section, where they are clear of their floors."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Section:
-    """The files with samples at the same times; motion: None where none has attitude and omega."""
+    """The files with samples at the same times.
+
+    plots: without the quantities whose drifts and errors are all at their floors; those are `at_floor`.
+    first: the quantities that its plots show at first. motion: None where no file has attitude and omega.
+    """
 
     name: str
     anchor: str
     plots: dict[str, Any]
+    first: tuple[str, ...]
+    at_floor: tuple[str, ...]
     motion: dict[str, Any] | None
 
 
@@ -80,9 +90,20 @@ def _section(group: Sequence[JudgedMotion], drawn: dict[MethodKey, Style], numbe
     problem, cases = group[0].problem, [motion.case for motion in group]
     numbers = {key: style.number for key, style in drawn.items()}
     played = [motion.case for motion in group if {"attitude", "omega"} <= motion.known]
+    plots = plot_data(problem, cases, (), drawn, None)
+    drifts = {drift["name"]: drift for drift in plots["drifts"]}
+    at_floor = [
+        name
+        for name in drifts
+        if (known := [motion.is_at_floor(name) for motion in group if name in motion.row]) and all(known)
+    ]
+    clear = [name for name in drifts if name not in at_floor]
+    first = sorted(clear, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
     return _Section(
         name=", ".join(motion.path.name for motion in group),
         anchor=f"motion-{number}",
-        plots=plot_data(problem, cases, (), drawn, None),
+        plots=plots | {"drifts": [drifts[name] for name in clear]},
+        first=tuple(first[:2]),
+        at_floor=tuple(drifts[name]["title"] for name in at_floor),
         motion=played_motions(problem, played, numbers, None) if played else None,
     )

@@ -26,6 +26,7 @@ from bodycheck.reports.cache.truths import known_truth
 from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion, stable_motion
 from bodycheck.reports.measurement.compared_motion import Compared, EnergyAndMomentum
 from bodycheck.reports.measurement.invariants import invariants_of, worst_drift
+from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS
 from bodycheck.reports.measurement.measures import (
     MEASURES,
     ORIENTATION,
@@ -85,6 +86,10 @@ class JudgedMotion:
     has_derived_omega: bool = False
     has_unused_position: bool = False
     assumed: str = ""
+
+    def is_at_floor(self, measure: str) -> bool:
+        """Whether a measure is within what the truth and the digits of the file leave open."""
+        return bool(self.row[measure] <= FLOOR_BOUNDS * self.floors.get(measure, 0.0))
 
 
 def judged_motion(
@@ -226,6 +231,7 @@ def _floors(
     of_momentum = float(np.max(truth.bound_momentum[:n]))
     of_energy = float(np.max(truth.bound_energy[:n]))
     found = {ORIENTATION: columns["truth_bound_rad"] + _HALF_SPACING * resolution.attitude}
+    found |= dict.fromkeys(("quaternion_norm_error", "orthogonality_error"), resolution.attitude)
     if momentum > 0.0:
         found["angular_momentum_drift"] = of_momentum + largest_moment * omega / momentum + angle
     if energy > 0.0:

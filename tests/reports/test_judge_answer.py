@@ -230,6 +230,16 @@ def test_the_command_prints_the_conclusion_first_and_writes_the_page(
     assert 'src="http' not in page
 
 
+def test_the_page_plots_nothing_that_is_only_rounding(tmp_path: Path) -> None:
+    """Drifts within the digits of a file are named, not drawn; those of a damped motion are drawn."""
+    drawn = {}
+    for name, motion in (("right", solved(T_S)), ("damped", stepped(T_S, 4, damping=0.05))):
+        page = judgement_page(judged(write(tmp_path / f"{name}.csv", T_S, motion, "%.6f")), [])
+        _, _, left_out = page.partition("Not drawn, because")
+        drawn[name] = page.count('data-plot="drift"'), "energy drift" in left_out.partition("</p>")[0]
+    assert drawn == {"right": (0, True), "damped": (2, False)}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("width", [1440, 390])
 def test_the_page_draws_the_motion_and_fits_its_window(width: int, chromium: Browser, tmp_path: Path) -> None:

@@ -119,6 +119,8 @@ const plots = {
     const all = Object.entries(drift ? drift.lines : {})
       .map(([m, stored]) => ({ m: Number(m), level: levelOf(m), x: data.t, y: valuesOf(stored) }));
     const lines = merged(all.filter(line => line.level), LEAST);
+    const moved = lines.map(line => ({ ...line, y: line.y.slice(1) })); // at the start there is only round-off
+    const positive = moved.filter(line => line.level === "on").flatMap(line => line.y).filter(value => value > LEAST);
     const traces = stacked(lines, line => ({
       mode: "lines",
       text: line.y.map((value, k) => hover([
@@ -130,7 +132,7 @@ const plots = {
       traces: [...traces, ...besideMarks(missing)],
       layout: layout({
         xaxis: axis("time, s", roomForStrip(missing)),
-        yaxis: axis(drift ? drift.title : "", { type: "log", ...heightOf(lines) }),
+        yaxis: logAxis(drift ? drift.title : "", positive, heightOf(moved)),
         ...sideStrip(missing),
       }),
     };
