@@ -287,11 +287,13 @@ def comparison_data(comparison: Comparison) -> dict[str, Any]:
 
 def comparison_page(comparison: Comparison) -> str:
     """Return all changes as one self-contained HTML page, with the errors of both runs over each other."""
+    named, others = overlays_of(comparison)
     return page(
         comparison_document(comparison),
         "compare.html",
         threshold=100.0 * comparison.thresholds.default,
-        overlays=overlays_of(comparison),
+        overlays=named,
+        more_overlays=others,
         change_text=change_text,
         engine_colour=engine_colour,
         heading=heading,

@@ -54,6 +54,11 @@ class Headline:
         return _subject(self.engine, self.methods)
 
     @property
+    def main(self) -> Change:
+        """The change whose scenario the text names first: the largest of an error."""
+        return largest_error(self.changes) or self.changes[0]
+
+    @property
     def text(self) -> str:
         """Return "mujoco:rk4: order 4 -> 2 in orientation, error at 1 ms x 7e5 in brick (cause)"."""
         engine, arrow, version = self.release.rpartition(" -> ")
@@ -72,8 +77,7 @@ class Headline:
         return [part for make in _EFFECTS for part in make(self.changes, self.direction)]
 
     def _with(self, effects: str) -> str:
-        main = largest_error(self.changes) or self.changes[0]
-        first = [main.scenario] if main.scenario else []
+        first = [self.main.scenario] if self.main.scenario else []
         scenarios = dict.fromkeys([*first, *(one.scenario for one in self.changes if one.scenario)])
         where = f" in {names_of(list(scenarios))}" if scenarios else ""
         improved = " improved" if self.direction == "improved" else ""

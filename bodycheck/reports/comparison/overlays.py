@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from bodycheck._util.formatting import number, step
 from bodycheck.reports.comparison.change import Change
 from bodycheck.reports.comparison.compare import Comparison
+from bodycheck.reports.comparison.headlines import lines_of
 from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION
 from bodycheck.reports.run_files.run_tables import StudyKey, Tables, study_key
 
@@ -20,6 +21,8 @@ _MIN_DECADES = 0.5  # of an axis: a smaller range is widened, so that it does no
 _MARGIN = 0.04  # of an axis, so that no mark covers a label
 
 Point = tuple[float, float]
+_Key = tuple[StudyKey, str]
+"""Scenario and method, and a quantity."""
 
 
 @dataclass(frozen=True)
@@ -46,13 +49,22 @@ class Overlay:
     y_ticks: tuple[tuple[str, str], ...]
 
 
-def overlays_of(comparison: Comparison) -> list[Overlay]:
-    """Return one overlay per method, scenario and quantity that changed, as listed, at most twelve."""
-    largest: dict[tuple[StudyKey, str], Change] = {}
+def overlays_of(comparison: Comparison) -> tuple[list[Overlay], list[Overlay]]:
+    """Return the overlay that each line about the comparison names, and those of the other changes.
+
+    One per method, scenario and quantity that changed; the others as listed, at most twelve together.
+    """
+    largest: dict[_Key, Change] = {}
     for change in _listed(comparison.changes):
         largest.setdefault(_key(change), change)
-    found = (_overlay(comparison, *key, change) for key, change in largest.items())
-    return [one for one in found if one is not None][:_MAX_OVERLAYS]
+    named = dict.fromkeys(key for line in lines_of(comparison) if (key := _key(line.main)) in largest)
+    drawn = {
+        key: made
+        for key in (*named, *(key for key in largest if key not in named))
+        if (made := _overlay(comparison, *key, largest[key])) is not None
+    }
+    shown = [*drawn.items()][:_MAX_OVERLAYS]
+    return [one for key, one in shown if key in named], [one for key, one in shown if key not in named]
 
 
 def _listed(changes: Iterable[Change]) -> list[Change]:
@@ -62,7 +74,7 @@ def _listed(changes: Iterable[Change]) -> list[Change]:
     return sorted(plotted, key=lambda one: (ranks.index(one.status), -one.size))
 
 
-def _key(change: Change) -> tuple[StudyKey, str]:
+def _key(change: Change) -> _Key:
     word = change.quantity.rpartition(" ")[2]  # "order of energy_drift"
     return (change.scenario or "", change.engine, change.method), word if word in MEASURES else ORIENTATION
 

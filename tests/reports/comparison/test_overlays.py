@@ -22,8 +22,25 @@ def overlay() -> Overlay:
         run(*({"dt_s": dt_s, ERROR: error} for dt_s, error in zip(STEPS, errors, strict=True)))
         for errors in (BEFORE, AFTER)
     )
-    (found,) = overlays_of(compare(before, after))
+    (found,), others = overlays_of(compare(before, after))
+    assert others == []
     return found
+
+
+def test_an_event_is_drawn_once_and_its_other_quantities_are_others() -> None:
+    """Of a method whose errors all grew, the chart is that of the error that the first line names."""
+    before, after = (
+        run(
+            *(
+                {"dt_s": dt_s, ERROR: error, "energy_drift": scale * error, "omega_error": error}
+                for dt_s, error in zip(STEPS, errors, strict=True)
+            )
+        )
+        for errors, scale in ((BEFORE, 1.0), (AFTER, 1e3))
+    )
+    named, others = overlays_of(compare(before, after))
+    assert [one.quantity for one in named] == [ERROR]
+    assert {one.quantity for one in others} == {"energy_drift", "omega_error"}
 
 
 def test_points_lie_on_lines_of_their_order() -> None:
