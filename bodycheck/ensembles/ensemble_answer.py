@@ -11,11 +11,19 @@ from markupsafe import Markup
 
 from bodycheck._util.files import write_file
 from bodycheck._util.formatting import count, scientific
-from bodycheck.ensembles.ensemble_files import DISTRIBUTIONS, method_rows, quantile_rows, replays
+from bodycheck.ensembles.ensemble_cases import ROTATION_MEASURES
+from bodycheck.ensembles.ensemble_files import (
+    DISTRIBUTIONS,
+    distributions_svg,
+    method_rows,
+    quantile_rows,
+    replays,
+)
 from bodycheck.ensembles.ensemble_result import SENTINELS, EnsembleResult, key_text
 from bodycheck.ensembles.hunt_run import HuntResult, command_of
 from bodycheck.reports.document import Column, Command, Document, Sentence, Table, page
 from bodycheck.reports.measurement.measures import ORIENTATION
+from bodycheck.reports.render.figures import panel
 from bodycheck.reports.run_files.method_words import OTHER_BITS, SAME_BITS
 from bodycheck.reports.summary.quantiles import Quantile
 
@@ -81,9 +89,12 @@ def _worst_table(result: EnsembleResult, folder: Path) -> Table:
 
 def write_ensemble_page(result: EnsembleResult, folder: Path) -> Path:
     """Write report.html: the distributions and the worst bodies, with the figure if it was drawn."""
-    figure = folder / DISTRIBUTIONS
-    svg = figure.read_text(encoding="utf-8") if figure.exists() else ""
-    drawn = Markup(svg[svg.index("<svg") :]) if svg else Markup()
+    drawn = Markup()
+    if (folder / DISTRIBUTIONS).exists():
+        one_each = (
+            distributions_svg(result.statistics, [measure], transparent=True) for measure in ROTATION_MEASURES
+        )
+        drawn = drawn.join(map(panel, one_each))
     path = folder / "report.html"
     write_file(path, page(ensemble_document(result, folder), "ensemble.html", figure=drawn).encode())
     return path

@@ -260,7 +260,7 @@ def _draw(result: EnsembleResult, path: Path) -> None:
         matplotlib()  # an extra
     except ImportError:
         return
-    path.write_bytes(distributions_svg([(key, one.sketches) for key, one in result.statistics]))
+    path.write_bytes(distributions_svg(result.statistics))
 
 
 def _identity(key: Key) -> dict[str, Any]:
@@ -281,31 +281,38 @@ _LABELS = {
     "rotational_energy_drift": "relative drift of the energy",
     "angular_momentum_drift": "relative drift of the angular momentum",
 }
-_SIZE_IN = (7.2, 5.6)
+_PANEL_IN = (3.5, 2.8)
 _SMALLEST = 1e-17  # an error of 0 is drawn here
 
 
-def distributions_svg(methods: Sequence[tuple[Key, Mapping[str, QuantileSketch]]]) -> bytes:
-    """Return one panel per measure, with one colour per engine; methods: with their sketches by measure."""
-    looks = styles((key[0].name, key_text(key)) for key, _ in methods).values()
+def distributions_svg(
+    statistics: Sequence[tuple[Key, MethodStatistics]],
+    measures: Sequence[str] = ROTATION_MEASURES,
+    *,
+    transparent: bool = False,
+) -> bytes:
+    """Return one panel per measure, at most two in a row, with one colour per engine."""
+    looks = styles((key[0].name, key_text(key)) for key, _ in statistics).values()
+    columns = min(2, len(measures))
+    rows = -(-len(measures) // columns)
     with rendering():
         from matplotlib.figure import Figure
 
-        page = Figure(figsize=_SIZE_IN, layout="constrained")
-        panels = page.subplots(2, 2)
-        for axes, measure in zip(panels.flat, ROTATION_MEASURES, strict=True):
-            for (key, sketches), look in zip(methods, looks, strict=True):
-                if sketches[measure].total:
+        page = Figure(figsize=(columns * _PANEL_IN[0], rows * _PANEL_IN[1]), layout="constrained")
+        panels = page.subplots(rows, columns, squeeze=False)
+        for axes, measure in zip(panels.flat, measures, strict=True):
+            for (key, one), look in zip(statistics, looks, strict=True):
+                if one.sketches[measure].total:
                     axes.step(
-                        *_share_above(sketches[measure]),
+                        *_share_above(one.sketches[measure]),
                         where="post",
                         label=key_text(key),
                         color=COLOURS[look.colour],
                         linestyle=look.linestyle,
                     )
             axes.set(xscale="log", yscale="log", xlabel=_LABELS[measure], ylabel="share of bodies above")
-        panels.flat[0].legend(loc="lower left")
-        return figure_bytes(page, ".svg")
+        panels.flat[0].legend(loc="lower left", fontsize=6)
+        return figure_bytes(page, ".svg", transparent=transparent)
 
 
 def _share_above(sketch: QuantileSketch) -> tuple[Array, Array]:

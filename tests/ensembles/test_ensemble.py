@@ -704,7 +704,7 @@ def test_figure_has_one_colour_per_engine_and_one_dash_per_method() -> None:
     methods: list[Any] = [
         ((SimpleNamespace(name=engine), SimpleNamespace(name=name, control="dt"), Setting(1e-2, None)), one)
         for engine, name in (("my-engine", "a"), ("reference", "rk4"), ("reference", "m1"))
-        for one in [dict.fromkeys(ROTATION_MEASURES, sketch)]
+        for one in [SimpleNamespace(sketches=dict.fromkeys(ROTATION_MEASURES, sketch))]
     ]
     text = distributions_svg(methods).decode()
     assert (

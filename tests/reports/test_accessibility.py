@@ -34,6 +34,8 @@ COMMANDS = {
 READABLE = """() => {
   const captionOf = figure => figure.querySelector("figcaption")?.textContent.trim();
   const bare = [...document.querySelectorAll("figure")].filter(figure => !captionOf(figure));
+  const pictures = [...document.querySelectorAll("svg, canvas, .plot")].filter(one => !one.closest("table"));
+  const cut = pictures.filter(one => one.getBoundingClientRect().right > innerWidth + 1);
   const codes = [...document.querySelectorAll("code")];
   const commands = codes.filter(code => code.textContent.startsWith("bodycheck "));
   const broken = commands.flatMap(code => {
@@ -48,9 +50,10 @@ READABLE = """() => {
     }
     return found;
   });
-  return [...bare.map(() => "a figure has no caption"), ...broken.map(word => `broken: ${word}`)];
+  const seen = [...bare.map(() => "a figure has no caption"), ...cut.map(() => "a picture is cut")];
+  return [...seen, ...broken.map(word => `broken: ${word}`)];
 }"""
-"""What readers miss: captions, and words of commands that are broken although they would fit on a line."""
+"""What readers miss: captions, parts of pictures, words of commands that are broken but fit on a line."""
 
 
 @pytest.fixture(scope="module")

@@ -291,18 +291,20 @@ def explanation_page(cases: Sequence[ExplainedCase]) -> str:
 
 
 def drawn_explanations(cases: Sequence[ExplainedCase]) -> Markup:
-    """Return the figure of the differences as SVG for a page; "" without matplotlib or differences."""
-    differ = any(one.diagnosis is not None and errors_over_time(one.diagnosis) is not None for one in cases)
-    if find_spec("matplotlib") is None or not differ:
+    """Return a panel of a page for each case with differences; "" without matplotlib."""
+    from bodycheck.reports.render.figures import panel
+
+    if find_spec("matplotlib") is None:
         return Markup()
-    drawn = explanation_figure(cases, ".svg", on_page=True).decode()
-    return Markup(drawn[drawn.index("<svg") :])
+    differ = [one for one in cases if one.diagnosis and errors_over_time(one.diagnosis)]
+    return Markup().join(panel(explanation_figure([one], ".svg", on_page=True)) for one in differ)
 
 
 def explanation_figure(cases: Sequence[ExplainedCase], suffix: str, *, on_page: bool = False) -> bytes:
     """Return a figure of the differences from the map over time, without and with the explanation.
 
-    suffix: .png, .svg or .pdf. One panel per case. on_page: without a background, for light and dark pages.
+    suffix: .png, .svg or .pdf. One panel per case. on_page: of one column, which a phone shows whole, and
+    without a background, for light and dark.
     """
     from bodycheck.reports.render.figures import WIDTHS_IN, figure_bytes, rendering
 
@@ -310,7 +312,8 @@ def explanation_figure(cases: Sequence[ExplainedCase], suffix: str, *, on_page: 
     with rendering():
         from matplotlib.figure import Figure
 
-        drawn = Figure(figsize=(WIDTHS_IN[2], _PANEL_IN * max(len(rows), 1)), layout="constrained")
+        width_in = WIDTHS_IN[1 if on_page else 2]
+        drawn = Figure(figsize=(width_in, _PANEL_IN * max(len(rows), 1)), layout="constrained")
         for row, (one, (times, before, after)) in enumerate(rows, 1):
             axes = drawn.add_subplot(len(rows), 1, row, title=one.title, yscale="log")
             axes.plot(times, np.maximum(before, _MIN_SHOWN), ".-", label="difference from the map")

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from markupsafe import Markup
 
 from bodycheck._util.code_gate import check_code
 from bodycheck._util.errors import InputError, UnavailableError
@@ -145,6 +146,12 @@ def figure_bytes(page: Figure, suffix: str, *, transparent: bool = False) -> byt
     metadata = _UNDATED.get(suffix)
     page.savefig(buffer, format=suffix[1:], dpi=_DOTS_PER_INCH, metadata=metadata, transparent=transparent)
     return buffer.getvalue()
+
+
+def panel(svg: bytes) -> Markup:
+    """Return a figure of one column, drawn as SVG, as a panel of a page."""
+    text = svg.decode()
+    return Markup(text[text.index("<svg") :])
 
 
 @contextmanager
