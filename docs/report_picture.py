@@ -25,14 +25,11 @@ def front(page: Page) -> None:
 
 
 def parts(page: Page, scenario: str) -> None:
-    """Take the plots of a scenario and its motion, played nearly to the end."""
+    """Take the plots of a scenario and its motion, where it opens."""
     section = page.locator("section.scenario", has=page.get_by_role("heading", name=scenario, exact=True))
     section.locator("details").first.evaluate("part => { part.open = true; }")  # it is, in a short report
     take(section.locator(".plots"), "[data-plot]", "report-plots.png")
-    motion = section.locator("[data-motion]")
-    motion.scroll_into_view_if_needed()
-    motion.locator("input[type=range]").fill("900")
-    take(motion, "canvas, svg", "report-motion.png")
+    take(section.locator("[data-motion]"), "canvas", "report-motion.png")
 
 
 def take(part: Locator, drawn: str, name: str) -> None:
