@@ -23,7 +23,7 @@ plots.overall = (data, chosen) => {
     traces: [frontOf(drawn), ...traces, ...besideMarks(missing)],
     layout: layout({
       xaxis: logAxis("CPU seconds per simulated second", drawn.map(p => p.x), roomForStrip(missing)),
-      yaxis: axis(`tolerance: ${title}`, { type: "log", ...heightOf(lines) }),
+      yaxis: heightAxis(`tolerance: ${title}`, lines),
       ...sideStrip(missing, "unmet"),
     }),
   };

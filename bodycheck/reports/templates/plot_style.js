@@ -35,12 +35,12 @@ function logAxis(title, values, more) {
 }
 
 // A logarithmic axis spans the selected lines, so that grey ones do not flatten them; without any, all lines.
-function heightOf(lines) {
-  const logs = lines.filter(({ level }) => level === "on").flatMap(({ y }) => y).filter(value => value > LEAST).map(Math.log10);
-  if (!logs.length) return {};
-  const [least, most] = logs.reduce(([a, b], x) => [Math.min(a, x), Math.max(b, x)], [Infinity, -Infinity]);
+function heightAxis(title, lines, more) {
+  const values = lines.filter(({ level }) => level === "on").flatMap(({ y }) => y).filter(value => value > LEAST);
+  if (!values.length) return axis(title, { type: "log", ...more });
+  const [least, most] = [Math.min(...values), Math.max(...values)].map(Math.log10);
   const margin = Math.max(0.06 * (most - least), 0.5 - 0.5 * (most - least), 0.1);
-  return { range: [least - margin, most + margin] };
+  return logAxis(title, values, { range: [least - margin, most + margin], ...more });
 }
 
 // Room for the labels at the ends of lines; on a phone there is none.

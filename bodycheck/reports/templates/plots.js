@@ -66,7 +66,7 @@ const plots = {
       traces: [front, ...traces, ...besideMarks(faults)],
       layout: layout({
         xaxis: logAxis("CPU time, s", points.map(p => p.cpu[1]), roomForStrip(faults)),
-        yaxis: axis(error.title, { type: "log", ...heightOf(lines) }),
+        yaxis: heightAxis(error.title, lines),
         ...sideStrip(faults),
         ...withFloor(error.floor),
       }),
@@ -102,7 +102,7 @@ const plots = {
       traces: [...traces, ...fits.filter(Boolean), ...best, ...marks(faults, fault => ({ x: [fault.dt], y: [lane(fault.m)], yaxis: "y2" }))],
       layout: layout({
         xaxis: logAxis("step, s (finer to the right)", steps, { autorange: "reversed" }),
-        yaxis: axis(error.title, { type: "log", ...heightOf(lines), domain: [0, faults.length ? 0.82 : 1] }),
+        yaxis: heightAxis(error.title, lines, { domain: [0, faults.length ? 0.82 : 1] }),
         ...above,
         ...withFloor(error.floor),
       }),
@@ -120,7 +120,6 @@ const plots = {
       .map(([m, stored]) => ({ m: Number(m), level: levelOf(m), x: data.t, y: valuesOf(stored) }));
     const lines = merged(all.filter(line => line.level), LEAST);
     const moved = lines.map(line => ({ ...line, y: line.y.slice(1) })); // at the start there is only round-off
-    const positive = moved.filter(line => line.level === "on").flatMap(line => line.y).filter(value => value > LEAST);
     const traces = stacked(lines, line => ({
       mode: "lines",
       text: line.y.map((value, k) => hover([
@@ -132,7 +131,7 @@ const plots = {
       traces: [...traces, ...besideMarks(missing)],
       layout: layout({
         xaxis: axis("time, s", roomForStrip(missing)),
-        yaxis: logAxis(drift ? drift.title : "", positive, heightOf(moved)),
+        yaxis: heightAxis(drift ? drift.title : "", moved),
         ...sideStrip(missing),
       }),
     };
