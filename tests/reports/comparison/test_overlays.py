@@ -81,5 +81,5 @@ def test_page_draws_each_case_of_both_runs() -> None:
         for dt_s, error in zip(STEPS, errors, strict=True)
     ]
     assert [(name, float(dt_s), float(error)) for name, dt_s, error in reported] == expected
-    assert "× 100" in page
+    assert "x 100" in page
     assert "<circle" not in comparison_page(compare(before, before))
