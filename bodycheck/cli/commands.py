@@ -297,9 +297,9 @@ def judge(
     The truth is that of a scenario, or of a body that starts at the first row. An energy drift is relative to
     the truth, and with the suffix _from_start relative to the file's first sample.
     """
-    from bodycheck.recordings.judge import explained_motion
-    from bodycheck.recordings.judge_document import conclusion, is_true, judgement_document
-    from bodycheck.reports.document import answer
+    from bodycheck.recordings.judge import examined, explained_motion
+    from bodycheck.recordings.judge_document import conclusion, conclusions, is_true, judgement_document
+    from bodycheck.reports.document import Document, answer, print_document
     from bodycheck.reports.render.progress import status_line
     from bodycheck.runs import runner
 
@@ -329,12 +329,19 @@ def judge(
         )
     is_alone = len(ranking.motions) == 1 and not is_true(ranking.motions[0])
     diagnosed = explain or html is not None or is_alone
+    opening = ""
+    if diagnosed and len(ranking.motions) == 1 and not json:  # the search may take minutes
+        (motion,), (row,) = ranking.motions, ranking.rows
+        examined(motion, row.get("dt_s"), resolution)  # wrong options are refused before anything is printed
+        first = conclusions(motion, None)[0]
+        opening = first.text
+        print_document(Document("", (first,)))
     with status_line("searching for what made the motion"):
         cases = [
             explained_motion(motion, row.get("dt_s"), resolution)
             for motion, row in zip(ranking.motions if diagnosed else (), ranking.rows, strict=False)
         ]
-    document = judgement_document(ranking, cases, evidence=explain)
+    document = judgement_document(ranking, cases, evidence=explain, opening=opening)
     data = ranking.data
     if cases:
         from bodycheck.examine.explanation.explanation_document import explanation_data

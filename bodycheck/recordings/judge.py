@@ -14,6 +14,7 @@ import numpy as np
 from bodycheck._util.errors import InputError
 from bodycheck.examine.diagnosis.attitude_readings import attitude_diagnosis, conserving_reading
 from bodycheck.examine.diagnosis.diagnosis import Diagnosis, obstacle
+from bodycheck.examine.diagnosis.quantity_resolution import Resolution
 from bodycheck.examine.diagnosis.recorded import diagnosed_recording
 from bodycheck.examine.explanation.explain import ExplainedCase
 from bodycheck.recordings.column_map import ColumnMap
@@ -181,6 +182,23 @@ def _orders(
     return found
 
 
+def examined(
+    motion: JudgedMotion, dt_s: float | None, resolution_text: str | None
+) -> tuple[Scene, Resolution]:
+    """Return what a diagnosis starts from: the scene at the samples of the file, and its resolution.
+
+    Raises InputError where the step does not fit the times, or the resolution states none.
+    """
+    assert motion.case.trajectory is not None
+    resolution, t_s = motion.resolution, motion.case.trajectory.t_s
+    if resolution_text is not None:
+        resolution = resolution.with_given(resolution_text)
+    scene = _sampled_at(motion.problem.of_body.scene, t_s, resolution.stamp)
+    if dt_s is not None:
+        _check_step(scene, t_s, dt_s)
+    return scene, resolution
+
+
 def explained_motion(
     motion: JudgedMotion, dt_s: float | None, resolution_text: str | None = None
 ) -> ExplainedCase:
@@ -189,13 +207,9 @@ def explained_motion(
     dt_s: the step of the program that wrote it, None if unknown. resolution_text: what is known of its
     resolution (Resolution.with_given). Raises InputError where the step does not fit the times.
     """
-    problem, resolution, trajectory = motion.problem, motion.resolution, motion.case.trajectory
+    problem, trajectory = motion.problem, motion.case.trajectory
     assert trajectory is not None
-    if resolution_text is not None:
-        resolution = resolution.with_given(resolution_text)
-    scene = _sampled_at(problem.of_body.scene, trajectory.t_s, resolution.stamp)
-    if dt_s is not None:
-        _check_step(scene, trajectory.t_s, dt_s)
+    scene, resolution = examined(motion, dt_s, resolution_text)
     known, found, reason = motion.known, None, "the motion is not finite"
     states = (trajectory.position_m, trajectory.velocity_m_s, trajectory.attitude, trajectory.omega_body)
     is_finite = all(np.isfinite(values).all() for values in states)

@@ -163,15 +163,16 @@ def _cause(motion: JudgedMotion, found: Diagnosis | None, dt_s: float | None) ->
 
 
 def judgement_document(
-    ranking: Ranking, cases: Sequence[ExplainedCase] = (), *, evidence: bool = False
+    ranking: Ranking, cases: Sequence[ExplainedCase] = (), *, evidence: bool = False, opening: str = ""
 ) -> Document:
     """Return the conclusion and the measures of a single file, or the ranking of several.
 
     cases: the diagnoses, in the order of the ranking. evidence: whether what they rest on is shown.
+    opening: the sentence that is printed already.
     """
     if len(ranking.rows) == 1:
         found = conclusions(ranking.motions[0], next(iter(cases), None))
-        parts: list[Part] = [*found, _measure_table(ranking)]
+        parts: list[Part] = [*(one for one in found if one.text != opening), _measure_table(ranking)]
     else:
         parts = [*_ranking_parts(ranking)]
         if cases:

@@ -14,6 +14,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import bodycheck
+from bodycheck._util.errors import InputError
+from bodycheck.recordings import judge
 from bodycheck.recordings.judge import Ranking, explained_motion
 from bodycheck.recordings.judge_document import conclusion, conclusions, is_true, judgement_document
 from bodycheck.recordings.judge_page import judgement_page
@@ -238,6 +240,21 @@ def test_the_page_plots_nothing_that_is_only_rounding(tmp_path: Path) -> None:
         _, _, left_out = page.partition("Not drawn, because")
         drawn[name] = page.count('data-plot="drift"'), "energy drift" in left_out.partition("</p>")[0]
     assert drawn == {"right": (0, True), "damped": (2, False)}
+
+
+def test_the_error_is_printed_before_the_search_for_its_cause(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The search takes minutes on a busy machine; JSON stays one document."""
+
+    def interrupted(*_: object) -> None:
+        raise InputError("interrupted")
+
+    monkeypatch.setattr(judge, "explained_motion", interrupted)
+    write(tmp_path / "sim.csv", T_S, stepped(T_S, 5, 0.05))
+    command = ["judge", "sim.csv", "--inertia-kg-m2", "40,60,85"]
+    assert run_bodycheck(tmp_path, *command).stdout.startswith("The attitude is 2.69 rad")
+    assert run_bodycheck(tmp_path, *command, "--json").stdout == ""
 
 
 @pytest.mark.slow
