@@ -82,8 +82,9 @@ def new(
     language: Annotated[
         Literal["python", "c", "rust"],
         typer.Option(
-            help="python: a package with its tests, for an engine with Python bindings. c, rust: a program "
-            "that speaks the worker protocol."
+            help="python: a package with its tests, for an engine with Python bindings. c (also for C++), "
+            "rust: a program that speaks the worker protocol; docs/workers.md has one in JavaScript, and "
+            "what any other language needs."
         ),
     ] = "python",
     tree: Annotated[

@@ -169,24 +169,34 @@ def make(
     **described("Commands", "bodycheck environments list"),
 )
 def list_(json: Json = False) -> None:
-    """Print one line per environment: engine and version, size, folder; then the sources of its packages."""
+    """Print one line per environment: engine and version, size, folder; then the sources of packages."""
     from bodycheck._util.file_digests import disk_bytes
+    from bodycheck._util.formatting import count
     from bodycheck.adapters.versions.environments import environments
-    from bodycheck.reports.document import json_text
+    from bodycheck.reports.document import Column, Document, Sentence, Table, answer
 
     every = environments()
-    if json:
-        print(json_text(every))
-        return
-    if not every:
-        print("no environments: `bodycheck environments make` or the first run of an engine creates them")
+    lead = "no environments: `bodycheck environments make` or the first run of an engine creates them"
+    if every:
+        total = disk_bytes(found.folder for found in every) / 1e6
+        lead = (
+            f"{count(len(every), 'environment')}, together {total:.0f} MB, where shared files count once, "
+            f"in {every[0].folder.parent}"
+        )
+    columns = (Column("engine", "fixed"), Column("size", "number"), Column("folder", "fixed"))
+    rows = tuple((found.name, f"{found.size / 1e6:.0f} MB", found.folder.name) for found in every)
+    users: dict[tuple[str, ...], list[str]] = {}
     for found in every:
-        print(f"{found.name}  {found.size / 1e6:.0f} MB  {found.folder}")
-        for setting in found.packages_from:
-            print(f"    {setting}")
-    if len(every) > 1:
-        total = disk_bytes(found.folder for found in every)
-        print(f"together {total / 1e6:.0f} MB: files that environments share count once")
+        users.setdefault(found.packages_from, []).append(found.name)
+    sources = [
+        Sentence(f"packages of {', '.join(names)}: {'; '.join(settings)}")
+        for settings, names in users.items()
+        if settings
+    ]
+    document = Document(
+        "bodycheck environments list", (Sentence(lead, strong=True), Table(columns, rows), *sources)
+    )
+    answer(document, every, as_json=json)
 
 
 @environment_commands.command(

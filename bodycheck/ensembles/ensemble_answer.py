@@ -24,6 +24,7 @@ from bodycheck.ensembles.hunt_run import HuntResult, command_of
 from bodycheck.reports.document import Column, Command, Document, Sentence, Table, page
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.render.figures import panel
+from bodycheck.reports.render.styles import heading
 from bodycheck.reports.run_files.method_words import OTHER_BITS, SAME_BITS
 from bodycheck.reports.summary.quantiles import Quantile
 
@@ -139,26 +140,32 @@ def ensemble_data(result: EnsembleResult, folder: Path) -> dict[str, Any]:
 
 
 def hunt_document(result: HuntResult, folder: Path) -> Document:
-    """Return the worst start next to the typical one, and the command that repeats it."""
-    names, measure = " against ".join(key_text(key) for key in result.keys), result.request.measure
+    """Return the largest error and the start that has it, and the command that repeats it."""
+    names = " against ".join(key_text(key) for key in result.keys)
+    measure, _, unit = heading(result.request.measure).partition(", ")
     outcome = str(result.path.outcomes[result.worst])
-    found = scientific(result.value) if math.isfinite(result.value) else outcome
+    found = f"{scientific(result.value)} {unit}".rstrip() if math.isfinite(result.value) else outcome
     found += "" if result.ratio is None else f", {result.ratio:.3g} times the median"
     of = count(result.typical_of, "start")
-    median = f"{scientific(result.typical)} ({of})" if result.typical_of else "none of them has a value"
+    typical = f"{scientific(result.typical)} {unit}".rstrip()
+    median = f"{typical} ({of})" if result.typical_of else "none of them has a value"
     body, moments = result.bodies, result.bodies.moments[0]
     rows = (
-        (f"{measure} of {names}", found),
-        ("median of the uniform starts", median),
+        (f"median {measure} of random starts", median),
         ("found by evaluation", f"{result.worst + 1} of {len(result.path.scores)}"),
-        ("principal moments (kg m^2)", ", ".join(f"{moment:.4g}" for moment in moments)),
+        ("principal moments, kg m^2", ", ".join(f"{moment:.4g}" for moment in moments)),
         ("|2 E I2 / L^2 - 1|, 0 on the separatrix", f"{body.separatrix_distance[0]:.3g}"),
-        ("omega in body axes (rad/s)", ", ".join(f"{rate:.4g}" for rate in body.omega_body[0])),
+        ("omega in body axes, rad/s", ", ".join(f"{rate:.4g}" for rate in body.omega_body[0])),
     )
     columns = (Column("", "fixed"), Column(""))
     return Document(
         "bodycheck hunt",
-        (Table(columns, rows), Command(command_of(result, folder / "worst.toml")), Sentence(str(folder))),
+        (
+            Sentence(f"{names}: largest {measure} {found}", strong=True),
+            Table(columns, rows),
+            Command(command_of(result, folder / "worst.toml")),
+            Sentence(str(folder)),
+        ),
     )
 
 

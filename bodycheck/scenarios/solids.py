@@ -100,7 +100,8 @@ def as_toml(found: MassProperties | Estimate) -> Iterator[str]:
         yield f"# {note}"
     yield "[body]"
     yield f"mass_kg = {solid.mass!r}"
-    yield f"inertia_kg_m2 = {solid.inertia.tolist()}  # about the centre of mass, in the solid's own axes"
+    yield "# about the centre of mass, in the solid's own axes"
+    yield f"inertia_kg_m2 = {solid.inertia.tolist()}"
     yield ""
     yield "[solid]"
     yield f"centre_m = {solid.centre.tolist()}"
@@ -111,4 +112,5 @@ def as_toml(found: MassProperties | Estimate) -> Iterator[str]:
     else:
         moments, axes = solid.principal()
         yield f"principal_moments_kg_m2 = {moments.tolist()}"
-        yield f"principal_axes = {axes.T.tolist()}  # one axis per row, in the solid's own axes"
+        yield "# one axis per row, in the solid's own axes"
+        yield f"principal_axes = {axes.T.tolist()}"

@@ -551,12 +551,11 @@ def test_removal_keeps_the_lock() -> None:
 
 @pytest.mark.usefixtures("fake")
 def test_environment_commands_list_and_remove(tmp_path: Path, expected_message: ExpectedMessage) -> None:
-    """`list` prints one line per environment; `remove` needs a name or --all and refuses other arguments."""
+    """`list` prints the folder and a line per environment; `remove` needs a name or --all, and no more."""
     places = [environments.python_of(pin).parents[1] for pin in (PIN, Pin("mujoco", "3.7.0"))]
-    listed = run_bodycheck(tmp_path, "environments", "list").stdout.splitlines()
-    lines = [line for line in listed if not line.startswith(" ")]
-    assert lines[:2] == [f"mujoco==3.{6 + k}.0  0 MB  {place}" for k, place in enumerate(places)]
-    assert [line.split()[0] for line in lines[2:]] == ["together"]
+    lead, _, *lines = run_bodycheck(tmp_path, "environments", "list").stdout.splitlines()
+    assert lead == f"2 environments, together 0 MB, where shared files count once, in {places[0].parent}"
+    assert lines[:2] == [f"mujoco==3.{6 + k}.0  0 MB  {place.name}" for k, place in enumerate(places)]
     for words in ((), ("mujoco==3.6.0", "--all"), ("mujoco==3.8.0",)):
         refused = run_bodycheck(tmp_path, "environments", "remove", *words)
         assert refused.returncode == 2

@@ -60,8 +60,13 @@ _TINTS = {"holds": "good", "broken": "bad", "property": "none", "not-measured": 
 
 
 def fingerprint_document(rows: Sequence[Mapping[str, Any]]) -> Document:
-    """Return which methods are known maps; per method the map, agreement and runner-up; then notes."""
-    heads = (Column("method", "fixed"), Column("one-step map"), Column("agreement"), Column("runner-up"))
+    """Return which methods are known maps; per method the map, the differences of it and of the next."""
+    heads = (
+        Column("method", "fixed"),
+        Column("one-step map"),
+        Column("difference"),
+        Column("next nearest map"),
+    )
     cells = []
     for row in rows:
         known = row.get("agreement") is not None
@@ -75,7 +80,8 @@ def fingerprint_document(rows: Sequence[Mapping[str, Any]]) -> Document:
     )
     unknown = [":".join(key_of(row)) for row in rows if row["fingerprint"] in _UNKNOWN]
     if len(rows) == 1:
-        lead = f"{':'.join(key_of(rows[0]))}: {rows[0]['fingerprint']}"
+        verb = ":" if unknown else " steps by the known map"
+        lead = f"{':'.join(key_of(rows[0]))}{verb} {rows[0]['fingerprint']}"
     else:
         matched = len(rows) - len(unknown)
         lead = f"{matched} of {count(len(rows), 'method')} with a known map"
@@ -86,12 +92,12 @@ def fingerprint_document(rows: Sequence[Mapping[str, Any]]) -> Document:
 
 
 def laws_document(rows: Sequence[Mapping[str, Any]]) -> Document:
-    """Return one row per method and law, with the size of the break and the state that shows it most."""
+    """Return what is broken, and a row per method and law: the violation and the state that shows it most."""
     heads = (
         Column("method", "fixed"),
         Column("law", "fixed"),
         Column("verdict", "fixed"),
-        Column("break", "fixed"),
+        Column("violation", "fixed"),
         Column("tolerance", "fixed"),
         Column("state or reason"),
     )
@@ -106,8 +112,13 @@ def laws_document(rows: Sequence[Mapping[str, Any]]) -> Document:
         )
         for row in rows
     )
-    broken = sum(row["verdict"] == "broken" for row in rows)
-    summary = f"{count(broken, 'law')} broken" if broken else "no law is broken"
-    return Document(
-        "bodycheck laws", (Sentence(summary, "bad" if broken else "good", strong=True), Table(heads, cells))
-    )
+    methods = list(dict.fromkeys(":".join(key_of(row)) for row in rows))
+    broken = [f"{row['law']} by {':'.join(key_of(row))}" for row in rows if row["verdict"] == "broken"]
+    holding = sum(row["verdict"] == "holds" for row in rows)
+    summary = f"{names(methods)}: no law is broken, {holding} hold"
+    if broken:
+        summary = f"{count(len(broken), 'law')} broken: {names(broken)}"
+    parts = [Sentence(summary, "bad" if broken else "good", strong=True)]
+    if any(row["verdict"] == "property" for row in rows):
+        parts.append(Sentence("A property, such as steps that cannot be reversed, is no fault."))
+    return Document("bodycheck laws", (*parts, Table(heads, cells)))
