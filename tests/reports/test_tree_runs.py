@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from base64 import b64decode
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -243,7 +244,12 @@ def test_the_page_plays_a_tree(chain: Run) -> None:
     assert truth.q is not None
     shown = np.array(view["truth"]["joints"][1])
     assert np.max(np.abs(shown - truth.q[:, -1])) < 1e-3
-    assert view["reach"] > np.max(np.abs(truth.position_m - np.array(view["middle"])))
+    places = np.array(
+        [np.frombuffer(b64decode(one["x"]), dtype="<i2").reshape(-1, 3) for one in view["truth"]["bodies"]]
+    )
+    assert np.max(np.abs(places.mean(axis=0))) <= 1.0  # of int16: the view follows the free chain
+    spread = truth.position_m - truth.position_m.mean(axis=1, keepdims=True)
+    assert np.max(np.abs(spread)) < view["reach"] < np.max(np.abs(truth.position_m))
 
 
 def test_a_box_has_the_inertia_of_its_body() -> None:

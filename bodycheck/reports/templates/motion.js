@@ -75,13 +75,13 @@ function sectionsOf(semiaxes) {
 
 // Each body of a tree at a time, farthest from the eye first: its surface and sticks, moved into place.
 function posedTree(motion, track, t) {
-  const { surfaces, middle, world: [, , eye] } = motion;
+  const { surfaces, world: [, , eye] } = motion;
   return surfaces.map((surface, k) => {
     const part = track.bodies[k];
     const { q } = stateAt(part, motion.t, t);
     const n = Math.min(Math.max(motion.t.findLastIndex(sample => sample <= t), 0), motion.t.length - 2);
     const share = Math.min(Math.max((t - motion.t[n]) / (motion.t[n + 1] - motion.t[n]), 0), 1);
-    const x = added(added(scaled(part.x[n], 1 - share), scaled(part.x[n + 1], share)), scaled(middle, -1));
+    const x = added(scaled(part.x[n], 1 - share), scaled(part.x[n + 1], share));
     const there = posed(surface, q);
     const sticks = allTurned(q, surface.sticks).map(end => [x, added(x, end)]);
     return { ...there, corners: there.corners.map(corner => added(corner, x)), sticks, depth: dot(x, eye) };

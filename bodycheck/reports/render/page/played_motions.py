@@ -61,8 +61,10 @@ def played_motions(
     shown = played[:most]
     frames = frame_numbers(problem.compared)
     if isinstance(problem.scenario.scene, TreeScene):
-        bodies = _tree(problem, problem.scenario.scene, frames)
-        track = partial(_tree_track, problem.scenario.scene, frames=frames)
+        scene, true = problem.scenario.scene, problem.truth.trajectory.position_m[frames]
+        centres = _centres(scene, true)
+        bodies = _tree(problem.scenario.name, scene, true - centres)
+        track = partial(_tree_track, scene, frames=frames, centres=centres)
     else:
         moments, axes = diagonalised(rotational_inertia(problem.of_body.scene))
         bodies = {"moments": moments.tolist(), "body": _body(problem.of_body.body, axes)}
@@ -159,19 +161,27 @@ def _body(body: Body, axes: Array) -> dict[str, Any]:
     }
 
 
-def _tree(
-    problem: Problem, scene: TreeScene, frames: np.ndarray[tuple[int], np.dtype[np.intp]]
-) -> dict[str, Any]:
-    """Return the bodies of a tree, the space in which they truly move, and the names of its joints."""
-    true = problem.truth.trajectory.position_m[frames]
+def _centres(scene: TreeScene, true: Array) -> Array:
+    """Return what is in the middle of the view (n, 1, 3): a free tree, which it follows, or else its space.
+
+    true: where the bodies truly are (n, bodies, 3).
+    """
+    if any(body.joint.kind == "free" for body in scene.bodies):
+        return true.mean(axis=1, keepdims=True)
+    return 0.5 * (true.max(axis=(0, 1), keepdims=True) + true.min(axis=(0, 1), keepdims=True))
+
+
+def _tree(name: str, scene: TreeScene, true: Array) -> dict[str, Any]:
+    """Return the bodies of a tree, how far they truly are from the middle, and the names of its joints.
+
+    true: their places from the middle of the view (n, bodies, 3).
+    """
     parts = _parts(scene)
     size = max(float(np.max(np.abs(part["vertices"]))) for part in parts)
-    middle = 0.5 * (true.max(axis=(0, 1)) + true.min(axis=(0, 1)))
     return {
-        "body": {"name": f"the tree {problem.scenario.name}"},
+        "body": {"name": f"the tree {name}"},
         "parts": parts,
-        "middle": middle.tolist(),
-        "reach": float(np.max(np.linalg.norm(true - middle, axis=-1))) + size,
+        "reach": float(np.max(np.linalg.norm(true, axis=-1))) + size,
         "joints": [f"{body}.{unit}" for body, unit, _ in _joint_places(scene)],
     }
 
@@ -203,10 +213,16 @@ def _joint_places(scene: TreeScene) -> list[tuple[str, str, int]]:
 
 
 def _tree_track(
-    scene: TreeScene, trajectory: Trajectory, frames: np.ndarray[tuple[int], np.dtype[np.intp]]
+    scene: TreeScene,
+    trajectory: Trajectory,
+    frames: np.ndarray[tuple[int], np.dtype[np.intp]],
+    centres: Array,
 ) -> dict[str, Any]:
-    """Return the motion of each body as for one, with places x (n, 3), and the coordinates of joints (n,)."""
-    quaternions, places = trajectory.attitude[frames], trajectory.position_m[frames]
+    """Return the motion of each body as for one, and the coordinates of joints (n,).
+
+    Places x (n, 3) are from the middle of the view.
+    """
+    quaternions, places = trajectory.attitude[frames], trajectory.position_m[frames] - centres
     omega = trajectory.omega_body[frames]
     far, fastest = (max(float(np.abs(values).max()), 1e-9) for values in (places, omega))
     coordinates = (
