@@ -24,6 +24,7 @@ from bodycheck._util.errors import InputError
 from bodycheck.adapters import registry
 from bodycheck.cli.commands import app
 from bodycheck.reports.document import answer
+from bodycheck.reports.run_files.method_words import map_in_words
 from bodycheck.reports.run_files.tables import TABLES
 from bodycheck.reports.summary.catalogue import catalogue, catalogue_document
 from bodycheck.runs.schemas import SCHEMAS
@@ -481,7 +482,7 @@ def test_the_map_of_each_method_is_printed(tmp_path: Path) -> None:
     assert printed.stdout.splitlines()[0] == "2 of 2 methods with a known map"
     for row in json.loads(rows.stdout):
         assert row["agreement"] < 1e-14 < 1e-5 < row["runner_up_distance"]
-        assert f"{row['fingerprint']}: {row['description']}" in printed.stdout.splitlines()
+        assert f"{map_in_words(row['fingerprint'])}: {row['description']}" in printed.stdout.splitlines()
 
 
 @pytest.mark.slow

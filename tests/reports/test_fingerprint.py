@@ -591,7 +591,7 @@ def test_the_conclusion_about_known_maps_stands_first() -> None:
     ]
     first = [fingerprint_document(some).parts[0] for some in (rows[:1], rows[1:], rows)]
     assert [(one.text, one.tint) for one in first if isinstance(one, Sentence)] == [
-        ("mine:a: M1", "good"),
+        ("mine:a steps by the known map semi-implicit Euler (M1)", "good"),
         (f"mine:b: {NO_KNOWN_MAP}", "open"),
         ("1 of 2 methods with a known map; without: mine:b", "open"),
     ]

@@ -65,7 +65,7 @@ def test_motion_of_a_map_is_wrong_by_its_error_and_named(tmp_path: Path) -> None
     assert isinstance(errors, list)
     (joint,) = [one for one in errors if (one["name"], one["quantity"]) == ("joint of l2", "angle")]
     assert round(joint["error"], 4) == 0.0497
-    assert "M1 of trees" in str(found["cause"])
+    assert "semi-implicit Euler (M1) of trees" in str(found["cause"])
 
 
 def test_the_arrays_that_a_run_stores_are_read(tmp_path: Path, expected_message: ExpectedMessage) -> None:

@@ -217,7 +217,7 @@ def test_the_map_that_engines_share_is_named(chain: Run) -> None:
 def test_the_page_states_the_shared_map_before_any_fold(chain: Run) -> None:
     """A reader who opens nothing sees it, as on the console."""
     findings = report_page(chain).partition('aria-label="Findings"')[2].partition("<details>")[0]
-    assert "5 methods of 3 engines make the same map M1" in findings
+    assert "5 methods of 3 engines are semi-implicit Euler (M1)" in findings
 
 
 def test_a_false_momentum_is_stated_first() -> None:

@@ -35,6 +35,7 @@ from bodycheck.reference_impl.one_step_maps import EXACT as EXACT_FLOW
 from bodycheck.reference_impl.one_step_maps import MAPS, OneStepMap
 from bodycheck.reference_impl.one_step_maps.one_step_map import Motion, Solid, zero_order_hold
 from bodycheck.reference_impl.scene import Scene
+from bodycheck.reports.run_files.method_words import map_in_words
 
 
 @dataclass
@@ -86,9 +87,13 @@ class Base:
 RK4 = cast(Tableau, INTEGRATORS["rk4"].tableau)
 
 
+def _text(method: str, name: str) -> str:
+    return f"{map_in_words(name)}, {INTEGRATORS[method].formula}"
+
+
 def _runge_kutta(name: str) -> Base:
     method = INTEGRATORS[name]
-    return Base(name, method.formula, tableau=method.tableau, order=method.order)
+    return Base(name, f"{name}, {method.formula}", tableau=method.tableau, order=method.order)
 
 
 EXACT = Base("exact", "the exact flow", tableau=INTEGRATORS["dop853"].tableau, order=8)
@@ -97,11 +102,16 @@ EXACT = Base("exact", "the exact flow", tableau=INTEGRATORS["dop853"].tableau, o
 COMMON = {
     base.name: base
     for base in (
-        Base("m1", INTEGRATORS["m1"].formula),
-        Base("m2", INTEGRATORS["m2"].formula, "implicit"),
-        Base("m3", INTEGRATORS["m3"].formula, "implicit gyroscopic"),
-        Base("m1-additive", "M1 with q+ = q + dt/2 q omega+", turn="additive"),
-        Base("quaternion-euler", INTEGRATORS["quaternion-euler"].formula, turn="additive", pose_first=True),
+        Base("m1", _text("m1", "M1")),
+        Base("m2", _text("m2", "M2"), "implicit"),
+        Base("m3", _text("m3", "M3"), "implicit gyroscopic"),
+        Base("m1-additive", f"{map_in_words('M1')} with q+ = q + dt/2 q omega+", turn="additive"),
+        Base(
+            "quaternion-euler",
+            _text("quaternion-euler", "M1, pose from the old omega"),
+            turn="additive",
+            pose_first=True,
+        ),
         _runge_kutta("midpoint"),
         _runge_kutta("rk4"),
         EXACT,
@@ -110,7 +120,7 @@ COMMON = {
 """The maps that a diagnosis starts from, in which faults act inside the step."""
 
 LIBRARY = {
-    one.name: Base(one.name, f"{one.name}, {one.description}", order=one.order, one=one)
+    one.name: Base(one.name, f"{map_in_words(one.name)}, {one.description}", order=one.order, one=one)
     for one in MAPS.values()
     if one.order > 0 and one is not EXACT_FLOW
 }

@@ -26,6 +26,7 @@ from bodycheck.reference_impl.scene import GravityGradient, Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import steps_per_sample
 from bodycheck.reports.measurement.scales import Scales
+from bodycheck.reports.run_files.method_words import map_in_words
 
 ALL_QUANTITIES = frozenset({"position", "velocity", "attitude", "omega"})
 
@@ -174,7 +175,8 @@ class Diagnosis:
         return f"{lead}{named} (explains {_percent(self.share)} of the error)"
 
 
-def _equal(maps: Sequence[str]) -> str:
+def _equal(equal_maps: Sequence[str]) -> str:
+    maps = [map_in_words(name) for name in equal_maps]
     if len(maps) <= _LISTED:
         return f"; equal to these digits: {names(maps)}" if maps else ""
     return f"; {len(maps)} other known maps are equal to these digits, such as {names(maps[:2])}"

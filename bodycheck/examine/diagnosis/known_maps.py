@@ -12,6 +12,7 @@ from bodycheck.examine.diagnosis.candidate_maps import LIBRARY, Base, States
 from bodycheck.examine.diagnosis.transitions import Transitions
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.one_step_maps import EXACT
+from bodycheck.reports.run_files.method_words import map_in_words
 
 _SCREENED = 6  # transitions
 _NEAR = 1.4  # multiples of the limit, within which a map is whitened by its own derivatives
@@ -135,7 +136,12 @@ def _held(base: Base) -> Iterator[Base]:
     if base.one is not None and base.one.stages:
         for in_body_axes, axes in ((False, "world"), (True, "body")):
             name = f"{base.name}, loads held in {axes} axes"
-            yield replace(base, name=name, text=f"{name}, {base.one.description}", in_body_axes=in_body_axes)
+            yield replace(
+                base,
+                name=name,
+                text=f"{map_in_words(name)}, {base.one.description}",
+                in_body_axes=in_body_axes,
+            )
 
 
 def _with_costs(transitions: Transitions, maps: Sequence[Base]) -> list[tuple[Base, float, States]]:

@@ -28,6 +28,7 @@ from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reference_impl.wrench import steps_per_sample
 from bodycheck.reports.measurement.scales import Scales
 from bodycheck.reports.measurement.tree_map_made import MADE, state_differences
+from bodycheck.reports.run_files.method_words import map_in_words
 
 _MAX_STRIDE = 400
 _TRANSITIONS, _STEPS = 6, 200  # at most, of all transitions together, but at least two transitions
@@ -195,7 +196,7 @@ def _healthy(base: str, largest: dict[str, float], order: int | None, limit: flo
 
 
 def _words(base: str) -> str:
-    return f"{base} of trees, {TREE_MAPS[base].description}"
+    return f"{map_in_words(base)} of trees, {TREE_MAPS[base].description}"
 
 
 def _candidates(scene: TreeScene) -> Iterator[tuple[TreeFault, tuple[int, ...], Array]]:

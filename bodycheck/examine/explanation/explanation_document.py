@@ -188,7 +188,7 @@ def _facts(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
         yield "nearest fault", "; and ".join(fault.sentence for fault in found.nearly)
     words = found.base_words
     if words not in found.sentence:
-        yield "map", words if words.startswith(found.base) else f"{found.base}: {words}"
+        yield "map", words
     for fault in found.faults:
         for direction in fault.undetermined:
             yield (

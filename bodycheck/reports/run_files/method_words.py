@@ -8,6 +8,26 @@ from typing import Any, Literal, TypeAlias, get_args
 NO_KNOWN_MAP = "no known map"
 NOT_MEASURED = "not measured"
 
+_MAPS_IN_WORDS = {
+    "M1": "semi-implicit Euler",
+    "M1, pose from the old omega": "explicit Euler",
+    "M1d": "semi-implicit Euler with implicit dampers",
+    "M2": "linearly implicit Euler",
+    "M2s": "semi-implicit Euler with implicit dampers and springs",
+    "M3": "linearly implicit gyroscopic term",
+}
+"""Label of known maps -> the same in words."""
+
+
+def map_in_words(name: str) -> str:
+    """Return the name of a known map in words, such as "semi-implicit Euler, additive matrix (M1)"."""
+    labels = [label for label in _MAPS_IN_WORDS if f"{name},".startswith(f"{label},")]
+    if not labels:
+        return name
+    label = max(labels, key=len)
+    return f"{_MAPS_IN_WORDS[label]}{name.removeprefix(label)} ({label})"
+
+
 LawVerdict: TypeAlias = Literal["holds", "broken", "property", "not-measured"]
 LAW_VERDICTS: tuple[LawVerdict, ...] = get_args(LawVerdict)
 

@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 
 from bodycheck._util.formatting import count, names, number
 from bodycheck.reports.document import Column, Document, Sentence, Span, Table
-from bodycheck.reports.run_files.method_words import NO_KNOWN_MAP, NOT_MEASURED, REPLAY
+from bodycheck.reports.run_files.method_words import NO_KNOWN_MAP, NOT_MEASURED, REPLAY, map_in_words
 from bodycheck.reports.run_files.run_tables import MethodKey, key_of
 
 _UNKNOWN = (NO_KNOWN_MAP, NOT_MEASURED)
@@ -33,7 +33,7 @@ def map_text(row: Mapping[str, Any]) -> str:
     if row["fingerprint"] in _UNKNOWN:
         return f"{row['fingerprint']}: {row.get('message', '')}"
     note = f"; {row['message']}" if row.get("message") else ""
-    return f"{row['fingerprint']}, to {number(row.get('digits'), 3)} digits{note}"
+    return f"{map_in_words(row['fingerprint'])}, to {number(row.get('digits'), 3)} digits{note}"
 
 
 def laws_text(by_method: RowsByMethod, key: MethodKey) -> str:
@@ -70,18 +70,18 @@ def fingerprint_document(rows: Sequence[Mapping[str, Any]]) -> Document:
     cells = []
     for row in rows:
         known = row.get("agreement") is not None
-        runner = f"{row['runner_up']} {number(row['runner_up_distance'], 2)}" if known else ""
+        runner = f"{map_in_words(row['runner_up'])} {number(row['runner_up_distance'], 2)}" if known else ""
         tint = "open" if row["fingerprint"] in _UNKNOWN else "good"
         agreement = number(row["agreement"], 2) if known else ""
-        cells.append((":".join(key_of(row)), Span(row["fingerprint"], tint), agreement, runner))
+        cells.append((":".join(key_of(row)), Span(map_in_words(row["fingerprint"]), tint), agreement, runner))
     notes = [Sentence(f"{':'.join(key_of(row))}: {row['message']}") for row in rows if row.get("message")]
     formulas = dict.fromkeys(
-        f"{row['fingerprint']}: {row['description']}" for row in rows if row.get("description")
+        f"{map_in_words(row['fingerprint'])}: {row['description']}" for row in rows if row.get("description")
     )
     unknown = [":".join(key_of(row)) for row in rows if row["fingerprint"] in _UNKNOWN]
     if len(rows) == 1:
         verb = ":" if unknown else " steps by the known map"
-        lead = f"{':'.join(key_of(rows[0]))}{verb} {rows[0]['fingerprint']}"
+        lead = f"{':'.join(key_of(rows[0]))}{verb} {map_in_words(rows[0]['fingerprint'])}"
     else:
         matched = len(rows) - len(unknown)
         lead = f"{matched} of {count(len(rows), 'method')} with a known map"

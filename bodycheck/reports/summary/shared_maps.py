@@ -8,6 +8,7 @@ from typing import Any
 
 from bodycheck._util.formatting import count, names, number
 from bodycheck.reports.measurement.tree_map_made import DISTANCE, MAP, NEXT
+from bodycheck.reports.run_files.method_words import map_in_words
 from bodycheck.reports.run_files.run_tables import Tables, cases_by_method, coarsest_shared_step, key_of
 
 _ERRORS = {
@@ -85,8 +86,8 @@ def _stated(scenario: str, name: str, rows: Sequence[Mapping[str, Any]], facts: 
     where = f" in the joint of {rows[0]['worst_body']}" if "worst_body" in rows[0] else ""
     spread = "" if max(errors) <= 1.001 * min(errors) else f"{number(min(errors), 3)} to "
     text = (
-        f"{scenario}: {count(len(rows), 'method')} of {count(len(engines), 'engine')} make the same map "
-        f"{name}: {_ERRORS[measured]} {spread}{number(max(errors), 3)} {unit} from the truth"
+        f"{scenario}: {count(len(rows), 'method')} of {count(len(engines), 'engine')} are "
+        f"{map_in_words(name)}: {_ERRORS[measured]} {spread}{number(max(errors), 3)} {unit} from the truth"
     )
     details = (
         f"They agree to a relative {number(apart, 1)} per step of {number(rows[0]['dt_s'], 3)} s, and the "
@@ -95,5 +96,5 @@ def _stated(scenario: str, name: str, rows: Sequence[Mapping[str, Any]], facts: 
     )
     is_free = "joint" not in facts["body"][0] and not facts.get("forcing")
     false = max(row.get("linear_momentum_drift_abs", 0.0) for row in rows)
-    momentum = f", with a false momentum of {number(false, 2)} N s" if is_free and false else ""
+    momentum = f", false momentum {number(false, 2)} N s" if is_free and false else ""
     return _Shared(scenario, max(errors), bool(momentum), f"{text}{momentum}.", details)

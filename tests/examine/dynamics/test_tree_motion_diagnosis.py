@@ -114,4 +114,4 @@ def test_explain_names_the_map_of_a_tree(tmp_path: Path) -> None:
     )
     shown = run_bodycheck(tmp_path, "explain", "r", "--case", "free-chain")
     assert shown.returncode == 0
-    assert "M1 of trees" in shown.stdout
+    assert "semi-implicit Euler (M1) of trees" in shown.stdout
