@@ -270,7 +270,7 @@ def test_new_run_is_compared_with_the_gates(folder: Path) -> None:
     assert kept.returncode == 1, kept.stderr
     assert kept.stderr.splitlines()[-1] == "kept/report.html"
     assert gate("--gates", "t.toml", "--run", "kept").exit_code == 1
-    assert "<b>Failed check:</b>" in (folder / "kept/report.html").read_text(encoding="utf-8")
+    assert '<h1 class="tint-bad">Failed check: ' in (folder / "kept/report.html").read_text(encoding="utf-8")
     assert "Failed check: " in markdown(run_document(read_tables(folder / "kept")))
     wrong = subprocess.run([*words, "mine.toml"], capture_output=True, text=True, check=False)
     assert wrong.returncode == 2
