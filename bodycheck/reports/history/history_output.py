@@ -229,15 +229,11 @@ def nightly_document(judged: Judgement) -> Document:
     rows = tuple((one.duration, one.text, one.id) for one in open_lines(judged.open))
     listed: tuple[Medium, ...] = MEDIA if len(rows) > 1 else ()  # one is the headline
     run = f"Nightly run {judged.newest.run_id}"
-    said_by_heading: tuple[Medium, ...] = ("console",)  # which consoles do not show
     return Document(
         heading,
         (
-            Sentence(
-                *(first, _TINTS[judged.status]),
-                strong=True,
-                only=said_by_heading if first == heading else MEDIA,
-            ),
+            Sentence(first, _TINTS[judged.status], strong=True, only=("console",)),
+            *([] if first == heading else [Sentence(first, only=("markdown", "page"))]),
             Table(
                 *(columns, rows, "Open regressions", "bad"),
                 max_rows=_MAX_OPEN,
