@@ -95,6 +95,9 @@ def folder(stored_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     }
     (folder / "other/manifest.json").write_text(json.dumps(manifest))
     shutil.copytree(folder / "run", folder / "parent/run")
+    (folder / "gates.toml").write_text(
+        '[[gate]]\nengine = "reference"\nmeasure = "orientation_error_rad"\nupper = 1e-99\nreason = "any"\n'
+    )
     return folder
 
 
@@ -113,8 +116,12 @@ SHOWN = {
     "advise": command("advise", "--error", "1e-3", "--run", "run"),
     "compare": command("compare", "run", "other"),
     "versions": RELEASES,
-    "list scenarios": command("list", "scenarios"),
-    "list measures": command("list", "measures"),
+    **{
+        f"list {what}": command("list", what)
+        for what in ("scenarios", "suites", "engines", "methods", "measures")
+    },
+    "gate": command("gate", "--gates", "gates.toml", "--run", "run", "--badge", "badge.json"),
+    "movie": command("movie", "run", "--scenario", "free", "--svg", "film.svg"),
 }
 
 
@@ -142,7 +149,7 @@ def terminal(folder: Path, request: pytest.FixtureRequest) -> tuple[int, dict[st
     return request.param, parted(on_terminal(folder, request.param, ALL))
 
 
-HEADS = {"engine:method", "scenario", "reproduce", "toy"}
+HEADS = {"engine:method", "scenario", "reproduce", "toy", "gate"}
 """A row shown as text has no heading for its first cell and no command below it."""
 
 

@@ -140,7 +140,7 @@ def failure_rows(results: Sequence[GateResult]) -> list[tuple[str, ...]]:
     """Return the cells of every row that failed, one per head of the printed table."""
     return [
         (
-            str(index),
+            f"[{index}]",
             check.row.scenario,
             f"{check.row.engine}:{check.row.method}",
             check.row.at,

@@ -106,9 +106,9 @@ def test_a_run_without_cases_has_none() -> None:
 def test_each_failed_row_is_shown_with_its_command() -> None:
     """The row has gate, scenario, method, step, value or reason, bound, distance and command."""
     assert failure_rows(results()) == [
-        ("1", "brick", "mujoco:rk4", "dt 0.02 s", "0.01", f"{ERROR} <= 0.001", "1 decade beyond", COMMAND),
-        ("1", "brick", "mujoco:rk4", "dt 0.03 s", "failed: no\x00", f"{ERROR} <= 0.001", "", COMMAND),
-        ("2", "brick", "mujoco:rk4", "dt 0.03 s", "failed", "outcome = ok", "", COMMAND),
+        ("[1]", "brick", "mujoco:rk4", "dt 0.02 s", "0.01", f"{ERROR} <= 0.001", "1 decade beyond", COMMAND),
+        ("[1]", "brick", "mujoco:rk4", "dt 0.03 s", "failed: no\x00", f"{ERROR} <= 0.001", "", COMMAND),
+        ("[2]", "brick", "mujoco:rk4", "dt 0.03 s", "failed", "outcome = ok", "", COMMAND),
     ]
 
 
