@@ -249,7 +249,7 @@ def test_order(bodycheck):
         ]
     )
     (report,) = inner.path.glob("kept/*/*/report.html")
-    first = re.search("<li>(.*)</li>", report.read_text(encoding="utf-8"))
+    first = re.search('<h1 class="tint-bad">Failed check: (.*)</h1>', report.read_text(encoding="utf-8"))
     assert first is not None
     assert "order.orientation_error_rad &gt;= 3.9: 1 of 1 case failed" in first[1]
     again = run_bodycheck(inner.path, "report", str(report.parent), "--html", "again.html")
