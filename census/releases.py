@@ -62,7 +62,8 @@ def measure(engine: str, release: str) -> Iterator[Row]:
     """Yield a row per method of one release, of a free symmetric top; one without a method if none ran."""
     with tempfile.TemporaryDirectory() as folder:
         command = ["run", str(INPUTS / "top.toml"), "--engine", f"{engine}=={release}", "--dt", _STEPS]
-        options = ["--no-speed", "--quiet", "--timeout-s", _TIMEOUT_S, "--out", "run"]
+        # one at a time: two workers would compile the same kernels
+        options = ["--no-speed", "--quiet", "--jobs", "1", "--timeout-s", _TIMEOUT_S, "--out", "run"]
         words = [sys.executable, "-m", "bodycheck", *command, *options]
         done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
         path = Path(folder) / "run" / "methods.csv"

@@ -22,7 +22,7 @@ from bodycheck.adapters.optional.between_steps import (
     scalar_last,
 )
 from bodycheck.adapters.optional.mujoco_warp import NO_DERIVATIVES
-from bodycheck.adapters.optional.newton_solvers import SOLVERS, NewtonSolver
+from bodycheck.adapters.optional.newton_solvers import SOLVERS, NewtonSolver, finalized
 from bodycheck.adapters.tree_contract import UnreportedError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.imu import has_imu, imu_point
@@ -99,14 +99,14 @@ _SHORT_S = 1e-6
 
 
 def _model(newton: Any, scene: Scene, site: Array | None = None, **options: bool) -> Any:
-    builder = newton.ModelBuilder(gravity=tuple(scene.gravity))
+    builder = newton.ModelBuilder()
     inertia = [float(value) for value in scene.body.inertia.ravel()]
     body = builder.add_body(mass=scene.body.mass, inertia=inertia, lock_inertia=True)
     if site is not None:
         import warp
 
         builder.add_site(body, xform=warp.transform(site.tolist(), warp.quat_identity()))
-    return builder.finalize(device="cpu", skip_validation_inertia=True, **options)
+    return finalized(builder, scene.gravity, **options)
 
 
 class _Body:

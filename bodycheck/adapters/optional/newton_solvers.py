@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import inspect
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,3 +51,17 @@ SOLVERS = {
         order=None,
     ),
 }
+
+
+def finalized(builder: Any, gravity: Sequence[float], **options: bool) -> Any:
+    """Return the model of a builder on the CPU, with inertias as they were given.
+
+    Releases before 1.8 cannot skip the validation, which raises moments below 1e-10 kg m^2; the builders of
+    some have gravity along one axis only.
+    """
+    builder.balance_inertia = False
+    if (skip := "skip_validation_inertia") in inspect.signature(builder.finalize).parameters:
+        options[skip] = True
+    model = builder.finalize(device="cpu", **options)
+    model.set_gravity(gravity)
+    return model

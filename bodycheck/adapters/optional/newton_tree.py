@@ -13,7 +13,7 @@ import numpy as np
 
 from bodycheck.adapters.contract import TreeReadBack
 from bodycheck.adapters.optional.between_steps import array, scalar_first, scalar_last
-from bodycheck.adapters.optional.newton_solvers import SOLVERS
+from bodycheck.adapters.optional.newton_solvers import SOLVERS, finalized
 from bodycheck.adapters.tree_contract import (
     JointedLink,
     RateMap,
@@ -46,7 +46,7 @@ class NewtonTree(TreeModel):
         self._newton: Any = newton
         self._warp: Any = warp
         self._scene, self._links = scene, jointed_links(scene)
-        builder = newton.ModelBuilder(gravity=tuple(scene.gravity))
+        builder = newton.ModelBuilder()
         self._joints: list[int]
         self._bodies, joints = [0] * len(self._links), [0] * len(self._links)
         for k in depth_first(self._links):
@@ -57,7 +57,7 @@ class NewtonTree(TreeModel):
             joints[k] = self._add_joint(builder, link, self._bodies[k])
         builder.add_articulation([joints[k] for k in depth_first(self._links)])
         self._joints = joints
-        self._model = builder.finalize(device="cpu", skip_validation_inertia=True)
+        self._model = finalized(builder, scene.gravity)
         self._state, self._next = self._model.state(), self._model.state()
         starts, coordinates = (array(getattr(self._model, name).numpy()) for name in _STARTS)
         self._coordinates = [int(coordinates[joint]) for joint in joints]
