@@ -115,7 +115,9 @@ class _Body:
     def __init__(self, newton: Any, scene: Scene, method: str, dt_s: float) -> None:
         self._newton, self._dt_s = newton, dt_s
         solver = SOLVERS[method.removesuffix(DEFAULTS)]
-        has_sensors = solver.name == "SolverMuJoCo" and has_imu(scene)  # the others store no accelerations
+        # only this solver stores accelerations, and not in releases without observables
+        stores = solver.name == "SolverMuJoCo" and hasattr(newton.solvers.SolverMuJoCo, "observables")
+        has_sensors = stores and has_imu(scene)
         self._model = _model(newton, scene, site=imu_point(scene) if has_sensors else None)
         options = {} if method.endswith(DEFAULTS) else solver.options
         self._solver = getattr(newton.solvers, solver.name)(self._model, **options)
