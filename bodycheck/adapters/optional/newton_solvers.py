@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
+
+from bodycheck.reference_impl.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ SOLVERS = {
 }
 
 
-def finalized(builder: Any, gravity: Sequence[float], **options: bool) -> Any:
+def finalized(builder: Any, gravity: Array, **options: bool) -> Any:
     """Return the model of a builder on the CPU, with inertias as they were given.
 
     Releases before 1.8 cannot skip the validation, which raises moments below 1e-10 kg m^2; the builders of
