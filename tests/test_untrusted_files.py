@@ -44,7 +44,6 @@ OPENERS = {
     "reports/run_files/sentinels.py": "what is written",
     "reports/run_files/tables.py": "what this command has written",
     "reports/templating.py": "package data",
-    "ensembles/ensemble_answer.py": "what this command has written",
     "runs/new_adapter.py": "package data",
     "scenarios/library.py": "package data",
     "scenarios/mesh_files/__init__.py": "package data",
