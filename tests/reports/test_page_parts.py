@@ -229,7 +229,7 @@ def test_pages_open_one_another_in_a_browser(run: Run, chromium: Browser, tmp_pa
     page.locator("#heat tbody tr").nth(1).locator("td a").first.click()
     expect(page.locator("nav.pages")).to_be_visible()
     assert page.url.split("#")[0].endswith("report-files/2.html")
-    assert page.locator("#error").input_value() == "5"
+    expect(page.locator("#error")).to_have_value("5", timeout=LONG_MS)
     anchor = unquote(page.url.split("#")[1].split("?")[0])
     assert anchor.startswith("cell-")
     assert page.evaluate("id => document.getElementById(id).open", page.url.split("#")[1].split("?")[0])
