@@ -5,11 +5,13 @@ from __future__ import annotations
 import pytest
 
 from bodycheck._util.formatting import brief, names, number, scientific, step
+from bodycheck.reference_impl.one_step_maps import MAPS
+from bodycheck.reference_impl.one_step_maps.tree_maps import TREE_MAPS
 from bodycheck.reports.document import Sentence, Span, Table, plain
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.verdicts import STATES
-from bodycheck.reports.run_files.method_words import NO_KNOWN_MAP, NOT_MEASURED
-from bodycheck.reports.run_files.run_tables import Run, common_step
+from bodycheck.reports.run_files.method_words import _MAPS_IN_WORDS, NO_KNOWN_MAP, NOT_MEASURED, map_in_words
+from bodycheck.reports.run_files.run_tables import MethodKey, Run, common_step
 from bodycheck.reports.summary.cells import Cell, summary_cells
 from bodycheck.reports.summary.method_identity import fingerprint_document, map_text
 from bodycheck.reports.summary.sentences import (
@@ -95,6 +97,27 @@ def test_a_single_step_states_its_error_and_a_failed_check_is_no_lack_of_finding
     assert Summary(sound, [], failed=("order",)).conclusion == (
         "No other findings in 1 method: 1 converges or is at the floor."
     )
+
+
+@pytest.mark.parametrize("cells", [{}, {"fast": {}}])
+def test_a_run_without_cases_says_so(cells: dict[str, dict[MethodKey, Cell]]) -> None:
+    """A shard has no cases, and a table whose rows were removed has scenarios without any."""
+    assert Summary(cells, []).conclusion == "This run has no cases."
+
+
+def test_a_scenario_without_cases_hides_no_error_of_another() -> None:
+    """The error of the only case is stated wherever it stands."""
+    single = Cell("too-few-points", finest=0.5, finest_at="dt 0.1 s", cases=1)
+    assert Summary({"slow": {}, "fast": {("one", "rk4"): single}}, []).conclusion.startswith(
+        "one:rk4 is up to 0.5"
+    )
+
+
+@pytest.mark.parametrize("label", _MAPS_IN_WORDS)
+def test_a_map_in_words_is_a_known_map(label: str) -> None:
+    """Words for a label that no map has would never be read."""
+    assert label in {*(one.name for one in MAPS.values()), *TREE_MAPS}
+    assert map_in_words(label) == f"{_MAPS_IN_WORDS[label]} ({label})"
 
 
 def test_too_few_steps_do_not_read_as_a_failure() -> None:

@@ -60,7 +60,7 @@ class Summary:
     @property
     def conclusion(self) -> str:
         """The result in one sentence: which methods have findings, how many are sound or undecided."""
-        if not self.cells:
+        if not any(self.cells.values()):
             return "This run has no cases."
         if shared := next(filter(None, (_common_cause(*one) for one in self.cells.items())), ""):
             return shared
@@ -85,22 +85,32 @@ class Summary:
         return f"Findings in {len(found)} of {count(len(methods), 'method')}: {listed}{rest}."
 
     @property
+    def _every_cell(self) -> list[tuple[str, str, Cell]]:
+        """Scenario, method and cell, of every cell."""
+        return [
+            (scenario, ":".join(key), cell)
+            for scenario, by_method in self.cells.items()
+            for key, cell in by_method.items()
+        ]
+
+    @property
     def _of_a_single_step(self) -> str:
         """The error of a run with one case that cannot show an order; "" for any other run."""
-        (scenario, by_method), *more = self.cells.items()
-        (key, cell), *others = by_method.items()
-        if more or others or cell.cases > 1 or cell.finest is None or cell.is_sound:
+        every = self._every_cell
+        if len(every) != 1:
             return ""
-        error = f"{':'.join(key)} is up to {number(cell.finest, 3)} rad from the truth in {scenario}"
+        scenario, method, cell = every[0]
+        if cell.cases > 1 or cell.finest is None or cell.is_sound:
+            return ""
+        error = f"{method} is up to {number(cell.finest, 3)} rad from the truth in {scenario}"
         return f"{error} at {cell.finest_at}; a single step shows no order."
 
     @property
     def _far_off(self) -> str:
         """The method that is farthest from the truth at its finest step, if one is far off there."""
         far = [
-            (cell.finest, ":".join(key), scenario, cell.finest_at)
-            for scenario, by_method in self.cells.items()
-            for key, cell in by_method.items()
+            (cell.finest, method, scenario, cell.finest_at)
+            for scenario, method, cell in self._every_cell
             if cell.finest is not None and cell.finest >= LARGEST_ERROR
         ]
         if not far:
