@@ -401,8 +401,7 @@ def report(
 
         if html is None:
             refuse_others(context, "--markdown: measures nothing again", ("run", "markdown"))
-        summary = as_markdown(run_document(read_tables(run)))
-        write_files({"markdown": markdown}, {"markdown": lambda: summary})
+        write_files({"markdown": markdown}, {"markdown": lambda: as_markdown(run_document(read_tables(run)))})
         if html is None:
             return
     from bodycheck.reports.cache.disk_cache import Cache

@@ -334,9 +334,13 @@ def explain_run(folder: Path, case: str | None, *, allow_code: bool = False) -> 
         found = explained_cases(run.problems, run.cases, run.rows("methods"), _orders(run))
         named = {(one.problem.scenario.name, one.key) for one in found}
         failed = [_CasePattern.of(text) for text in run.manifest.get(FAILED_CASES, ())]
-        others = (one for one in run.cases if any(check.fits(one) for check in failed))
-        others = (one for one in others if (one.columns["scenario"], key_of(one.columns)) not in named)
-        return [*_named(replace(run, cases=tuple(others))), *found, *_without_motion(run)]
+        others = tuple(
+            one
+            for one in run.cases
+            if (one.columns["scenario"], key_of(one.columns)) not in named
+            and any(check.fits(one) for check in failed)
+        )
+        return [*_named(replace(run, cases=others)), *found, *_without_motion(run)]
     every = run.cases
     run = replace(run, cases=tuple(one for one in run.cases if pattern.fits(one)))
     if not run.cases:

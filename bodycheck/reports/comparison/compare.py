@@ -32,8 +32,6 @@ from bodycheck.reports.comparison.environment_diff import (
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.run_files.run_tables import CaseKey, Tables, announced_of, case_key, study_key
 
-"""The tables of a run with a column `engine`."""
-
 
 def paired_versions(before: Tables, after: Tables) -> tuple[Tables, Tables]:
     """Return both runs with `mujoco==3.17.0` of one and `mujoco==4.0.0` of the other renamed to `mujoco`.

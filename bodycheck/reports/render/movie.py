@@ -17,7 +17,6 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reports.document import Column, Document, Sentence, Table
 from bodycheck.reports.measurement.case import CaseResult
-from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.render.body_figures import (
     KEY,
@@ -29,7 +28,7 @@ from bodycheck.reports.render.body_figures import (
 )
 from bodycheck.reports.render.body_surface import DrawnBodies
 from bodycheck.reports.render.figures import WIDTHS_IN, check_drawable, figure_bytes, rendering
-from bodycheck.reports.render.page.played_motions import shown_cases
+from bodycheck.reports.render.page.played_motions import shown_cases, shown_errors
 from bodycheck.reports.render.styles import TRUTH
 from bodycheck.reports.run_files.run_tables import Run, coarsest_shared_step
 
@@ -92,10 +91,10 @@ def movie_document(
 ) -> Document:
     """Return what a film shows: its bodies, the farthest first, and from when each is seen to be wrong."""
     problem, filmed = _filmed(run, scenario, engines, dt_s)
-    groups = sorted(equal_motions(problem, filmed), key=lambda group: -_shown_errors(problem, group[0]).max())
+    groups = sorted(equal_motions(problem, filmed), key=lambda group: -shown_errors(problem, group[0]).max())
     rows = []
     for group in groups:
-        errors = _shown_errors(problem, group[0])
+        errors = shown_errors(problem, group[0])
         seen = problem.times[: len(errors)][errors > _SEEN_RAD]
         rows.append(
             (
@@ -134,12 +133,6 @@ def _filmed(
     if problem is None or not filmed:
         raise InputError(f"--scenario {scenario}: no case with a step has outcome ok")
     return problem, filmed
-
-
-def _shown_errors(problem: Problem, case: CaseResult) -> Array:
-    """Return the error in rad at each sample (n,), 0 where it is within the bound of the truth."""
-    errors = case.series[ORIENTATION]
-    return np.where(errors > problem.truth.bound_rad[: len(errors)], errors, 0.0)
 
 
 def filmed_cases(
@@ -209,6 +202,7 @@ def _panels(page: Figure, problem: Problem, cases: Sequence[CaseResult]) -> Call
     )
     truth = problem.truth.trajectory
     drawn = DrawnBodies.of(problem.scenario, truth)
+    errors = [shown_errors(problem, case) for case in cases]
     title = page.suptitle("", fontsize=_FONT, y=1.0 - 0.4 * _LINE)
     momentum = _momentum(problem)
     key = KEY if momentum is None else f"{KEY}, with its angular momentum"
@@ -228,8 +222,8 @@ def _panels(page: Figure, problem: Problem, cases: Sequence[CaseResult]) -> Call
         )
         for body, motion in bodies:
             body.set_verts(drawn.polygons(motion, k))
-        for text, case in zip(labels, cases, strict=True):
-            text.set_text(f"error {number(float(_shown_errors(problem, case)[k]), 2)} rad")
+        for text, error in zip(labels, errors, strict=True):
+            text.set_text(f"error {number(float(error[k]), 2)} rad")
 
     return show
 

@@ -70,8 +70,7 @@ def played_motions(
         bodies = {"moments": moments.tolist(), "body": _body(problem.of_body.body, axes)}
         track = partial(_track, axes=axes, frames=frames)
     times = [float(f"{t:.6g}") for t in problem.times[frames]]
-    bound = problem.truth.bound_rad[frames]
-    errors = [np.where((of := case.series[ORIENTATION][frames]) > bound, of, 0.0) for case in shown]
+    errors = [shown_errors(problem, case)[frames] for case in shown]
     opened = {case.columns["engine"]: k for k, case in reversed([*enumerate(shown)])}.values()
     worst = max(opened, key=lambda k: float(errors[k].max()))
     return {
@@ -129,6 +128,12 @@ def played_cases(cases: Sequence[CaseResult], at_s: float | None) -> list[CaseRe
     plotted = [case for case in engines if case.dt_s == common_step(cases)]
     ordered = (*shown_cases(cases, at_s), *plotted, *farthest, *engines)
     return list({id(case): case for case in ordered}.values())
+
+
+def shown_errors(problem: Problem, case: CaseResult) -> Array:
+    """Return the error in rad at each sample (n,), 0 where it is within the bound of the truth."""
+    errors = case.series[ORIENTATION]
+    return np.where(errors > problem.truth.bound_rad[: len(errors)], errors, 0.0)
 
 
 def _error(case: CaseResult) -> float:
