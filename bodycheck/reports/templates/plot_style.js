@@ -38,9 +38,10 @@ function logAxis(title, values, more) {
 function heightAxis(title, lines, more) {
   const values = lines.filter(({ level }) => level === "on").flatMap(({ y }) => y).filter(value => value > LEAST);
   if (!values.length) return axis(title, { type: "log", ...more });
-  const [least, most] = [Math.min(...values), Math.max(...values)].map(Math.log10);
+  const ends = [Math.min(...values), Math.max(...values)];
+  const [least, most] = ends.map(Math.log10);
   const margin = Math.max(0.06 * (most - least), 0.5 - 0.5 * (most - least), 0.1);
-  return logAxis(title, values, { range: [least - margin, most + margin], ...more });
+  return logAxis(title, ends, { range: [least - margin, most + margin], ...more });
 }
 
 // Room for the labels at the ends of lines; on a phone there is none.
