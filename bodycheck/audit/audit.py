@@ -113,7 +113,8 @@ class LinkImport:
     """One link in one importer: what should be held, what is held, and the named causes of differences.
 
     expected: the body in the file, or the composite of the links merged into this one. into: the link that
-    this one was merged into, "the world" for a fixed base.
+    this one was merged into, "the world" for a fixed base. fixed: whether it is the base of a URDF
+    without a link "world", which states no joint to the world, and is fixed to it.
     """
 
     state: State
@@ -123,6 +124,7 @@ class LinkImport:
     causes: tuple[str, ...] = ()
     merged: tuple[str, ...] = ()
     into: str = ""
+    fixed: bool = False
 
 
 @dataclass(frozen=True)

@@ -246,7 +246,7 @@ def _discarded(
     return {
         name: "not that of the file, whatever the file says"
         if name not in shapeless
-        else "a placeholder in its place"
+        else f"{'a placeholder' if np.any(before[name].inertia_kg_m2) else 'zero'} in its place"
         if _same_tensor(before[name], shapeless[name])
         else "recomputed from the collision shape"
         for name in unmoved
@@ -276,20 +276,22 @@ def compared(model: ModelFile, link: ModelLink, imported: Imported) -> LinkImpor
     """Return what one importer holds of a link, with the causes of differences."""
     link_read = imported.links.get(link.name)
     absent = frozenset(one.name for one in model.links if one.name not in imported.links)
+    is_base = model.format == "urdf" and link.parent is None and link.name != "world"
     if link_read is None:
         into = _merged_into(model, link, absent)
         if not into:
             return LinkImport("absent", causes=("the import has no link of this name",))
         cause = f"links merged: part of {into}"
         if into == "the world":
-            cause = "links merged into the world: the base is fixed, so that its mass moves nothing"
-        return LinkImport("merged", causes=(cause,), into=into)
+            cause = "links merged into the world: fixed, so that its mass and inertia have no effect"
+        return LinkImport("merged", causes=(cause,), into=into, fixed=is_base and into == "the world")
     members = model.members(link.name, absent)
     merged = tuple(one.name for one, _ in members[1:])
     combined = model.merged(link.name, absent)
+    fixed = is_base and link_read.parent < 0 and all(joint.motion == "fixed" for joint in link_read.joints)
     body = _body(link_read)
     if combined is None:
-        return LinkImport("not computed", held=body, merged=merged)
+        return LinkImport("not computed", held=body, merged=merged, fixed=fixed)
     has_inertia = link.stated is not None or any(model.by_name[name].stated for name in merged)
     expected = Body.of(combined) if has_inertia else None
     nothing = Body(0.0, np.zeros(3), np.zeros((3, 3)))
@@ -302,7 +304,7 @@ def compared(model: ModelFile, link: ModelLink, imported: Imported) -> LinkImpor
             model, members, expected, body, difference, imported.discarded.get(link.name, "")
         )
     causes = tuple(with_issue(imported.column.engine, cause) for cause in causes)
-    return LinkImport(_state(difference), expected, body, difference, causes, merged)
+    return LinkImport(_state(difference), expected, body, difference, causes, merged, fixed=fixed)
 
 
 def _state(difference: Difference) -> State:

@@ -164,11 +164,11 @@ def _of_bodies(audit: Audit, column: ImporterColumn) -> tuple[str, bool]:
     if _merges_all(audit, column.name):
         return "merges every link into the world", True
     held = "to single precision" if states["rounded"] else "as written"
-    fixed = sum(
-        link.held[column.name].into == "the world" for link in audit.links if column.name in link.held
-    )
-    base = ", but fixes the base, whose mass then moves nothing" if fixed else ""
-    within = f", with {count(merged - fixed, 'link')} merged" if merged > fixed else ""
+    every = [link.held[column.name] for link in audit.links if column.name in link.held]
+    into_world = sum(one.into == "the world" for one in every)
+    within = f", with {count(merged - into_world, 'link')} merged" if merged > into_world else ""
+    fixes = "merges the base into the world" if into_world else "fixes the base to the world"
+    base = f", but {fixes}" if any(one.fixed for one in every) else ""
     numbers = "the impossible numbers" if impossible(audit) else "it"
     return f"holds {numbers} {held}{within}{base}", True
 

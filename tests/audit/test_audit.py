@@ -377,15 +377,18 @@ def test_what_an_importer_always_does_is_said_once() -> None:
 @pytest.mark.parametrize(
     ("first", "said", "tint"),
     [
-        ("agrees", "holds it as written, but fixes the base, whose mass then moves nothing", "good"),
+        ("agrees", "holds it as written, but merges the base into the world", "good"),
+        ("rounded", "holds it to single precision, but fixes the base to the world", "good"),
         ("merged", "merges every link into the world", "open"),
     ],
 )
 def test_a_fixed_base_changes_nothing_that_moves(first: State, said: str, tint: str) -> None:
-    """An import with a fixed base holds the file, unless no link is left that moves."""
+    """An import with a fixed base, merged or not, holds the file, unless no link is left that moves."""
     column = ImporterColumn("mujoco", "4", "default", "", "ok")
-    base = LinkImport("merged", into="the world")
-    arm = base if first == "merged" else LinkImport("agrees", _HELD, _HELD, Difference(0.0, 0.0, 0.0))
+    agrees = LinkImport("agrees", _HELD, _HELD, Difference(0.0, 0.0, 0.0))
+    merged = LinkImport("merged", into="the world", fixed=True)
+    base = replace(agrees, state=first, fixed=True) if first == "rounded" else merged
+    arm = merged if first == "merged" else agrees
     links = [
         LinkAudit(name, 2, _HELD, "", "", {"mujoco:default": one}) for name, one in (("b", base), ("a", arm))
     ]
