@@ -270,7 +270,8 @@ def diagnosis_row(one: ExplainedCase) -> dict[str, Any]:
     row |= {"quantity": one.wrong[0].quantity if one.wrong else "", "reproduce": columns["reproduce"]}
     if found is None:
         return {**row, "verdict": "not examined", "diagnosis": "not examined"}
-    row |= {"verdict": found.verdict, "diagnosis": found.sentence, "map": found.base}
+    row |= {"verdict": found.verdict, "diagnosis": found.sentence}
+    row |= {"map": found.base} if found.verdict != "unexplained" else {}
     row |= {"before": found.before, "after": found.after, "round_off": found.round_off}
     if found.faults:
         row |= {

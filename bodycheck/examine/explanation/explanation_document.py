@@ -187,7 +187,7 @@ def _facts(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
     if found.verdict == "unexplained" and found.nearly:
         yield "nearest fault", "; and ".join(fault.sentence for fault in found.nearly)
     words = found.base_words
-    if words not in found.sentence:
+    if words not in found.sentence and (found.verdict != "unexplained" or found.nearly):
         yield "map", words
     for fault in found.faults:
         for direction in fault.undetermined:

@@ -24,6 +24,7 @@ Direction: TypeAlias = Literal["worse", "improved", "moved"]
 _MAX_LINES = 6
 _FARTHER_DECADES = 1.0  # a measure that changed by this much more than the orientation is named as well
 _DIGITS_BELOW = 1e-3  # a smaller relative change is reported as a digit, a larger one in percent
+NO_KNOWN_CAUSE = "no known fault explains it"
 BROKEN: tuple[Kind, ...] = ("case", "outcome", "verdict")
 """The kinds of a failing change that make the method's improvements worthless."""
 
@@ -47,6 +48,11 @@ class Headline:
         """The sort key, the most severe last: changes without a size outweigh any factor."""
         sizes = [abs(one.decades) for one in self.changes if one.decades is not None]
         return any(one.kind in BROKEN for one in self.changes), max(sizes, default=0.0)
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether its cause is known, which other methods may share."""
+        return self.cause not in ("", NO_KNOWN_CAUSE)
 
     @property
     def subject(self) -> str:
@@ -136,7 +142,7 @@ def by_weight(lines: Iterable[Headline]) -> list[Headline]:
     merged: dict[tuple[str, ...], list[Headline]] = {}
     for one in lines:
         gone = all((change.kind, change.status) == ("case", "missing") for change in one.changes)
-        own = ("missing",) if gone else () if one.cause else one.methods
+        own = ("missing",) if gone else () if one.is_explained else one.methods
         merged.setdefault((one.direction, one.engine, one.cause, *own), []).append(one)
     found = [
         Headline(
@@ -185,7 +191,11 @@ def new_causes(before: Tables, after: Tables) -> dict[StudyKey, str]:
     """Return the diagnosis of each method on each scenario that has another one than before."""
 
     def diagnosed(tables: Tables) -> dict[StudyKey, str]:
-        return {study_key(row): row["diagnosis"] for row in tables.rows("diagnoses") if "faults" in row}
+        return {
+            study_key(row): NO_KNOWN_CAUSE if row["verdict"] == "unexplained" else row["diagnosis"]
+            for row in tables.rows("diagnoses")
+            if "faults" in row or row["verdict"] in ("lower-order", "unexplained")
+        }
 
     old = diagnosed(before)
     return {

@@ -16,7 +16,7 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import count
 from bodycheck._util.untrusted import read_json
 from bodycheck.reports.comparison.change import FAILING, MAP_KINDS, NOT_MEASURED, Change, ChangeKey
-from bodycheck.reports.comparison.headlines import Headline
+from bodycheck.reports.comparison.headlines import NO_KNOWN_CAUSE, Headline
 from bodycheck.reports.document import json_text
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.history.archive import started_at
@@ -108,7 +108,8 @@ def open_lines(regressions: Iterable[Regression]) -> list[OpenLine]:
     of_cause: dict[tuple[str, str, bool, bool], list[Regression]] = {}
     for (engine, method, newly, failing), own in of_method.items():
         cause = next((one.cause for one in own if one.cause), "")
-        of_cause.setdefault((engine, cause or f":{method}", newly, failing), []).extend(own)
+        shared = cause if cause not in ("", NO_KNOWN_CAUSE) else f":{method}"
+        of_cause.setdefault((engine, shared, newly, failing), []).extend(own)
     found = [
         OpenLine(
             Headline(
@@ -116,12 +117,12 @@ def open_lines(regressions: Iterable[Regression]) -> list[OpenLine]:
                 tuple(dict.fromkeys(one.change.method for one in own)),
                 "worse" if failing else "moved",
                 tuple(one.change for one in own),
-                cause="" if cause.startswith(":") else cause,
+                cause=next((one.cause for one in own if one.cause), ""),
                 release=next((one.release for one in own if one.release), ""),
             ),
             tuple(own),
         )
-        for (engine, cause, _, failing), own in of_cause.items()
+        for (engine, _, _, failing), own in of_cause.items()
     ]
     heaviest = sorted(found, key=lambda one: one.line.weight, reverse=True)
     return sorted(heaviest, key=lambda one: not one.newly)

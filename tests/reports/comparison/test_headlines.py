@@ -269,26 +269,38 @@ def test_lines_are_sorted_by_what_fails_and_by_factor() -> None:
     assert texts_of(many)[6::7] == ["15 more methods worse.", "8 more methods improved."]
 
 
+def diagnosed(error: float, *methods: str, release: str = "3.17.0", **found: str) -> Tables:
+    """Return a run of rk4 and euler of which these methods have that row of diagnoses.csv."""
+    made = run(*({"method": name, ERROR: error} for name in ("rk4", "euler")), version=release)
+    rows = [{"scenario": "brick", "engine": "mujoco", "method": name, **found} for name in methods]
+    return made.with_rows(diagnoses=rows)
+
+
+def test_a_motion_that_no_fault_explains_is_said_to_be_one() -> None:
+    """Each method has a line of its own then, because nothing says that they have one cause."""
+    found = {"verdict": "unexplained", "diagnosis": "unexplained: no known fault makes this motion"}
+    lines = headlines(compare(diagnosed(1e-4), diagnosed(1e-2, "rk4", "euler", **found)))
+    assert lines == [
+        f"mujoco:{name}: error at 10 ms x 100 in brick (no known fault explains it)."
+        for name in ("rk4", "euler")
+    ]
+    found = {"verdict": "lower-order", "diagnosis": "the method is of order 2, not 4"}
+    (line, _) = headlines(compare(diagnosed(1e-4), diagnosed(1e-2, "rk4", **found)))
+    assert line.endswith("in brick (the method is of order 2, not 4).")
+
+
 @pytest.mark.parametrize("version", ["3.17.0", "4.0.0"])
 def test_methods_with_one_cause_share_a_line(version: str) -> None:
     """The diagnosis is the cause unless the method had it before; a new version is named too."""
     cause = "the gyroscopic term omega x I omega is multiplied by 0.9 (explains all of the error)"
-
-    def diagnosed(error: float, *methods: str, release: str = "3.17.0") -> Tables:
-        made = run(*({"method": name, ERROR: error} for name in ("rk4", "euler")), version=release)
-        rows = [
-            {"scenario": "brick", "engine": "mujoco", "method": name, "diagnosis": cause, "faults": "gyro"}
-            for name in methods
-        ]
-        return made.with_rows(diagnoses=rows)
-
+    gyroscopic = {"verdict": "explained", "diagnosis": cause, "faults": "gyro"}
     since = "" if version == "3.17.0" else "; since version 4.0.0, 3.17.0 before"
-    broken = diagnosed(1e-2, "rk4", "euler", release=version)
+    broken = diagnosed(1e-2, "rk4", "euler", release=version, **gyroscopic)
     assert headlines(compare(diagnosed(1e-4), broken)) == [
         "mujoco: rk4 and euler: error at 10 ms x 100 in brick (the gyroscopic term omega x I omega is "
         f"multiplied by 0.9, explains all of the error{since})."
     ]
-    known = headlines(compare(diagnosed(1e-4, "rk4", "euler"), broken))
+    known = headlines(compare(diagnosed(1e-4, "rk4", "euler", **gyroscopic), broken))
     assert [line.partition(" (")[0].removesuffix(".") for line in known] == [
         f"mujoco:{name}: error at 10 ms x 100 in brick" for name in ("rk4", "euler")
     ]
