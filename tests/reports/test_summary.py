@@ -85,6 +85,19 @@ def test_no_finding_of_a_method_that_is_far_off_at_every_step_states_how_far() -
         "No findings in 1 method on 2 scenarios, but one:euler is up to 3.1 rad from the truth in fast at "
         "its finest step, dt 0.0005 s: 1 is undecided in some scenarios."
     )
+    coarse = {("one", "euler"): Cell("converges", finest=1e-3, largest=3.1, largest_at="dt 0.05 s", cases=4)}
+    assert Summary({"slow": coarse}, []).conclusion == (
+        "No findings in 1 method, but one:euler is up to 3.1 rad from the truth in slow at dt 0.05 s: "
+        "1 converges or is at the floor."
+    )
+    chaotic = {("one", "rk4"): Cell("chaotic", finest=3.0, finest_at="dt 0.0005 s", cases=4)}
+    assert "one:rk4 is up to 3 rad from the truth in wild, which is chaotic, at its finest step" in (
+        Summary({"wild": chaotic}, []).conclusion
+    )
+    assert (
+        "one:euler is up to 3.1 rad from the truth in fast"
+        in Summary({**cells, "wild": chaotic}, []).conclusion
+    )
 
 
 def test_a_single_step_states_its_error_and_a_failed_check_is_no_lack_of_findings() -> None:

@@ -107,17 +107,25 @@ class Summary:
 
     @property
     def _far_off(self) -> str:
-        """The method that is farthest from the truth at its finest step, if one is far off there."""
-        far = [
-            (cell.finest, method, scenario, cell.finest_at)
-            for scenario, method, cell in self._every_cell
-            if cell.finest is not None and cell.finest >= LARGEST_ERROR
-        ]
-        if not far:
-            return ""
-        error, method, scenario, at = max(far)
-        of_it = f"{method} is up to {number(error, 2)} rad from the truth in {scenario}"
-        return f", but {of_it} at its finest step, {at}"
+        """The method that is farthest from the truth, if one is far off: at its finest step, or else at any."""
+        at_finest = [(cell.finest, f"at its finest step, {cell.finest_at}") for *_, cell in self._every_cell]
+        at_any = [(cell.largest, f"at {cell.largest_at}") for *_, cell in self._every_cell]
+        for errors in (at_finest, at_any):
+            far = [
+                (scenario not in self.chaotic, error, method, scenario, at)
+                for (scenario, method, _), (error, at) in zip(self._every_cell, errors, strict=True)
+                if error is not None and error >= LARGEST_ERROR
+            ]
+            if far:
+                regular, error, method, scenario, at = max(far)
+                where = scenario if regular else f"{scenario}, which is chaotic,"
+                return f", but {method} is up to {number(error, 2)} rad from the truth in {where} {at}"
+        return ""
+
+    @property
+    def chaotic(self) -> frozenset[str]:
+        """The scenarios whose motion no method can follow for long."""
+        return frozenset(scenario for scenario, _, cell in self._every_cell if cell.state == "chaotic")
 
     def group_of(self, method: Overview) -> str:
         """Return the group of a method over all scenarios, a key of _GROUPS."""
@@ -367,9 +375,6 @@ def _engine_table(run: Tables, summary: Summary, methods: Sequence[Overview]) ->
     by_engine: dict[str, list[Overview]] = {}
     for one in methods:
         by_engine.setdefault(one.method.partition(":")[0], []).append(one)
-    chaotic = {
-        name for name, found in summary.cells.items() if any(one.state == "chaotic" for one in found.values())
-    }
     rows = []
     for engine, own in by_engine.items():
         groups = Counter(map(summary.group_of, own))
@@ -382,7 +387,7 @@ def _engine_table(run: Tables, summary: Summary, methods: Sequence[Overview]) ->
         rated = [
             (error, one.method.partition(":")[2])
             for one in own
-            if one.supported == most and (error := one.error_at_step(chaotic)) is not None
+            if one.supported == most and (error := one.error_at_step(summary.chaotic)) is not None
         ]
         error, method = min(rated, default=(None, ""))
         version = run.manifest["engines"].get(engine, {}).get("version", "")
