@@ -398,7 +398,9 @@ def test_release_in_which_a_measure_changed_is_found(
     status, out, error = command("versions", "toy", "--since", "1.0", "--until", "2.0", "--dt", DT)
     assert status == 0, error
     lines = out.splitlines()
-    found = re.fullmatch(r"toy:m: (\S+) up to 1\.9, (\S+) from 1\.10", lines[0])
+    found = re.fullmatch(
+        r"order.orientation_error_rad of toy:m: (\S+) up to 1\.9, (\S+) from 1\.10", lines[0]
+    )
     assert found is not None, lines[0]
     assert [float(order) for order in found.groups()] == pytest.approx([1.0, 4.0], abs=0.05)
     head = "order.orientation_error_rad on intermediate-axis; 7 releases from 1.0 to 2.0"
@@ -423,7 +425,7 @@ def test_every_release_is_run_on_request(command: Callable[..., tuple[int, str, 
     changed, reported, about, *_ = out.splitlines()
     assert about.endswith("; 5 releases from 1.0 to 1.9, 4 of them run")
     assert re.fullmatch(r"toy:m: (\S+) up to 1.0, \S+ from 1.0.5 to 1.0.5, \1 from 1.1", reported), reported
-    assert changed == "changed in 1.0.5 (m), 1.1 (m)"
+    assert changed == "orientation_error_rad changed in 1.0.5 (m), 1.1 (m)"
 
 
 @pytest.mark.slow
@@ -484,7 +486,10 @@ def test_mujocos_rk4_is_of_order_4_from_4_0_0(
     words = ("versions", "mujoco", "--since", "3.16.0", "--until", "4.0.0", "--method", "rk4")
     status, out, error = command(*words, "--scenario", scenario)
     assert status == 0, error
-    assert out.splitlines()[0] == f"mujoco:rk4: 2.00 up to 3.17.0, {order} from 4.0.0"
+    assert (
+        out.splitlines()[0]
+        == f"order.orientation_error_rad of mujoco:rk4: 2.00 up to 3.17.0, {order} from 4.0.0"
+    )
 
 
 @pytest.mark.nightly

@@ -22,6 +22,7 @@ _DIGITS = 3
 _CONSERVED = 1e-6  # relative: a smaller change of a conserved quantity is no sentence of its own
 _PER_CENT = 1e-4  # relative: from there on in per cent
 _FEWEST_STEPS = 4
+_AS_RESOLVED = ", as far as the file resolves it"
 _ENERGIES = ("rotational_energy_drift", "energy_drift")
 
 
@@ -74,6 +75,11 @@ def _share(value: float) -> str:
     return f"{number(100.0 * value, _DIGITS)} %" if value >= _PER_CENT else number(value, _DIGITS)
 
 
+def _resolved(error: float, floor: float) -> str:
+    """Return the larger of an error and of what the file resolves."""
+    return number(max(error, floor), 2)
+
+
 def _conservation(motion: JudgedMotion) -> Iterator[str]:
     """Yield whether angular momentum and energy are conserved, or how far they are from the truth."""
     row, free = motion.row, is_free(motion.problem.of_body.scene)
@@ -83,21 +89,21 @@ def _conservation(motion: JudgedMotion) -> Iterator[str]:
     if free and motion.energy is not None:
         signed, floor = motion.energy, motion.floors.get("rotational_energy_drift", 0.0)
         if abs(signed) > max(FLOOR_BOUNDS * floor, _CONSERVED):
-            yield f"The body {gain_word(signed)} {_share(abs(signed))} of its rotational energy."
+            yield f"The body {gain_word(signed)} up to {_share(abs(signed))} of its rotational energy."
         elif motion.momentum is None:
             yield f"Rotational energy is conserved to a relative {number(max(abs(signed), floor), 2)}."
     elif name is not None and not motion.is_at_floor(name):
         signed = row[f"{name}{SIGNED}"]
         what = "its rotational energy" if name == _ENERGIES[0] else "its largest kinetic energy"
-        yield f"The body {gain_word(signed)} {_share(abs(signed))} of {what} relative to the truth."
+        yield f"The body {gain_word(signed)} up to {_share(abs(signed))} of {what} relative to the truth."
 
 
 def _momentum_sentence(change: MomentumChange, floor: float, *, free: bool) -> str:
     largest = max(change.size, change.direction_rad)
-    sizes = f"{_share(change.size)} of |L|, direction {number(change.direction_rad, _DIGITS)} rad"
+    sizes = f"up to {_share(change.size)} of |L|, direction up to {number(change.direction_rad, _DIGITS)} rad"
     if largest <= FLOOR_BOUNDS * floor:
-        resolved = f"to what the file resolves ({number(floor, 2)} of |L|)"
-        return f"Angular momentum is {'conserved' if free else 'the true one'}, {resolved}."
+        what = "conserved" if free else "the true one"
+        return f"Angular momentum is {what}, to {_resolved(largest, floor)} of |L|{_AS_RESOLVED}."
     if not free:
         return f"Angular momentum is off the truth by {sizes}."
     if largest < _CONSERVED:
@@ -105,7 +111,9 @@ def _momentum_sentence(change: MomentumChange, floor: float, *, free: bool) -> s
         return f"Angular momentum is conserved to {number(change.size, 2)} of |L| and {direction} rad."
     if change.size < _CONSERVED:
         turn = number(change.direction_rad, _DIGITS)
-        return f"Angular momentum is not conserved: its direction turns by {turn} rad; its size is constant."
+        return (
+            f"Angular momentum is not conserved: its direction turns by up to {turn} rad; its size is kept."
+        )
     return f"Angular momentum is not conserved: {sizes}."
 
 
@@ -115,15 +123,15 @@ def _distance(motion: JudgedMotion) -> Iterator[str]:
     if ORIENTATION in row:
         largest, final = row[ORIENTATION], row["orientation_error_final_rad"]
         if motion.is_at_floor(ORIENTATION):
-            floor = number(motion.floors[ORIENTATION], 2)
-            yield f"The attitude is the true one for {until} s, to what the file resolves ({floor} rad)."
+            error = _resolved(largest, motion.floors[ORIENTATION])
+            yield f"The attitude is the true one for {until} s, to {error} rad{_AS_RESOLVED}."
             return
         before = "" if final > 0.9 * largest else f", {number(largest, _DIGITS)} rad at most before"
         yield f"The attitude is {_angle(final)} from the truth after {until} s{before}."
     elif "omega_error" in row:
         if motion.is_at_floor("omega_error"):
-            floor = number(motion.floors["omega_error"], 2)
-            yield f"Omega is the true one for {until} s, to what the file resolves ({floor} of |omega|)."
+            error = _resolved(row["omega_error"], motion.floors["omega_error"])
+            yield f"Omega is the true one for {until} s, to {error} of |omega|{_AS_RESOLVED}."
         else:
             yield f"Omega is {_share(row['omega_error'])} of |omega| from the truth within {until} s."
     elif "position_error_abs" in row:

@@ -68,9 +68,10 @@ class JudgedMotion:
     the truth at the samples of the file. case: the columns and the motion, with the measures over time where
     it is stable. known: which of position, velocity, attitude and omega the file has. resolution: of these.
     momentum: its largest changes, None where the file has no attitude or omega. energy: the largest change of
-    the rotational energy since the first row, with its sign, over the largest, None without omega. floors:
-    measure -> what the truth and the digits of the file leave open, relative as the measure is.
-    start: where the truth starts. has_derived_omega, has_unused_position, assumed: of the recording.
+    the rotational energy since the first row, with its sign, over the largest of the truth, None without
+    omega. floors: measure -> what the truth and the digits of the file leave open, relative as the
+    measure is. start: where the truth starts. has_derived_omega, has_unused_position, assumed: of the
+    recording.
     """
 
     path: Path
@@ -213,7 +214,7 @@ def _momentum_change(compared: Compared) -> MomentumChange:
 
 def _energy_change(compared: Compared) -> float:
     energy = compared.motion.rotational[: compared.until]
-    change, largest = energy - energy[0], float(np.max(energy))
+    change, largest = energy - energy[0], float(np.max(compared.true.rotational[: compared.until]))
     return float(change[np.argmax(np.abs(change))]) / largest if largest > 0.0 else 0.0
 
 

@@ -17,6 +17,7 @@ from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.verdicts import STATES
+from bodycheck.reports.run_files.method_words import map_in_words
 from bodycheck.reports.run_files.run_tables import StudyKey, Tables, study_key
 
 Direction: TypeAlias = Literal["worse", "improved", "moved"]
@@ -294,7 +295,9 @@ def _others(changes: Sequence[Change], _: Direction) -> list[str]:
     for one in _of_kind(changes, "speed")[:1]:
         slow = "slower" if (one.decades or 0.0) > 0.0 else "faster"
         found.append(f"{number(10.0**one.size, 3)} times {slow}")
-    found += [f"{one.quantity} {one.before} -> {one.after}" for one in _of_kind(changes, *MAP_KINDS)]
+    for one in _of_kind(changes, *MAP_KINDS):
+        before, after = (map_in_words(str(label)) for label in (one.before, one.after))
+        found.append(f"{one.quantity} {before} -> {after}")
     return found
 
 

@@ -236,12 +236,17 @@ def found_data(found: Found) -> dict[str, Any]:
 
 
 def found_sentences(found: Found) -> list[str]:
-    """Return where each method changed, those that did first; first of all the releases, if all were run."""
+    """Return where each method changed, those that did first; first of all the releases, if all were run.
+
+    The first sentence names the measure.
+    """
     lines = [
         f"{found.engine}:{track.method}: {sentence(found, track, _texts(found, track))}"
         for track in sorted(found.tracks, key=lambda track: not track.changes)
     ]
-    return [_changed_in(found), *lines] if found.every else lines
+    if found.every:
+        return [f"{found.measure} {_changed_in(found)}", *lines]
+    return [f"{found.measure} of {line}" if line is lines[0] else line for line in lines]
 
 
 def sentence(found: Found, track: Track, texts: Mapping[str, str]) -> str:

@@ -46,7 +46,9 @@ def _answer_parts(advice: Advice, answer: ScenarioAdvice, scenarios: int) -> Ite
         yield Sentence("nothing was measured" if not answer.without else "no error is known", "open")
     yield Sentence(f"{_question(advice)} {over}, from the run {advice.run}")
     if answer.options:
-        yield Table(_COLUMNS, tuple(map(_row, answer.options)), "Settings")
+        has_own = any(option.engine == REFERENCE for option in answer.options)
+        about = "; last the reference, the integrator of bodycheck itself" * has_own
+        yield Table(_COLUMNS, tuple(map(_row, answer.options)), f"Settings{about}")
     for option in answer.options[:1]:
         if option.why:
             yield Sentence(f"unsure: {option.why}", "open")

@@ -107,7 +107,7 @@ class Summary:
 
     @property
     def _far_off(self) -> str:
-        """The method that is farthest from the truth, if one is far off: at its finest step, or else at any."""
+        """The method that is farthest from the truth, at its finest step or else at any, if it is far off."""
         at_finest = [(cell.finest, f"at its finest step, {cell.finest_at}") for *_, cell in self._every_cell]
         at_any = [(cell.largest, f"at {cell.largest_at}") for *_, cell in self._every_cell]
         for errors in (at_finest, at_any):

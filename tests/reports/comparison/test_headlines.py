@@ -78,7 +78,8 @@ def test_another_one_step_map_is_named() -> None:
     assert headlines(compare(before, after)) == [
         f"mujoco:rk4 improved: order 2 -> 4 in orientation, error at 1 ms x 5.3e-7, "
         f"one-step map RK4 -> RK4 Munthe-Kaas {since}",
-        "mujoco:implicit: one-step map M2 -> implicit midpoint (since version 4.0.0, 3.17.0 before).",
+        "mujoco:implicit: one-step map linearly implicit Euler (M2) -> implicit midpoint "
+        "(since version 4.0.0, 3.17.0 before).",
     ]
 
 

@@ -59,9 +59,9 @@ def printed(
 def test_the_first_line_says_where_it_changed(
     found: Found, last: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The line has the last release before a change, the first after it, and unknown ones between them."""
+    """It has the measure, the last release before a change, the first after it, and unknown ones between."""
     print_document(found_document(found))
-    assert capsys.readouterr().out.splitlines()[0] == last
+    assert capsys.readouterr().out.splitlines()[0] == f"{found.measure} of {last}"
 
 
 def test_what_could_not_be_run_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
@@ -87,7 +87,7 @@ def test_where_every_release_was_run_it_is_said_in_which_anything_changed(
     print_document(found_document(Found("toy", "free", "energy_drift", VERSIONS, tracks, {}, every=True)))
     lines = capsys.readouterr().out.splitlines()
     assert "toy:a: 0.001 in all 5 releases run" in lines
-    assert lines[0] == "changed in 1.1 (b, c), 1.2 (b, c), 2.1 (b, c)"
+    assert lines[0] == "energy_drift changed in 1.1 (b, c), 1.2 (b, c), 2.1 (b, c)"
     same = Found("toy", "free", "energy_drift", VERSIONS, tracks[:1], {}, every=True)
     print_document(found_document(same))
-    assert capsys.readouterr().out.splitlines()[0] == "changed in no release"
+    assert capsys.readouterr().out.splitlines()[0] == "energy_drift changed in no release"
