@@ -227,10 +227,12 @@ def test_engine_that_cannot_be_imported_is_refused_in_one_line(
     registry._plugged_in.cache_clear()
     try:
         with pytest.raises(bodycheck.InputError) as refused:
-            bodycheck.run([scenario], engines=["ghost"], dt_s=[0.1], speed=False)
+            bodycheck.run([scenario], engines=["ghost"], dt_s=[0.1], speed=False, laws=False)
         if kind != "hang":  # even a correct engine could miss the short deadline on a busy machine
             with pytest.warns(UserWarning, match=re.escape(reason)):
-                run = bodycheck.run([scenario], engines=["ghost", "reference:m1"], dt_s=[0.1], speed=False)
+                run = bodycheck.run(
+                    [scenario], engines=["ghost", "reference:m1"], dt_s=[0.1], speed=False, laws=False
+                )
             assert [case.columns["outcome"] for case in run.cases] == ["ok"]
     finally:
         registry._plugged_in.cache_clear()
@@ -248,7 +250,9 @@ def test_adapter_that_cannot_be_pickled_runs_in_the_process(scenario: Path) -> N
 
     with registered(Local()):
         engines = ["misbehaving:generator-exit", "misbehaving:nan"]
-        rows = bodycheck.run([scenario], engines=engines, dt_s=[0.02, BAD_STEP_S], speed=False).results
+        rows = bodycheck.run(
+            [scenario], engines=engines, dt_s=[0.02, BAD_STEP_S], speed=False, laws=False
+        ).results
     assert rows["outcome"].tolist() == ["ok", "failed", "ok", "unstable"]
     assert rows["message"].tolist()[1] == "GeneratorExit:"
 
@@ -269,7 +273,7 @@ class Mine(Misbehaving):
 
 
 bodycheck.register_adapter(Mine())
-run = bodycheck.run(["mine.toml"], engines=["misbehaving:abort"], dt_s=[0.02, 0.01], speed=False)
+run = bodycheck.run(["mine.toml"], engines=["misbehaving:abort"], dt_s=[0.02, 0.01], speed=False, laws=False)
 print(run.results["outcome"].tolist(), run.results["message"].tolist())
 """
 

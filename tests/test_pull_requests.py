@@ -164,7 +164,7 @@ def test_pull_request_fails_on_a_fault_and_passes_after_acceptance(repository: R
     assert "scaled on purpose" in (repository.folder / "physics.toml").read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_history_of_the_main_branch_fails_until_the_change_is_accepted(repository: Repository) -> None:
     """The first run passes without a baseline; the annotation has the command that accepts the fault."""
     bare = repository.folder.parent / "bare.git"

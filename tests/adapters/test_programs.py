@@ -223,7 +223,7 @@ def test_a_program_has_the_name_that_it_announces(folder: Path) -> None:
     """Tables have the name, commands the command, gates either; also once the run is read from its files."""
     (folder / "worker.py").write_text(ANNOUNCED)
     program = f"cmd:{sys.executable} worker.py own-engine"
-    run = bodycheck.run(["mine.toml"], engines=[program], dt_s=[0.02], speed=False)
+    run = bodycheck.run(["mine.toml"], engines=[program], dt_s=[0.02], speed=False, laws=False)
     bodycheck.write_run(run, folder / "out")
     assert list(run.results["engine"]) == ["own-engine"]
     assert set(run.manifest["engines"]) == {"own-engine"}
@@ -239,7 +239,7 @@ def test_a_stored_run_knows_the_command_and_starts_nothing(folder: Path) -> None
     (folder / "worker.py").write_text(ANNOUNCED)
     program = f"cmd:{sys.executable} worker.py own-engine"
     with registered():
-        run = bodycheck.run(["mine.toml"], engines=[program], dt_s=[0.02], speed=False)
+        run = bodycheck.run(["mine.toml"], engines=[program], dt_s=[0.02], speed=False, laws=False)
         bodycheck.write_run(run, folder / "out")
     assert requested_name("own-engine") == "own-engine"
     read_tables(folder / "out")
@@ -263,7 +263,7 @@ def test_runs_of_earlier_versions_are_compared_under_the_announced_name(folder: 
     """A run that has the command of a program as its name is paired with one that has the announced name."""
     (folder / "worker.py").write_text(ANNOUNCED)
     program = f"cmd:{sys.executable} worker.py own-engine"
-    new = bodycheck.run(["mine.toml"], engines=[program], dt_s=[0.02], speed=False)
+    new = bodycheck.run(["mine.toml"], engines=[program], dt_s=[0.02], speed=False, laws=False)
     before, after = paired_versions(renamed(new, {"own-engine": program}), new)
     assert [case.columns["engine"] for case in (*before.cases, *after.cases)] == ["own-engine"] * 2
 
@@ -282,7 +282,9 @@ def test_program_that_does_not_announce_itself_costs_its_own_cases(fault: str, f
     (folder / "worker.py").write_text(FAULTS[fault])
     program = f"cmd:{sys.executable} worker.py"
     with pytest.warns(UserWarning, match="^not measured: "):
-        run = bodycheck.run(["mine.toml"], engines=[program, "reference:m1"], dt_s=[0.02], speed=False)
+        run = bodycheck.run(
+            ["mine.toml"], engines=[program, "reference:m1"], dt_s=[0.02], speed=False, laws=False
+        )
     assert list(run.results["engine"]) == ["reference"]
     assert program in run.manifest["engines"][program]["unavailable"]
     with pytest.raises(InputError, match=r"worker\.py"):
@@ -404,7 +406,7 @@ def test_step_function_of_a_module_gets_all_that_an_engine_gets(scenario: str, f
     """RK4 under state.loads() makes the steps of the reference's rk4, for constant and continuous loads."""
     (folder / "own_steps.py").write_text(STEPS)
     file, engines = _shortened(scenario, folder), ["own_steps:rk4", "reference:rk4"]
-    run = bodycheck.run([file], engines=engines, dt_s=[1e-2], speed=False, allow_code=True)
+    run = bodycheck.run([file], engines=engines, dt_s=[1e-2], speed=False, laws=False, allow_code=True)
     assert {case.columns["outcome"] for case in run.cases} == {"ok"}
     one, other = (case.trajectory for case in run.cases)
     assert one is not None

@@ -129,7 +129,8 @@ def test_example_adapter_passes_every_check() -> None:
     [
         "reference:m1",
         pytest.param("reference:euler", marks=pytest.mark.nightly),
-        *("mujoco:rk4", "pybullet:multibody", "dart"),
+        "mujoco:rk4",
+        *(pytest.param(name, marks=pytest.mark.nightly) for name in ("pybullet:multibody", "dart")),
     ],
 )
 def test_built_in_adapters_pass_in_their_workers(name: str) -> None:

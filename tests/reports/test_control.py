@@ -35,7 +35,9 @@ value_n_m = [0.3, -0.2, 0.1]
 @pytest.fixture(scope="module")
 def obedient() -> bodycheck.Run:
     """Return a run of the Taylor method on a free and a forced scenario, at its own tolerances."""
-    return bodycheck.run(["full-tensor", "body-torque"], engines=["reference:taylor"], speed=False)
+    return bodycheck.run(
+        ["full-tensor", "body-torque"], engines=["reference:taylor"], speed=False, laws=False
+    )
 
 
 @pytest.mark.slow
@@ -69,7 +71,9 @@ def test_method_with_a_tolerance_has_no_best_step(obedient: bodycheck.Run) -> No
 @pytest.mark.slow
 def test_requested_tolerances_replace_the_default_ones() -> None:
     """The reproducing command repeats --tolerance."""
-    run = bodycheck.run(["full-tensor"], engines=["reference:taylor"], tolerances=[1e-9], speed=False)
+    run = bodycheck.run(
+        ["full-tensor"], engines=["reference:taylor"], tolerances=[1e-9], speed=False, laws=False
+    )
     (row,) = run.results.to_dict("records")
     assert row["tolerance"] == 1e-9
     assert row["reproduce"] == "bodycheck run full-tensor --engine reference:taylor --tolerance 1e-09"
@@ -121,7 +125,7 @@ def test_chaotic_motion_is_compared_until_its_truth_ends(tmp_path: Path) -> None
     """Nothing is measured beyond; the row has the time, and the verdict is chaotic."""
     path = tmp_path / "chaotic.toml"
     path.write_text(CHAOTIC)
-    run = bodycheck.run([path], engines=["reference:rk4"], dt_s=[0.05, 0.025], speed=False)
+    run = bodycheck.run([path], engines=["reference:rk4"], dt_s=[0.05, 0.025], speed=False, laws=False)
     (problem,) = run.problems
     until = problem.truth.trusted_until_s
     assert 50.0 < until < 100.0
@@ -142,7 +146,7 @@ def test_files_with_other_samples_of_a_chaotic_motion_are_ranked(tmp_path: Path)
     """Their last samples before the end of the truth differ, but both files cover the same time span."""
     path = tmp_path / "chaotic.toml"
     path.write_text(CHAOTIC)
-    run = bodycheck.run([path], engines=["reference:cf4"], dt_s=[0.025], speed=False)
+    run = bodycheck.run([path], engines=["reference:cf4"], dt_s=[0.025], speed=False, laws=False)
     table = trajectory_table(run.cases[0].trajectory)
     files = [tmp_path / f"every-{stride}.csv" for stride in (1, 8)]
     for file, stride in zip(files, (1, 8), strict=True):
@@ -156,7 +160,9 @@ def test_horizon_is_where_a_case_leaves_the_truth(tmp_path: Path) -> None:
     """Up to the horizon no error exceeds 0.3 rad, the next one does; finer steps have a later horizon."""
     path = tmp_path / "chaotic.toml"
     path.write_text(CHAOTIC)
-    run = bodycheck.run([path], engines=["reference:rk4", "reference:cf4"], dt_s=[0.05, 0.025], speed=False)
+    run = bodycheck.run(
+        [path], engines=["reference:rk4", "reference:cf4"], dt_s=[0.05, 0.025], speed=False, laws=False
+    )
     for case in run.cases:
         error = case.series["orientation_error_rad"]
         kept = run.problems[0].times <= case.columns["horizon_s"]
@@ -165,7 +171,7 @@ def test_horizon_is_where_a_case_leaves_the_truth(tmp_path: Path) -> None:
     for _, rows in run.results.groupby("method"):
         assert rows["horizon_s"].is_monotonic_increasing
     assert (
-        bodycheck.run(["full-tensor"], engines=["reference:m1"], dt_s=[0.01], speed=False)
+        bodycheck.run(["full-tensor"], engines=["reference:m1"], dt_s=[0.01], speed=False, laws=False)
         .results["horizon_s"]
         .isna()
         .all()

@@ -193,7 +193,7 @@ class PlanarSimulation:
 def run_of(adapter: Adapter, scenario: str) -> tuple[Run, Callable[[str], Cell]]:
     """Return the run of all methods of an adapter on a scenario, and a function that gives their cells."""
     with registered(adapter):
-        run = bodycheck.run([scenario], engines=[adapter.name], speed=False)
+        run = bodycheck.run([scenario], engines=[adapter.name], speed=False, laws=False)
     (cells,) = summary_cells(run).values()
     return run, lambda method: cells[adapter.name, method]
 
@@ -203,7 +203,9 @@ def two_flights() -> Run:
     """Return the run of AtSomeSteps on a free flight and a powered one."""
     adapter = AtSomeSteps()
     with registered(adapter):
-        return bodycheck.run(["free-flight", "powered-flight"], engines=[adapter.name], speed=False)
+        return bodycheck.run(
+            ["free-flight", "powered-flight"], engines=[adapter.name], speed=False, laws=False
+        )
 
 
 @pytest.mark.slow
@@ -260,7 +262,7 @@ def test_of_equal_diagnoses_those_are_named_that_the_run_does_not_refute(tmp_pat
     alike = []
     for scenarios in (["free-flight"], ["free-flight", str(path)]):
         with registered(adapter):
-            run = bodycheck.run(scenarios, engines=[adapter.name], speed=False)
+            run = bodycheck.run(scenarios, engines=[adapter.name], speed=False, laws=False)
         (found,) = run.diagnoses.to_dict("records")
         assert (found["verdict"], found["faults"]) == ("explained", "gyroscopic-term")
         alike.append(found["alike"])
@@ -272,7 +274,7 @@ def test_motion_that_no_fault_makes_is_explained_in_no_scene() -> None:
     """Terms that constant faults imitate in one scene are not named for the engine: other scenes differ."""
     adapter = Unknown()
     with registered(adapter):
-        run = bodycheck.run(["smoke"], engines=[adapter.name], speed=False)
+        run = bodycheck.run(["smoke"], engines=[adapter.name], speed=False, laws=False)
     rows = run.diagnoses.to_dict("records")
     assert len(rows) == len(adapter.methods) * 3
     assert {row["verdict"] for row in rows} == {"this-scene-only", "unexplained"}

@@ -115,7 +115,7 @@ def test_methods_have_their_known_growth(
     """The energy error of a symplectic method is bounded, that of Runge-Kutta linear."""
     path = tmp_path / "long.toml"
     path.write_text(LONG)
-    run = bodycheck.run([path], engines=[f"reference:{method}"], dt_s=[dt_s], speed=False)
+    run = bodycheck.run([path], engines=[f"reference:{method}"], dt_s=[dt_s], speed=False, laws=False)
     assert run.methods.set_index("quantity")["growth"][quantity] == kind
 
 
@@ -124,7 +124,7 @@ def test_finest_case_above_round_off_is_classified(tmp_path: Path) -> None:
     """A finer step with round-off alone does not hide the growth of the method."""
     path = tmp_path / "long.toml"
     path.write_text(LONG)
-    run = bodycheck.run([path], engines=["reference:splitting6"], dt_s=[0.25, 0.02], speed=False)
+    run = bodycheck.run([path], engines=["reference:splitting6"], dt_s=[0.25, 0.02], speed=False, laws=False)
     assert run.methods.set_index("quantity")["growth"]["energy_drift"] == "bounded"
 
 

@@ -16,7 +16,7 @@ METHODS = ["reference:m1", "reference:euler", "reference:splitting6", "reference
 @pytest.fixture(scope="module")
 def run() -> bodycheck.Run:
     """Return a run of methods that break down early, late, or cannot represent the scene."""
-    return bodycheck.run(["stiff-drag"], engines=METHODS, speed=False)
+    return bodycheck.run(["stiff-drag"], engines=METHODS, speed=False, laws=False)
 
 
 def row(run: bodycheck.Run, method: str) -> dict[str, object]:
@@ -59,7 +59,7 @@ def test_unsupported_method_has_a_row_with_the_reason(run: bodycheck.Run) -> Non
 @pytest.mark.slow
 def test_requested_steps_leave_the_map_empty(tmp_path: Path) -> None:
     """With --dt only those steps are run; the file exists and has no row."""
-    run = bodycheck.run(["full-tensor"], engines=["reference:m1"], dt_s=[0.01], speed=False)
+    run = bodycheck.run(["full-tensor"], engines=["reference:m1"], dt_s=[0.01], speed=False, laws=False)
     assert run.stability.empty
     bodycheck.write_run(run, tmp_path / "out")
     assert pd.read_csv(tmp_path / "out/stability.csv").columns.tolist() == list(TABLES["stability"].columns)

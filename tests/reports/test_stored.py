@@ -228,7 +228,7 @@ def test_stored_callback_load_needs_permission_again(
     )
     monkeypatch.syspath_prepend(tmp_path)
     called = tmp_path / "called.toml"
-    run = bodycheck.run([called], engines=["reference:exact"], speed=False, allow_code=True)
+    run = bodycheck.run([called], engines=["reference:exact"], speed=False, laws=False, allow_code=True)
     bodycheck.write_run(run, tmp_path / "run")
     with expected_message.raises(InputError):
         read_run(tmp_path / "run", allow_code=False, cache=None)

@@ -562,7 +562,7 @@ def mapped_rates(steps: int, *, midpoint: bool, damping: float = 0.0) -> Array:
     return np.array(omega)
 
 
-@pytest.mark.parametrize("steps", [2, 4, 10])
+@pytest.mark.parametrize("steps", [2, *(pytest.param(steps, marks=NIGHTLY) for steps in (4, 10))])
 def test_several_steps_per_sample_are_found_without_the_step(steps: int, tmp_path: Path) -> None:
     """n steps of a map leave 1 / n of the error of one; rates alone are enough to see it."""
     found = diagnosis_of_rates(tmp_path, mapped_rates(steps, midpoint=False))

@@ -74,8 +74,8 @@ def diagnosis_of(
     [
         ((0.0, 0.0, 0.5), 3, "stage-4-misplaced"),
         ((0.0, 1.0), 2, "stage-3-misplaced"),
-        ((0.9,), 1, "stage-2-misplaced"),
-        ((0.5, 0.0), 2, "stage-3-from-1"),
+        pytest.param((0.9,), 1, "stage-2-misplaced", marks=pytest.mark.nightly),
+        pytest.param((0.5, 0.0), 2, "stage-3-from-1", marks=pytest.mark.nightly),
     ],
 )
 def test_a_wrong_stage_is_named_with_its_place(row: tuple[float, ...], stage: int, name: str) -> None:
@@ -92,8 +92,8 @@ def test_a_wrong_stage_is_named_with_its_place(row: tuple[float, ...], stage: in
     ("weights", "name"),
     [
         ((1 / 6, 1 / 6, 1 / 3, 1 / 6), "weight-2"),
-        ((1 / 4, 1 / 4, 1 / 4, 1 / 4), "weights-equal"),
-        ((1 / 3, 1 / 6, 1 / 6, 1 / 3), "weights-exchanged"),
+        pytest.param((1 / 4, 1 / 4, 1 / 4, 1 / 4), "weights-equal", marks=pytest.mark.nightly),
+        pytest.param((1 / 3, 1 / 6, 1 / 6, 1 / 3), "weights-exchanged", marks=pytest.mark.nightly),
         ((1 / 6, 1 / 6, 1 / 6, 1 / 6), "weights-1-6-each"),
     ],
 )
@@ -104,7 +104,7 @@ def test_wrong_weights_are_named(weights: tuple[float, ...], name: str) -> None:
     assert not found.alike
 
 
-@pytest.mark.parametrize("matrix", [False, True])
+@pytest.mark.parametrize("matrix", [False, pytest.param(True, marks=pytest.mark.nightly)])
 @pytest.mark.parametrize("order", [None, 4])
 def test_a_right_tableau_is_healthy(order: int | None, matrix: bool) -> None:
     """On quaternions and on matrices, whether or not the order is stated."""
@@ -113,7 +113,7 @@ def test_a_right_tableau_is_healthy(order: int | None, matrix: bool) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("matrix", [False, True])
+@pytest.mark.parametrize("matrix", [False, pytest.param(True, marks=pytest.mark.nightly)])
 def test_a_last_stage_at_half_of_the_step_is_named_without_an_order(matrix: bool) -> None:
     """As a step function is examined, whose order nobody states."""
     found = diagnosis_of((*A[:3], (0.0, 0.0, 0.5)), B, order=None, matrix=matrix)

@@ -26,7 +26,7 @@ from tests.helpers.faulty_tree_models import PLANTED, FaultyTrees, PlantedTreeFa
 from tests.helpers.in_process_cli import run_bodycheck
 
 _FAST = "stale-matrix"
-_TIERS = {"base-in-body-axes": "slow", "axis-in-parent": "slow", "gyroscopic-missing": "slow"}
+_TIERS = {"axis-in-parent": "slow", "gyroscopic-missing": "slow"}
 
 
 def check_named(fault: PlantedTreeFault) -> None:
