@@ -130,7 +130,7 @@ def test_broken_engine_stays_a_regression_until_accepted(folder: Path) -> None:
     assert [done.exit_code for done in (sound, broken, still, old_way)] == [3, 1, 1, 0]
     line = broken.stdout.splitlines()[0]
     assert line == (
-        "weakened:euler: no longer converges, error at 5 ms x 50 in tumble (the gyroscopic term "
+        "weakened:euler: no longer converges, error at dt 0.005 s x 50 in tumble (the gyroscopic term "
         "omega x I omega is multiplied by 0.9, explains all of the error)"
     )
     assert re.fullmatch(

@@ -75,7 +75,9 @@ def test_a_change_names_its_range_of_commits() -> None:
     """The line of the change has it unless the version changed, and the answer has the page that shows it."""
     comparison = compare(run(OLD, 1e-9), run(NEW, 1e-6))
     (alert,) = alerts_of(comparison, ("worse", "missing"))
-    assert alert.message == "mujoco:rk4: error at 10 ms x 1e3 in brick (in commits 0123456789..fedcba9876)"
+    assert (
+        alert.message == "mujoco:rk4: error at dt 0.01 s x 1e3 in brick (in commits 0123456789..fedcba9876)"
+    )
     page = f"https://github.com/me/engine/compare/{OLD}...{NEW}"
     assert f"Commits 0123456789..fedcba9876: {page}" in sentences(comparison)
     assert comparison_data(comparison)["commits"] == f"0123456789..fedcba9876: {page}"

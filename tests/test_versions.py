@@ -508,7 +508,7 @@ def test_mujocos_4_0_0_improved_and_3_17_0_is_worse(
     assert status == 0, out + error
     first, headline, *_ = out.splitlines()
     assert first == "No regression; mujoco:rk4 improved."
-    improved = r"mujoco:rk4 improved: order 2 -> 4 in orientation, error at 1 ms x 5.\de-7, "
+    improved = r"mujoco:rk4 improved: order 2 -> 4 in orientation, error at dt 0.001 s x 5.\de-7, "
     renamed = "one-step map RK4 on the rotation group, stages averaged -> RK4 Munthe-Kaas "
     assert re.match(f"{improved}{renamed}in intermediate-axis .since version 4.0.0, 3.17.0 before", headline)
     search = (
@@ -522,6 +522,6 @@ def test_mujocos_4_0_0_improved_and_3_17_0_is_worse(
     assert (status, out.splitlines()[0]) == (0, headline), error
     status, out, error = command("compare", new, old, "--fail-on", "worse")
     assert status == 1, error
-    assert out.startswith("mujoco:rk4: order 4 -> 2 in orientation, error at 1 ms x 1.")
+    assert out.startswith("mujoco:rk4: order 4 -> 2 in orientation, error at dt 0.001 s x 1.")
     status, out, error = command("compare", new, new, "--fail-on", "moved")
     assert (status, out[:16]) == (0, "Nothing changed "), error

@@ -168,7 +168,7 @@ def test_one_annotation_per_method_that_got_worse() -> None:
     comparison = compare(before, after)
     (alert,) = alerts_of_comparison(comparison, ("worse", "missing"))
     assert (alert.level, alert.file) == ("error", None)
-    assert alert.message == "mujoco:rk4: error at 10 ms x 1e3 in brick"
+    assert alert.message == "mujoco:rk4: error at dt 0.01 s x 1e3 in brick"
     assert [one.level for one in alerts_of_comparison(comparison, ())] == ["warning"]
     both = alerts_of_comparison(comparison, ("worse", "missing", "moved"))
     assert [one.message for one in both] == [alert.message, "mujoco:implicit moved by up to 1 %"]

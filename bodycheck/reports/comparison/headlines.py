@@ -67,7 +67,7 @@ class Headline:
 
     @property
     def text(self) -> str:
-        """Return "mujoco:rk4: order 4 -> 2 in orientation, error at 1 ms x 7e5 in brick (cause)"."""
+        """Return "mujoco:rk4: order 4 -> 2 in orientation, error at dt 0.001 s x 7e5 in brick (cause)"."""
         engine, arrow, version = self.release.rpartition(" -> ")
         since = f"since version {version}, {engine} before" if arrow else ""
         commits = f"in commits {version}" if version and not arrow else ""
@@ -324,12 +324,8 @@ def label(quantity: str) -> str:
 
 
 def at(change: Change) -> str:
-    """Return " at 1 ms", " at tolerance 1e-6", or "" if the change is not of one case."""
-    if change.fineness is None:
-        return ""
-    if change.control == "dt":
-        return f" at {number(1e3 * change.fineness, 4)} ms"
-    return f" at {setting(change.control, change.fineness)}"
+    """Return " at dt 0.001 s", " at tolerance 1e-6", or "" if the change is not of one case."""
+    return "" if change.fineness is None else f" at {setting(change.control, change.fineness)}"
 
 
 def factor(change: Change) -> str:

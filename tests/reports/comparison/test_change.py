@@ -741,7 +741,7 @@ def test_sentences_summarise_the_comparison() -> None:
     ]
     after = run({ERROR: 1e-6}, {"method": "euler"}, {"method": "implicit"}, cpu="other")
     assert sentences(compare(same, after)) == [
-        "mujoco:rk4: no longer measured (1 case), error at 10 ms x 1e3 in brick.",
+        "mujoco:rk4: no longer measured (1 case), error at dt 0.01 s x 1e3 in brick.",
         "Changed values: 1 worse, 1 missing, 2 new.",
         "Different environment: cpu: none -> other.",
         "1 case compared; 2 new cases, 1 missing case.",

@@ -76,7 +76,7 @@ def test_another_one_step_map_is_named() -> None:
     after = mapped(NEW, rk4="RK4 Munthe-Kaas", euler="M1", implicit="implicit midpoint")
     since = "in brick (since version 4.0.0, 3.17.0 before)."
     assert headlines(compare(before, after)) == [
-        f"mujoco:rk4 improved: order 2 -> 4 in orientation, error at 1 ms x 5.3e-7, "
+        f"mujoco:rk4 improved: order 2 -> 4 in orientation, error at dt 0.001 s x 5.3e-7, "
         f"one-step map RK4 -> RK4 Munthe-Kaas {since}",
         "mujoco:implicit: one-step map linearly implicit Euler (M2) -> implicit midpoint "
         "(since version 4.0.0, 3.17.0 before).",
@@ -137,7 +137,7 @@ def test_values_have_as_many_digits_as_distinguish_them(before: float, after: fl
 def test_a_better_release_is_one_sentence() -> None:
     """It has method, order, error with step and factor, scenario and versions; those that moved are one."""
     assert sentences(compare(OLD, NEW))[:3] == [
-        "mujoco:rk4 improved: order 2 -> 4 in orientation, error at 1 ms x 5.3e-7 in brick "
+        "mujoco:rk4 improved: order 2 -> 4 in orientation, error at dt 0.001 s x 5.3e-7 in brick "
         "(since version 4.0.0, 3.17.0 before).",
         "mujoco: euler, implicit, implicitfast and discrete moved in the 12th digit.",
         "Changed values: 2 improved, 4 moved in the 12th digit.",
@@ -149,7 +149,7 @@ def test_the_release_before_is_worse_by_the_same_factor() -> None:
     """In the reverse direction the same change is reported as worse, and the comparison fails."""
     found = compare(NEW, OLD)
     assert headlines(found) == [
-        "mujoco:rk4: order 4 -> 2 in orientation, error at 1 ms x 1.9e6 in brick "
+        "mujoco:rk4: order 4 -> 2 in orientation, error at dt 0.001 s x 1.9e6 in brick "
         "(since version 3.17.0, 4.0.0 before)."
     ]
     assert {change.method for change in found.failing} == {"rk4"}
@@ -191,12 +191,12 @@ def test_what_is_worse_leads_and_what_improved_follows() -> None:
     before = run({ERROR: 1e-4, "energy_drift": 1e-3, "dt_s": 1e-3})
     after = run({ERROR: 1e-8, "energy_drift": 1.1e-3, "dt_s": 1e-3})
     assert headlines(compare(before, after)) == [
-        "mujoco:rk4: energy drift at 1 ms +10 % in brick.",
-        "mujoco:rk4 improved: error at 1 ms x 0.0001 in brick.",
+        "mujoco:rk4: energy drift at dt 0.001 s +10 % in brick.",
+        "mujoco:rk4 improved: error at dt 0.001 s x 0.0001 in brick.",
     ]
     assert headlines(compare(after, before)) == [
-        "mujoco:rk4: error at 1 ms x 1e4 in brick.",
-        "mujoco:rk4 improved: energy drift at 1 ms -10 % in brick.",
+        "mujoco:rk4: error at dt 0.001 s x 1e4 in brick.",
+        "mujoco:rk4 improved: energy drift at dt 0.001 s -10 % in brick.",
     ]
 
 
@@ -216,7 +216,7 @@ def test_improvements_of_a_method_that_no_longer_converges_do_not_count(
         run({ERROR: 1e-4, "energy_drift": 1e-3}, methods=[sound]),
         run({ERROR: 1e-2, "energy_drift": 1e-4}, methods=[{**sound, **after}]),
     )
-    assert headlines(found) == [f"mujoco:rk4: {words}, error at 10 ms x 100 in brick."]
+    assert headlines(found) == [f"mujoco:rk4: {words}, error at dt 0.01 s x 100 in brick."]
     assert not any("improved" in sentence for sentence in sentences(found))
 
 
@@ -226,8 +226,8 @@ def test_a_measure_that_is_far_worse_than_the_orientation_is_named(factor: float
     before = run({ERROR: 1e-4, "energy_drift": 1e-6})
     after = run({ERROR: 2e-4, "energy_drift": 2e-6 * factor})
     (line,) = headlines(compare(before, after))
-    assert line.startswith("mujoco:rk4: error at 10 ms x 2")
-    assert ("energy drift at 10 ms x 2e3" in line) == named
+    assert line.startswith("mujoco:rk4: error at dt 0.01 s x 2")
+    assert ("energy drift at dt 0.01 s x 2e3" in line) == named
 
 
 def test_a_measure_that_is_a_decade_worse_than_the_orientation_is_not_named() -> None:
@@ -244,7 +244,7 @@ def test_a_method_has_one_line_however_many_of_its_digits_moved() -> None:
     before = run({ERROR: 1e-2}, {"dt_s": 0.02, ERROR: 1e-2}, {"method": "euler", ERROR: 1e-2})
     after = run({ERROR: 1e-2 + 3e-13}, {"dt_s": 0.02, ERROR: 1e-2 - 3e-13}, {"method": "euler", ERROR: 2e-2})
     assert sentences(compare(before, after))[:3] == [
-        "mujoco:euler: error at 10 ms x 2 in brick.",
+        "mujoco:euler: error at dt 0.01 s x 2 in brick.",
         "mujoco:rk4 moved in the 11th digit.",
         "Changed values: 1 worse, 2 moved in the 11th digit.",
     ]
@@ -282,7 +282,7 @@ def test_a_motion_that_no_fault_explains_is_said_to_be_one() -> None:
     found = {"verdict": "unexplained", "diagnosis": "unexplained: no known fault makes this motion"}
     lines = headlines(compare(diagnosed(1e-4), diagnosed(1e-2, "rk4", "euler", **found)))
     assert lines == [
-        f"mujoco:{name}: error at 10 ms x 100 in brick (no known fault explains it)."
+        f"mujoco:{name}: error at dt 0.01 s x 100 in brick (no known fault explains it)."
         for name in ("rk4", "euler")
     ]
     found = {"verdict": "lower-order", "diagnosis": "the method is of order 2, not 4"}
@@ -298,12 +298,12 @@ def test_methods_with_one_cause_share_a_line(version: str) -> None:
     since = "" if version == "3.17.0" else "; since version 4.0.0, 3.17.0 before"
     broken = diagnosed(1e-2, "rk4", "euler", release=version, **gyroscopic)
     assert headlines(compare(diagnosed(1e-4), broken)) == [
-        "mujoco: rk4 and euler: error at 10 ms x 100 in brick (the gyroscopic term omega x I omega is "
+        "mujoco: rk4 and euler: error at dt 0.01 s x 100 in brick (the gyroscopic term omega x I omega is "
         f"multiplied by 0.9, explains all of the error{since})."
     ]
     known = headlines(compare(diagnosed(1e-4, "rk4", "euler", **gyroscopic), broken))
     assert [line.partition(" (")[0].removesuffix(".") for line in known] == [
-        f"mujoco:{name}: error at 10 ms x 100 in brick" for name in ("rk4", "euler")
+        f"mujoco:{name}: error at dt 0.01 s x 100 in brick" for name in ("rk4", "euler")
     ]
     assert not any("gyroscopic" in line for line in known)
 
@@ -315,7 +315,7 @@ def test_a_case_that_ends_otherwise_is_named_first(old: str, new: str) -> None:
     before = run({"outcome": old}, {"dt_s": 0.02, ERROR: 1e-3})
     after = run({"outcome": new}, {"dt_s": 0.02, ERROR: 1e-3 * (1e-6 if new == "failed" else 1e-3)})
     assert headlines(compare(before, after)) == [
-        "mujoco:rk4 improved: ok in 1 case (failed before), error at 20 ms x 0.001 in brick."
+        "mujoco:rk4 improved: ok in 1 case (failed before), error at dt 0.02 s x 0.001 in brick."
         if improved
         else "mujoco:rk4: failed in 1 case (ok before) in brick."
     ]

@@ -109,7 +109,7 @@ def test_a_regression_has_one_entry_when_it_opens_and_one_when_it_ends() -> None
         NightlyState(acceptances=("ab12",)),
     ]
     found = ET.fromstring(feed([(run(day + 1), one) for day, one in enumerate(states)], [accepted]))
-    text = "mujoco:rk4: error at 10 ms x {} in brick"
+    text = "mujoco:rk4: error at dt 0.01 s x {} in brick"
     assert entries_of(found) == [
         (
             "2026-01-06",

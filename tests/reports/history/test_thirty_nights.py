@@ -29,7 +29,7 @@ ENGINES = {"m1": "alpha", "rk4": "alpha", "m2": "beta"}
 class Night:
     """What is planted in a nightly run, and what it must say: exit status, first line, open lines.
 
-    factors: engine:method -> factor of its error at 10 ms on `slow`. cause: of them. gone, failed: engines
+    factors: engine:method -> factor of its error at 0.01 s on `slow`. cause: of them. gone, failed: engines
     without cases, or whose cases fail. new: whether gamma runs. accepted: accept all before this run. killed:
     nothing is stored. cores: of the machine.
     """
@@ -48,13 +48,15 @@ class Night:
 
 
 def worse(who: str, times: str) -> str:
-    """Return the line of an error at 10 ms."""
-    return f"{who}: error at 10 ms {times} in slow"
+    """Return the line of an error at dt 0.01 s."""
+    return f"{who}: error at dt 0.01 s {times} in slow"
 
 
 QUIET = "No regression."
-BROKEN = f"alpha:m1: no longer converges, error at 10 ms x 50 in slow ({CAUSE}, explains all of the error)"
-BOTH = f"alpha: m1 and rk4: error at 10 ms x 50 in slow ({CAUSE}, explains all of the error)"
+BROKEN = (
+    f"alpha:m1: no longer converges, error at dt 0.01 s x 50 in slow ({CAUSE}, explains all of the error)"
+)
+BOTH = f"alpha: m1 and rk4: error at dt 0.01 s x 50 in slow ({CAUSE}, explains all of the error)"
 GONE = "beta:m2: no longer measured (8 cases) in slow and 1 more scenario"
 CRASH = tuple(
     f"alpha:{name}: failed in 8 cases (ok before) in slow and 1 more scenario" for name in ("m1", "rk4")
