@@ -186,7 +186,8 @@ def _joint_differences(audit: Audit) -> Table:
                 missing.setdefault((importer, text.partition(":")[0]), []).append(joint.name)
     for (importer, text), joints in missing.items():
         rows.append((importer, str(len(joints)), Span(text, "open"), _some(joints)))
-    return Table(columns, tuple(rows), "Joints that differ")
+    title = f"Joints that differ{', and what importers do not hold' * bool(missing)}"
+    return Table(columns, tuple(rows), title)
 
 
 def _some(joints: Sequence[str]) -> str:

@@ -54,7 +54,10 @@ class GroupedCommand(TyperCommand):
         _, _, order = self.make_parser(ctx).parse_args(args=list(args))
         for option, times in Counter(order).items():
             if times > 1 and isinstance(option, TyperOption) and not (option.multiple or option.is_flag):
-                ctx.fail(f"{option.opts[0]}: given {times} times; separate several values by commas")
+                several = (
+                    "it takes one" if "," in (option.metavar or "") else "separate several values by commas"
+                )
+                ctx.fail(f"{option.opts[0]}: given {times} times; {several}")
         return list(super().parse_args(ctx, args))
 
     def invoke(self, ctx: Any) -> Any:

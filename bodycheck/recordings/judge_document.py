@@ -100,20 +100,20 @@ def _conservation(motion: JudgedMotion) -> Iterator[str]:
 
 def _momentum_sentence(change: MomentumChange, floor: float, *, free: bool) -> str:
     largest = max(change.size, change.direction_rad)
-    sizes = f"up to {_share(change.size)} of |L|, direction up to {number(change.direction_rad, _DIGITS)} rad"
+    direction = number(change.direction_rad, _DIGITS)
     if largest <= FLOOR_BOUNDS * floor:
         what = "conserved" if free else "the true one"
         return f"Angular momentum is {what}, to {_resolved(largest, floor)} of |L|{_AS_RESOLVED}."
     if not free:
-        return f"Angular momentum is off the truth by {sizes}."
+        sizes = f"{_share(change.size)} in size and {direction} rad in direction"
+        return f"Angular momentum is off the truth by up to {sizes}."
     if largest < _CONSERVED:
-        direction = number(change.direction_rad, 2)
-        return f"Angular momentum is conserved to {number(change.size, 2)} of |L| and {direction} rad."
+        sizes = f"{number(change.size, 2)} of |L| and {number(change.direction_rad, 2)} rad"
+        return f"Angular momentum is conserved to {sizes}."
     if change.size < _CONSERVED:
-        turn = number(change.direction_rad, _DIGITS)
-        return (
-            f"Angular momentum is not conserved: its direction turns by up to {turn} rad; its size is kept."
-        )
+        turned = f"its direction turns by up to {direction} rad, its size is kept"
+        return f"Angular momentum is not conserved: {turned}."
+    sizes = f"its size changes by up to {_share(change.size)}, its direction by {direction} rad"
     return f"Angular momentum is not conserved: {sizes}."
 
 

@@ -176,7 +176,7 @@ def gradients_document(found: Sequence[EngineGradients]) -> Document:
         rows += [row for one in measured for row in _rows(engine.engine, one)]
         missing += [(f"{engine.engine}:{one.method}", one.reason) for one in engine.methods if one.reason]
     table = Table(_HEADS, tuple(rows), f"Relative deviations, in steps of {STEP_S:g} s")
-    lost = Table((Column("not computed", "fixed"), Column("reason")), tuple(missing), "Not computed")
+    lost = Table((Column("engine:method", "fixed"), Column("why")), tuple(missing), "Without derivatives")
     return Document("bodycheck gradients", (*sentences, table, lost))
 
 

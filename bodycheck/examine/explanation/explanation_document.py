@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from bodycheck._util.formatting import number, vector
+from bodycheck._util.formatting import count, number, vector
 from bodycheck.examine.diagnosis.candidate_maps import BASES
 from bodycheck.examine.diagnosis.diagnosis import Diagnosis, FittedParameter
 from bodycheck.examine.diagnosis.fit import planted
@@ -134,13 +134,17 @@ def explanation_parts(cases: Sequence[ExplainedCase], *, concluded: bool = False
 
 
 def _title(cases: Sequence[ExplainedCase]) -> str:
-    causes = dict.fromkeys(_conclusion(one).text for one in cases)
-    if not causes:
+    if not cases:
         return "bodycheck explain: nothing is wrong"
+    known = [one for one in cases if one.diagnosis is None or one.diagnosis.verdict != "unexplained"]
+    causes = dict.fromkeys(_conclusion(one).text for one in known or cases)
+    unexplained = len(cases) - len(known) if known else 0
+    rest = f"; {count(unexplained, 'case')} unexplained" if unexplained else ""
     first = next(iter(causes))
     if len(causes) == 1:
-        return f"{first[0].upper()}{first[1:]}" + (f" ({len(cases)} cases)" if len(cases) > 1 else "")
-    return f"{len(causes)} causes in {len(cases)} cases, the first: {first}"
+        amount = count(len(known or cases), "case")
+        return f"{first[0].upper()}{first[1:]}" + (f" ({amount}{rest})" if len(cases) > 1 else "")
+    return f"{len(causes)} causes in {len(known)} cases, the first: {first}{rest}"
 
 
 def _conclusion(one: ExplainedCase) -> Span:
