@@ -473,7 +473,9 @@ def test_a_run_in_which_nothing_was_measured_is_not_healthy(tmp_path: Path) -> N
     known = replace(one, diagnosis=Diagnosis("lower-order", "M1", "M1", order=4))
     title = "The method is of order 1, not 4: the motion is that of M1"
     assert explanation_document([unexplained, known, known]).title == f"{title} (2 cases; 1 case unexplained)"
-    assert explanation_document([unexplained, one, known]).title.startswith("2 causes in 2 cases, the first: ")
+    assert explanation_document([unexplained, one, known]).title.startswith(
+        "2 causes in 2 cases, the first: "
+    )
 
 
 @pytest.mark.slow
