@@ -531,7 +531,8 @@ def test_another_map_stays_open_until_it_returns_or_is_accepted(nightly_run: Run
     assert found(night(1, "M2", "broken")) == [("M1", "M2", 1, True), ("holds", "broken", 1, True)]
     still = night(2, "M2", "broken")
     assert found(still) == [("M1", "M2", 2, False), ("holds", "broken", 2, False)]
-    assert "reference:m1: one-step map M1 -> M2, law boost holds -> broken." in nightly_sentences(still)
+    maps = "semi-implicit Euler (M1) -> linearly implicit Euler (M2)"
+    assert f"reference:m1: one-step map {maps}, law boost holds -> broken." in nightly_sentences(still)
     assert found(night(3, "not measured", "not-measured")) == [
         ("M1", "M2", 3, False),
         ("holds", "broken", 3, False),
