@@ -143,7 +143,8 @@ def _of_bodies(audit: Audit, column: ImporterColumn) -> tuple[str, bool]:
         why = _EXCEPTION.sub("", _OUTPUT.sub("", column.message)).strip()
         verb = {"failed": "refuses it", "timeout": "does not end in time"}.get(column.outcome, column.outcome)
         return f"{verb} ({why[:_MAX_MESSAGE]})" if why else verb, False
-    states = Counter(link.held[column.name].state for link in audit.links if column.name in link.held)
+    every = [link.held[column.name] for link in audit.links if column.name in link.held]
+    states = Counter(one.state for one in every)
     total, merged = sum(states.values()), states["merged"]
     differing = [(link, why) for link, name, why in audit.differing() if name == column.name]
     if (which := said_once(audit).get(column.name)) is not None:
@@ -164,7 +165,6 @@ def _of_bodies(audit: Audit, column: ImporterColumn) -> tuple[str, bool]:
     if _merges_all(audit, column.name):
         return "merges every link into the world", True
     held = "to single precision" if states["rounded"] else "as written"
-    every = [link.held[column.name] for link in audit.links if column.name in link.held]
     into_world = sum(one.into == "the world" for one in every)
     within = f", with {count(merged - into_world, 'link')} merged" if merged > into_world else ""
     fixes = "merges the base into the world" if into_world else "fixes the base to the world"

@@ -108,19 +108,21 @@ class Summary:
     @property
     def _far_off(self) -> str:
         """The method that is farthest from the truth, at its finest step or else at any, if it is far off."""
-        at_finest = [(cell.finest, f"at its finest step, {cell.finest_at}") for *_, cell in self._every_cell]
-        at_any = [(cell.largest, f"at {cell.largest_at}") for *_, cell in self._every_cell]
-        for errors in (at_finest, at_any):
-            far = [
-                (scenario not in self.chaotic, error, method, scenario, at)
-                for (scenario, method, _), (error, at) in zip(self._every_cell, errors, strict=True)
-                if error is not None and error >= LARGEST_ERROR
-            ]
-            if far:
-                regular, error, method, scenario, at = max(far)
-                where = scenario if regular else f"{scenario}, which is chaotic,"
-                return f", but {method} is up to {number(error, 2)} rad from the truth in {where} {at}"
-        return ""
+        chaotic = self.chaotic
+        far = [
+            (is_finest, scenario not in chaotic, error, method, scenario, at)
+            for scenario, method, cell in self._every_cell
+            for is_finest, error, at in (
+                (True, cell.finest, f"at its finest step, {cell.finest_at}"),
+                (False, cell.largest, f"at {cell.largest_at}"),
+            )
+            if error is not None and error >= LARGEST_ERROR
+        ]
+        if not far:
+            return ""
+        _, regular, error, method, scenario, at = max(far)
+        where = scenario if regular else f"{scenario}, which is chaotic,"
+        return f", but {method} is up to {number(error, 2)} rad from the truth in {where} {at}"
 
     @property
     def chaotic(self) -> frozenset[str]:
@@ -375,7 +377,7 @@ def _engine_table(run: Tables, summary: Summary, methods: Sequence[Overview]) ->
     by_engine: dict[str, list[Overview]] = {}
     for one in methods:
         by_engine.setdefault(one.method.partition(":")[0], []).append(one)
-    rows = []
+    rows, chaotic = [], summary.chaotic
     for engine, own in by_engine.items():
         groups = Counter(map(summary.group_of, own))
         spans: list[Span] = []
@@ -387,7 +389,7 @@ def _engine_table(run: Tables, summary: Summary, methods: Sequence[Overview]) ->
         rated = [
             (error, one.method.partition(":")[2])
             for one in own
-            if one.supported == most and (error := one.error_at_step(summary.chaotic)) is not None
+            if one.supported == most and (error := one.error_at_step(chaotic)) is not None
         ]
         error, method = min(rated, default=(None, ""))
         version = run.manifest["engines"].get(engine, {}).get("version", "")
