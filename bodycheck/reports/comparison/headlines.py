@@ -51,11 +51,6 @@ class Headline:
         return any(one.kind in BROKEN for one in self.changes), max(sizes, default=0.0)
 
     @property
-    def is_explained(self) -> bool:
-        """Whether its cause is known, which other methods may share."""
-        return self.cause not in ("", NO_KNOWN_CAUSE)
-
-    @property
     def subject(self) -> str:
         """Engine and methods."""
         return _subject(self.engine, self.methods)
@@ -89,6 +84,11 @@ class Headline:
         where = f" in {names_of(list(scenarios))}" if scenarios else ""
         improved = " improved" if self.direction == "improved" else ""
         return f"{self.subject}{improved}: {effects}{where}"
+
+
+def is_known(cause: str) -> bool:
+    """Return whether a cause is known, which several methods may share."""
+    return cause not in ("", NO_KNOWN_CAUSE)
 
 
 def _subject(engine: str, methods: Sequence[str]) -> str:
@@ -143,7 +143,7 @@ def by_weight(lines: Iterable[Headline]) -> list[Headline]:
     merged: dict[tuple[str, ...], list[Headline]] = {}
     for one in lines:
         gone = all((change.kind, change.status) == ("case", "missing") for change in one.changes)
-        own = ("missing",) if gone else () if one.is_explained else one.methods
+        own = ("missing",) if gone else () if is_known(one.cause) else one.methods
         merged.setdefault((one.direction, one.engine, one.cause, *own), []).append(one)
     found = [
         Headline(

@@ -16,7 +16,7 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import count
 from bodycheck._util.untrusted import read_json
 from bodycheck.reports.comparison.change import FAILING, MAP_KINDS, NOT_MEASURED, Change, ChangeKey
-from bodycheck.reports.comparison.headlines import NO_KNOWN_CAUSE, Headline
+from bodycheck.reports.comparison.headlines import Headline, is_known
 from bodycheck.reports.document import json_text
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.history.archive import started_at
@@ -108,7 +108,7 @@ def open_lines(regressions: Iterable[Regression]) -> list[OpenLine]:
     of_cause: dict[tuple[str, str, bool, bool], list[Regression]] = {}
     for (engine, method, newly, failing), own in of_method.items():
         cause = next((one.cause for one in own if one.cause), "")
-        shared = cause if cause not in ("", NO_KNOWN_CAUSE) else f":{method}"
+        shared = cause if is_known(cause) else f":{method}"
         of_cause.setdefault((engine, shared, newly, failing), []).extend(own)
     found = [
         OpenLine(
