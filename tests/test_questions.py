@@ -175,8 +175,9 @@ def test_advice_predicts_and_a_search_measures(command: Command) -> None:
     confirming = re.search(r"^confirm with: bodycheck (.*)", out, flags=re.MULTILINE)
     assert confirming is not None
     assert command(*confirming[1].split(), "--no-speed")[0] == 0
-    first = command(*requested)[1].splitlines()[0]
+    first, second, *_ = command(*requested)[1].splitlines()
     assert re.fullmatch(rf"confirmed: \S+ <= 3e-5 rad; use reference:rk4 with dt = {dt_s} s", first)
+    assert re.search(r", from the run rk4, confirmed by bodycheck-runs/\S+$", second)
     Path("mine.toml").unlink()  # the run stores its scenarios
     status, out, err = command(*requested, "--search")
     assert status == 0, err

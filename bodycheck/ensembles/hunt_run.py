@@ -311,7 +311,7 @@ def write_hunt(result: HuntResult, out: Path) -> None:
         f"{result.request.measure} {result.value:.6g}"
         + ("" if result.ratio is None else f", {result.ratio:.3g} times the median")
     )
-    scenario = result.ensemble.scenario_of(result.bodies, name, summary)
+    scenario = result.ensemble.scenario_of(result.bodies, name, summary, "bodycheck hunt")
     path, bodies = result.path, bodies_at(result.ensemble.distribution, result.path.points)
     columns: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,

@@ -322,16 +322,21 @@ def _confirmed(
         return answers
     more = tuple(_measured_elsewhere(folder, run, steps)) if steps else ()
     errors = {
-        (case.columns["scenario"], *key_of(case.columns), case.dt_s): largest_error(case, request.measure)
-        for case in more
+        (case.columns["scenario"], *key_of(case.columns), case.dt_s): (
+            largest_error(case, request.measure),
+            str(path),
+        )
+        for path, case in more
     }
-    if any(error > request.error for error in errors.values()):
-        return _answers(run, request, scenarios, [replace(run, cases=more)])
+    if any(error > request.error for error, _ in errors.values()):
+        return _answers(run, request, scenarios, [replace(run, cases=tuple(case for _, case in more))])
 
     def confirmed(option: Option, names: Sequence[str]) -> Option:
-        found = [errors.get((name, option.engine, option.method, option.setting), math.inf) for name in names]
-        is_measured = max(found) < math.inf
-        return replace(option, error=max(found), basis="measured", why="") if is_measured else option
+        key = option.engine, option.method, option.setting
+        error, path = max(errors.get((name, *key), (math.inf, "")) for name in names)
+        if error == math.inf:
+            return option
+        return replace(option, error=error, basis="measured", why="", measured_in=path)
 
     return tuple(
         replace(
@@ -344,7 +349,9 @@ def _confirmed(
     )
 
 
-def _measured_elsewhere(folder: Path, run: Tables, steps: Collection[float | None]) -> Iterator[CaseResult]:
+def _measured_elsewhere(
+    folder: Path, run: Tables, steps: Collection[float | None]
+) -> Iterator[tuple[Path, CaseResult]]:
     """Yield the cases at these steps of other stored runs, of the same scenarios, engines and builds."""
     builds = {(*key_of(case.columns), case.columns.get("build")) for case in run.cases if case.ok}
     for path, manifest in _newest_first(quiet=True):
@@ -357,7 +364,7 @@ def _measured_elsewhere(folder: Path, run: Tables, steps: Collection[float | Non
             continue
         with suppress(InputError):  # a damaged run confirms nothing
             yield from (
-                case
+                (path, case)
                 for case in read_tables(path).cases
                 if case.columns["scenario"] in named
                 and (*key_of(case.columns), case.columns.get("build")) in builds

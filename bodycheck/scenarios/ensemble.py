@@ -84,10 +84,10 @@ class Ensemble:
         check_row(row)
         summary = f"row {row} of the ensemble of {self.scenario.name} with seed {self.seed}"
         name = f"{self.scenario.name}-seed-{self.seed}-row-{row}"
-        return self.scenario_of(self.bodies(row, row + 1), name, summary)
+        return self.scenario_of(self.bodies(row, row + 1), name, summary, "bodycheck ensemble")
 
-    def scenario_of(self, bodies: Bodies, name: str, summary: str) -> Scenario:
-        """Return the scenario with the first of these bodies."""
+    def scenario_of(self, bodies: Bodies, name: str, summary: str, source: str) -> Scenario:
+        """Return the scenario with the first of these bodies; source: the command that found them."""
         data = serialized(self.scenario)
         initial = {key: data["initial"][key] for key in ("position_m",) if key in data["initial"]}
         if self.scenario.scene.pivot is None and "velocity_m_s" in data["initial"]:
@@ -99,7 +99,7 @@ class Ensemble:
         made = {
             "name": name.replace("/", "-"),
             "summary": summary,
-            "source": "bodycheck ensemble",
+            "source": source,
             "tags": list(data["tags"]),
             "duration_s": data["duration_s"],
             "samples": self.samples,

@@ -100,17 +100,29 @@ class Mjx(FreeBodiesOnly):
         return record_worlds(batch, integrator, self.methods[batch.method].precision, worlds)
 
 
+def jax_on_cpu(*, double: bool) -> Any:
+    """Return JAX in a precision, which is that of the process; a case is built before it is stepped.
+
+    Its results are then those of every machine, and its steps cost CPU time, which is what is measured.
+    """
+    import jax
+
+    jax.config.update("jax_platforms", "cpu")
+    if jax.config.jax_enable_x64 != double:
+        jax.config.update("jax_enable_x64", double)
+        jax.clear_caches()  # rk4 fails to compile with functions that were traced in the other precision
+    return jax
+
+
 class _Port:
     """A model in JAX, stepped by one compiled loop."""
 
     def __init__(self, scene: Scene, integrator: str, dt_s: float, *, double: bool) -> None:
-        import jax
         from mujoco import mjx
 
         from bodycheck.adapters.optional.mujoco_ports import mj_model
 
-        jax.config.update("jax_enable_x64", double)  # of the process; a case is built before it is stepped
-        self._jax: Any = jax
+        self._jax: Any = jax_on_cpu(double=double)
         self._model = mjx.put_model(mj_model(scene, integrator, dt_s))
         self._data = mjx.make_data(self._model)
 
@@ -149,13 +161,11 @@ class _Worlds:
     """Models of one shape in JAX, with an axis for the bodies in all fields that differ."""
 
     def __init__(self, models: Sequence[mujoco.MjModel], *, double: bool) -> None:
-        import jax
         from mujoco import mjx
 
         from bodycheck.adapters.optional.mujoco_ports import OF_BODY
 
-        jax.config.update("jax_enable_x64", double)  # of the process; a case is built before it is stepped
-        self._jax: Any = jax
+        jax = self._jax = jax_on_cpu(double=double)
         self._bodies, filled = len(models), 1
         while filled < self._bodies:
             filled *= _GROWTH
@@ -234,7 +244,5 @@ def _stepped(function: Callable[..., Any], model: Any, data: Any, steps: int, *m
     double = bool(jax.config.jax_enable_x64)
     key = (double, function, structure, tuple((leaf.shape, leaf.dtype) for leaf in leaves))
     if key not in _compiled:
-        if _compiled and next(reversed(_compiled))[0] != double:
-            jax.clear_caches()  # rk4 fails to compile with functions that were traced in the other precision
         _compiled[key] = jax.jit(function).lower(*arguments).compile()
     return _compiled[key](*arguments)

@@ -68,6 +68,7 @@ class MuJoCoWarp(FreeBodiesOnly):
         import warp
 
         warp.config.quiet = True
+        warp.set_device("cpu")  # steps on a GPU would cost no CPU time, and return before they are made
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Put MuJoCo's model of one body into Warp."""

@@ -73,17 +73,23 @@ class _PortTree(MuJoCoTree):
 
 
 class MjxTree(_PortTree):
-    """A tree in JAX, in the precision that is set."""
+    """A tree in JAX, in float32."""
+
+    def advance(self, steps: int) -> None:
+        """Make the steps one by one, and wait for the last."""
+        super().advance(steps)
+        self._state.qpos.block_until_ready()
 
     def _load(self) -> None:
-        import jax
         from mujoco import mjx
 
-        self._jax, self._mjx = jax, mjx
+        from bodycheck.adapters.optional.mjx import jax_on_cpu
+
+        self._jax, self._mjx = jax_on_cpu(double=False), mjx
         self.model.opt.enableflags = 0  # MJX has no energy
         self._port: Any = mjx.put_model(self.model)
         self._state: Any = mjx.put_data(self.model, self.data)
-        self._compiled = {name: jax.jit(getattr(mjx, name)) for name in ("forward", "step")}
+        self._compiled = {name: self._jax.jit(getattr(mjx, name)) for name in ("forward", "step")}
 
     def _load_step(self) -> None:
         self._port = self._port.tree_replace({"opt.timestep": self._jax.numpy.float32(self._dt_s)})

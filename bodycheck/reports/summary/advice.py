@@ -49,7 +49,8 @@ class Option:
     sides of the whole scenarios, the cost where no time was measured. rotation_rad: max |omega|
     times the step. limiting: the scenario that requires this setting. duration_s: simulated time, of
     all scenarios together. confirm: the command that measures it; "" where no run can use the step.
-    snippet: the statements that select it in a program; "" if the engine declares none.
+    snippet: the statements that select it in a program; "" if the engine declares none. measured_in: the
+    folder of another run that measured the error; "" if none did.
     """
 
     engine: str
@@ -67,6 +68,7 @@ class Option:
     duration_s: float
     confirm: str
     snippet: str
+    measured_in: str = ""
 
     @property
     def name(self) -> str:

@@ -44,7 +44,8 @@ def _answer_parts(advice: Advice, answer: ScenarioAdvice, scenarios: int) -> Ite
             over += f", {number(best.duration_s)} s"
     else:
         yield Sentence("nothing was measured" if not answer.without else "no error is known", "open")
-    yield Sentence(f"{_question(advice)} {over}, from the run {advice.run}")
+    confirmed_by = f", confirmed by {best.measured_in}" if best is not None and best.measured_in else ""
+    yield Sentence(f"{_question(advice)} {over}, from the run {advice.run}{confirmed_by}")
     if answer.options:
         has_own = any(option.engine == REFERENCE for option in answer.options)
         about = "; last the reference, the integrator of bodycheck itself" * has_own
