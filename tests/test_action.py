@@ -88,7 +88,9 @@ MEASURED = {"engine": "reference:rk4", "scenarios": "mine.toml"}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", PROJECTS)
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=() if kind == "failing" else pytest.mark.nightly) for kind in PROJECTS]
+)
 def test_steps_of_the_action_judge_a_project(kind: str, tmp_path: Path) -> None:
     """Audit and gate end with 0, 1 or 2; annotations, summary and SARIF tell why."""
     folder, seen = project(tmp_path, kind), []

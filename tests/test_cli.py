@@ -485,7 +485,7 @@ def test_the_map_of_each_method_is_printed(tmp_path: Path) -> None:
         assert f"{map_in_words(row['fingerprint'])}: {row['description']}" in printed.stdout.splitlines()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_broken_law_is_printed_with_its_size_and_ends_with_status_1(tmp_path: Path) -> None:
     """PyBullet's defaults, damping of 0.04 / s among them, break five laws; without them all laws hold."""
     words = ("laws", "pybullet:multibody@defaults,pybullet:multibody", "--quiet")

@@ -143,7 +143,10 @@ def piped(folder: Path) -> dict[str, str]:
     return parted(subprocess.run(words, cwd=folder, capture_output=True, text=True, check=True).stdout)
 
 
-@pytest.fixture(scope="module", params=WIDTHS)
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(width, marks=() if width == 80 else pytest.mark.nightly) for width in WIDTHS],
+)
 def terminal(folder: Path, request: pytest.FixtureRequest) -> tuple[int, dict[str, str]]:
     """Return a width and the output on a terminal of that width."""
     return request.param, parted(on_terminal(folder, request.param, ALL))

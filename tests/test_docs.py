@@ -81,15 +81,20 @@ NOT_RUN = {
 LONG = tuple(
     f"docs/{name}.md"
     for name in (
+        "add-an-engine",
         "audit",
         "clusters",
+        "course",
         "diagnosis",
         "ensembles",
         "gates",
         "nightly",
         "questions",
+        "recordings",
         "report",
         "start",
+        "theory",
+        "trees",
         "workers",
     )
 )

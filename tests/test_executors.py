@@ -467,7 +467,7 @@ def test_cluster_gives_the_tables_of_a_run(
     assert measured.results["cpu_s"].gt(0.0).all()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_cluster_without_encryption_or_out_of_reach_is_refused(
     cluster: Loopback,
     scenario: Path,
@@ -489,7 +489,7 @@ def test_cluster_without_encryption_or_out_of_reach_is_refused(
     assert ended.returncode == 2
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_lost_workers_lose_and_double_nothing(
     cluster: Loopback,
     scenario: Path,

@@ -150,7 +150,7 @@ def test_doctor_works_without_extras(bare: Path) -> None:
     assert run_bare(bare, "bodycheck", "doctor").returncode == 0
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_plain_run_without_engines_says_so_first(bare: Path) -> None:
     """The first lines of the output and of the summary say that only the reference was measured."""
     words = ("run", "mine.toml", "--no-speed", "--dt", "0.02", "--out", "plain")

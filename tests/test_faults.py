@@ -171,7 +171,7 @@ def test_fault_changes_no_other_case(faulty: Run, sound: Run) -> None:
     assert ((errors > 0.0) & (errors < 0.1)).all()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_engine_that_dies_while_timed_loses_only_its_speed(scenario: Path) -> None:
     """The row keeps its measures and states the reason; all other successful cases have a speed."""
     methods = ["close-output", "other-mass", ONLY_TIMED]

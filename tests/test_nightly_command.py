@@ -91,7 +91,7 @@ def run(*words: str, angle_rad: float = 0.0) -> Result:
         )
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_nightly_run_fails_on_a_regression(folder: Path) -> None:
     """The status is 3 without a baseline, 0 without a regression, and 1 if an orientation is worse."""
     first, second, moved = run(), run(), run(angle_rad=1e-9)
@@ -168,7 +168,7 @@ class Trees(Dart):
         self.tree_model = model
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("folder")
 def test_a_tree_that_moves_otherwise_is_a_regression_with_its_cause() -> None:
     """The first line names the method, the tree and the fault; the regression ends with the fault."""
@@ -186,7 +186,7 @@ def test_a_tree_that_moves_otherwise_is_a_regression_with_its_cause() -> None:
     assert "trees:semi-implicit: back at its level" in sound.stdout
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_history_is_listed_queried_and_pruned(folder: Path) -> None:
     """`list` prints one line per run, `query` a CSV of the result, and `prune` the names of removed runs."""
     run(), run()

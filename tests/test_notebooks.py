@@ -20,7 +20,7 @@ NOTEBOOKS = sorted((ROOT / "docs/notebooks").glob("*.ipynb"))
 INSTALLS = {"changed-release"}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "file",
     [pytest.param(one, marks=pytest.mark.nightly if one.stem in INSTALLS else ()) for one in NOTEBOOKS],

@@ -137,7 +137,7 @@ def repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Repository:
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_pull_request_fails_on_a_fault_and_passes_after_acceptance(repository: Repository) -> None:
     """One annotation names method, change, cause and commits; the label and a changed bound accept it."""
     base = repository.commit()

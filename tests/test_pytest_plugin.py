@@ -343,7 +343,7 @@ def test_step_function_does_not_run_a_body_with_a_pivot(inner: pytest.Pytester) 
     run(inner).assert_outcomes(passed=1)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_adapter_instance_is_registered_for_its_test_only(inner: pytest.Pytester) -> None:
     """An adapter instance is run like an engine, and its name is unknown after the run."""
     inner.makepyfile(
@@ -392,7 +392,7 @@ def test_other():
 """
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_options_complete_the_marker(inner: pytest.Pytester) -> None:
     """Two scenarios and two methods give four tests, the marker takes precedence, and -m selects them."""
     inner.makepyfile(MARKED)
@@ -505,7 +505,7 @@ reason = "nothing has this name"
 USING_GATES = "def test_gates(bodycheck_gate):\n    bodycheck_gate.check()\n"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_each_gate_of_a_file_is_a_test(inner: pytest.Pytester) -> None:
     """A gate that holds passes, a gate that is violated fails, and so does a gate that measured nothing."""
     inner.makefile(".toml", gates=GATES)
@@ -569,7 +569,7 @@ def test_it(bodycheck, upper):
 """
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_plugin_works_under_xdist(inner: pytest.Pytester) -> None:
     """Two workers give the outcomes of one process, and the summary has the lines of both."""
     inner.makepyfile(test_steps=RK4 + STEPPED)

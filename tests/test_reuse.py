@@ -129,7 +129,7 @@ def test_gates_in_tests_measure_again(requested: bool, reuse: str, monkeypatch: 
         gate.within(SimpleNamespace(node=SimpleNamespace(user_properties=[]))).check()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @needs_a_compiler
 def test_rebuilt_engine_is_run_again_and_named_after_its_changes(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -288,6 +288,7 @@ def test_shard_without_cases_is_a_shard(folder: Path, tmp_path: Path) -> None:
         pd.testing.assert_frame_equal(table, comparable_tables(tmp_path / "whole")[name])
 
 
+@pytest.mark.slow
 def test_questions_about_a_shard_without_cases_are_answered(folder: Path, tmp_path: Path) -> None:
     """The report says that there is none, and there is no setting to advise."""
     requested = replace(request(folder), scenarios=[str(folder / "mine.toml")], engines=["reference:m1"])

@@ -389,7 +389,7 @@ def test_search_runs_code_of_a_scenario_only_if_allowed(
     assert requested == [allowed]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("toy")
 def test_release_in_which_a_measure_changed_is_found(
     command: Callable[..., tuple[int, str, str]],

@@ -83,7 +83,7 @@ for name in ("intermediate-axis", "world-torque", "satellite-libration", "sine-t
 """
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_taylor_solver_compiles_nothing_in_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """All kernels of the solver were compiled ahead, with and without torques."""
     monkeypatch.setenv("BODYCHECK_CACHE_DIR", str(tmp_path))

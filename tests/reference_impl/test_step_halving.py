@@ -64,7 +64,7 @@ def test_switches_of_other_loads_are_met_exactly() -> None:
     assert truth.bound_rad[-1] <= 1e-12
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_discontinuous_function_is_only_estimated() -> None:
     """If halved steps do not converge with order 8, the truth is not certified."""
 

@@ -390,7 +390,7 @@ def test_specialised_kernels_equal_the_general_one() -> None:
         assert np.max(gap) <= (1e-14 if resolution is FINE else 1e-29)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "omega",
     [

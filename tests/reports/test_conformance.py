@@ -232,7 +232,7 @@ class Crashing(Example):
         return super().build(scene, method, dt_s)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_crash_is_a_failure_with_status_1(tmp_path: Path) -> None:
     """A failed case is not a refusal: its checks fail with the engine's own words, and the status is 1."""
     with registered(Crashing()):

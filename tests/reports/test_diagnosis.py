@@ -140,6 +140,7 @@ def test_a_map_of_a_lower_order_is_not_blamed_where_maps_agree(tmp_path: Path) -
     assert (found.verdict, found.base) == ("healthy", "rk4")
 
 
+@pytest.mark.slow
 def test_a_mislabelled_method_is_not_shown_as_good(tmp_path: Path) -> None:
     """The explanation of the case has the tint of a cause."""
     with registered(Mislabelled()):
@@ -165,6 +166,7 @@ def test_the_true_motion_is_no_fault(scenario: str) -> None:
     assert (found.verdict, found.base, found.faults) == ("healthy", "exact", ())
 
 
+@pytest.mark.slow
 def test_a_body_that_never_moves_is_diagnosed(tmp_path: Path) -> None:
     """No change is small relative to values that are all 0."""
     (tmp_path / "forced.toml").write_text(
@@ -219,6 +221,7 @@ def test_a_planted_fault_is_named_with_its_parameter(
     assert found.share > 0.999
 
 
+@pytest.mark.slow
 def test_a_fault_that_leaves_more_than_another_map_would_is_the_nearest_one() -> None:
     """Something unknown acts besides the missing term: what is left is far above round-off."""
     motion = motion_of("full-tensor", "rk4", ["no-gyroscopic-term"])
@@ -232,6 +235,7 @@ def test_a_fault_that_leaves_more_than_another_map_would_is_the_nearest_one() ->
     assert not found.without_faults.sentence.startswith("nearest")
 
 
+@pytest.mark.slow
 def test_a_fault_of_an_unknown_map_is_stated_as_it_is() -> None:
     """What is left is no more than one map of order 1 differs from another."""
     scene = problem_of("full-tensor").scenario.scene
@@ -417,7 +421,7 @@ def test_a_run_diagnoses_wrong_methods_only(
         expected_message(refused.stderr.strip())
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("fault", ["no-gyroscopic-term", "inertia-sphere"])
 def test_a_scenario_that_separates_faults_decides_for_all_scenarios(fault: str) -> None:
     """The first scenario has no torque, so a sphere moves like a body without gyroscopic term."""

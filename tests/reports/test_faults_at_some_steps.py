@@ -208,7 +208,7 @@ def two_flights() -> Run:
         )
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_fault_at_one_listed_step_is_a_finding_of_that_case(two_flights: Run) -> None:
     """Verdict, error, step and command are those of the wrong case; above the usable step is no finding."""
     run = two_flights
@@ -236,7 +236,7 @@ def test_fault_at_one_listed_step_is_a_finding_of_that_case(two_flights: Run) ->
     assert overview.largest_error[1].startswith("dt 0.005 s, ")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_diagnosis_is_of_the_case_of_the_finding_and_of_the_engine(two_flights: Run) -> None:
     """A fault at one step is named from that step; one that the run refutes is named for its scene only.
 
@@ -253,7 +253,7 @@ def test_diagnosis_is_of_the_case_of_the_finding_and_of_the_engine(two_flights: 
     assert {method for method, _ in found} == {"one", "reversed-torque", "long-calls"}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_of_equal_diagnoses_those_are_named_that_the_run_does_not_refute(tmp_path: Path) -> None:
     """A missing gyroscopic term and the inertia of a sphere make one free motion, but not one about z."""
     path = tmp_path / "spin.toml"
@@ -284,7 +284,7 @@ def test_motion_that_no_fault_makes_is_explained_in_no_scene() -> None:
     assert "powered-flight refutes it" in refuted["cubic-damping", "free-flight"]["diagnosis"]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_errors_that_a_clock_in_float32_accumulates_are_a_finding(tmp_path: Path) -> None:
     """The error grows at every finer step, although no probe or law contains the load."""
     path = tmp_path / "spin.toml"

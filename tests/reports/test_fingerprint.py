@@ -419,7 +419,7 @@ def test_the_residual_of_a_solver_is_no_violation() -> None:
         assert ("loads that are held" in reverse.message) is (verdict == "property")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("share", "verdict"), [(lambda tol: 1e4 * tol, "property"), (lambda _: 1e-8, "broken")]
 )

@@ -258,7 +258,7 @@ def test_the_error_is_printed_before_the_search_for_its_cause(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("width", [1440, 390])
+@pytest.mark.parametrize("width", [pytest.param(1440, marks=pytest.mark.nightly), 390])
 def test_the_page_draws_the_motion_and_fits_its_window(width: int, chromium: Browser, tmp_path: Path) -> None:
     """Both plots over time and the motion are drawn, without an error of a script, also on a phone."""
     files = [write(tmp_path / f"{dt}.csv", T_S, stepped(T_S, round(0.05 / dt))) for dt in (0.025, 0.0125)]

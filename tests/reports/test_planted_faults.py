@@ -38,7 +38,9 @@ def test_the_table_of_faults_is_long_and_clear() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("base", BASES)
+@pytest.mark.parametrize(
+    "base", [pytest.param(base, marks=() if base == "rk4" else pytest.mark.nightly) for base in BASES]
+)
 def test_probes_see_each_planted_fault_but_those_that_they_cannot(base: str) -> None:
     """Each fault gives a finding or a property; the sound base and the excepted faults do not."""
     adapter = Faulty(base)
@@ -76,7 +78,7 @@ def check_reports(base: str, faults: Sequence[Fault]) -> None:
             assert results[0].reproduce in text, (page, method)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("base", "first"),
     [

@@ -115,6 +115,7 @@ def test_a_step_is_found_where_it_is_one_per_sample() -> None:
     assert (found.verdict, found.base) == ("healthy", "M1")
 
 
+@pytest.mark.slow
 def test_a_fault_changes_the_verdict_of_a_healthy_log(tmp_path: Path) -> None:
     """The checks can fail: a row that is moved by ten resolutions is no longer a step of the map."""
     (folder,) = CASES.glob("02-*")
@@ -302,7 +303,10 @@ def test_a_solver_that_chooses_its_steps_is_right(solver: str, tolerance: float,
 
 @pytest.mark.slow
 @pytest.mark.parametrize("solver", ["RK45", pytest.param("LSODA", marks=NIGHTLY)])
-@pytest.mark.parametrize("fault", ["damped", "anti-damped", "another moment"])
+@pytest.mark.parametrize(
+    "fault",
+    ["damped", *(pytest.param(one, marks=NIGHTLY) for one in ("anti-damped", "another moment"))],
+)
 def test_the_errors_of_a_coarse_solver_hide_no_fault(solver: str, fault: str, tmp_path: Path) -> None:
     """At a tolerance of 1e-3, the energy that is lost or gained, or the other tensor, still shows."""
     other = INERTIA * np.where(np.eye(3) * [1, 0, 0], 1.02, 1.0)
@@ -350,7 +354,9 @@ def test_noise_of_a_sensor_is_no_fault(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", ["smallest-moment", "inertia-tensor-up-to-a-factor"])
+@pytest.mark.parametrize(
+    "fault", ["smallest-moment", pytest.param("inertia-tensor-up-to-a-factor", marks=NIGHTLY)]
+)
 def test_noise_hides_no_other_tensor(fault: str, tmp_path: Path) -> None:
     """A moment, or an entry, that is 5 % larger moves the motion far more than the noise within the log."""
     moments, axes = np.linalg.eigh(INERTIA)
@@ -448,7 +454,7 @@ def test_rows_that_are_rounded_alike_do_not_narrow_an_interval(tmp_path: Path) -
     assert 0.2 < float(np.sqrt(np.mean(np.square(off)))) < 1.6
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_many_steps_of_euler_between_two_rows_are_no_slip_of_one_long_step(tmp_path: Path) -> None:
     """20 steps of order 1 leave what one of RK4 with its third stage at 0.425 leaves, which is not named."""
     dt_s, omega, attitude, rows = 1e-3, np.array([0.1, 0.9, 0.2]), np.array([1.0, 0.0, 0.0, 0.0]), []
@@ -509,7 +515,7 @@ def test_matrices_that_lost_their_orthogonality_are_those_of_a_map(tmp_path: Pat
     assert "Buss 2000, order 1, additive matrix" in (found.base, *found.equal_maps)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("additive", "name"), [(True, "Buss 2000, order 1, additive matrix"), (False, "Buss 2000, order 1")]
 )
@@ -521,7 +527,7 @@ def test_a_fault_is_named_in_any_map_of_the_library(additive: bool, name: str, t
     assert "torques are multiplied by 1.02" in found.sentence
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_fault_is_named_that_is_smaller_than_the_differences_between_maps(tmp_path: Path) -> None:
     """Faults that fit the map that is nearest at first are not the only ones that are tried with others."""
     loads = """[[forcing]]

@@ -73,7 +73,7 @@ def diagnosis_of(
     ("row", "stage", "name"),
     [
         ((0.0, 0.0, 0.5), 3, "stage-4-misplaced"),
-        ((0.0, 1.0), 2, "stage-3-misplaced"),
+        pytest.param((0.0, 1.0), 2, "stage-3-misplaced", marks=pytest.mark.slow),
         pytest.param((0.9,), 1, "stage-2-misplaced", marks=pytest.mark.nightly),
         pytest.param((0.5, 0.0), 2, "stage-3-from-1", marks=pytest.mark.nightly),
     ],
@@ -121,7 +121,7 @@ def test_a_last_stage_at_half_of_the_step_is_named_without_an_order(matrix: bool
     assert found.base == ("RK4, additive matrix" if matrix else "rk4")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_method_that_no_catalogue_has_is_not_accused_of_a_slip() -> None:
     """Of order 2, from the family of Ralston (1962), with its second stage at 0.4 of the step."""
     found = diagnosis_of(((), (0.4,)), (1.0 - 1.0 / 0.8, 1.0 / 0.8), order=None)

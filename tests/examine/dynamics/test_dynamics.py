@@ -26,7 +26,6 @@ from tests.helpers.faulty_tree_models import PLANTED, FaultyTrees, PlantedTreeFa
 from tests.helpers.in_process_cli import run_bodycheck
 
 _FAST = "stale-matrix"
-_TIERS = {"axis-in-parent": "slow", "gyroscopic-missing": "slow"}
 
 
 def check_named(fault: PlantedTreeFault) -> None:
@@ -40,11 +39,7 @@ def check_named(fault: PlantedTreeFault) -> None:
 
 @pytest.mark.parametrize(
     "fault",
-    [
-        pytest.param(one, id=one.name, marks=getattr(pytest.mark, _TIERS.get(one.name, "nightly")))
-        for one in PLANTED
-        if one.name != _FAST
-    ],
+    [pytest.param(one, id=one.name, marks=pytest.mark.nightly) for one in PLANTED if one.name != _FAST],
 )
 def test_planted_fault_is_named(fault: PlantedTreeFault) -> None:
     """Each fault is named first, with its parameters."""

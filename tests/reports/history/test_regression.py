@@ -647,7 +647,7 @@ def test_stored_history_has_the_last_success_of_a_case(nightly_run: Run, tmp_pat
     assert {one.change.kind for one in same.state.closed} == {"outcome"}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_slower_engine_is_reported_until_accepted(nightly_run: Run, tmp_path: Path) -> None:
     """A fifth more time in each run from the eighth on is reported within five runs, and stays open."""
     rng = np.random.default_rng(1)

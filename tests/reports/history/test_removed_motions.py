@@ -30,7 +30,7 @@ def stored(nightly_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return History(folder).runs()[-1]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_motions_are_removed_and_computed_again(stored: Path, nightly_run: Run) -> None:
     """The newest seven runs have all; older ones those of changed cases; the rest is the same when needed."""
     motions = stored / "trajectories"

@@ -164,6 +164,7 @@ def test_creep_to_a_faster_level_has_its_sign() -> None:
     assert [(step.creeps, step.size < -LEAST) for step in found] == [(True, True)]
 
 
+@pytest.mark.slow
 def test_a_speed_that_creeps_more_slowly_than_the_latest_runs_show_is_reported() -> None:
     """By 0.05 % in each of 200 runs, of which the last sixty and the first twenty are judged."""
 

@@ -181,7 +181,7 @@ def events(history: History) -> Iterator[list[str]]:
         yield from [[folder.name, "opened"]] * len(() if still else night.open)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_every_night_of_a_month_says_what_is_open(engines_run: Run, tmp_path: Path) -> None:
     """Status, first line, open list and feed are the right ones, whatever happened before."""
     history, said = History.at(tmp_path), []

@@ -58,7 +58,7 @@ def test_levels_of_errors_orders_and_stable_steps_are_steps(nightly_run: Run, tm
     assert "w" not in other
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_level_of_a_time_is_the_median_of_its_runs(
     nightly_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
