@@ -95,6 +95,8 @@ def folder(stored_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     }
     (folder / "other/manifest.json").write_text(json.dumps(manifest))
     shutil.copytree(folder / "run", folder / "parent/run")
+    (folder / "parent/bodies").mkdir()
+    (folder / "parent/bodies/manifest.json").write_text("{}")  # of an ensemble, which is no run
     (folder / "gates.toml").write_text(
         '[[gate]]\nengine = "reference"\nmeasure = "orientation_error_rad"\nupper = 1e-99\nreason = "any"\n'
     )

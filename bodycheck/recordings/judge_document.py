@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 from bodycheck._util.formatting import count, names, number, scientific, step
 from bodycheck.examine.diagnosis.candidate_maps import EXACT
@@ -254,12 +255,15 @@ def _ranking_sentence(ranking: Ranking) -> str:
     if not ranking.quantity:
         return f"{ranking.rows[0]['scenario']}: {len(ranking.rows)} files, not ranked: no measure in common."
     ended = [row for row in ranking.rows if row["outcome"] == "ok"]
-    best = [row["file"] for row, rank in zip(ranking.rows, ranking.ranks, strict=True) if rank == 1]
+    paths = [row["file"] for row in ranking.rows]
+    alone = [Path(path).name for path in paths]
+    called = dict(zip(paths, alone if len({*alone}) == len(paths) else paths, strict=True))
+    best = [called[path] for path, rank in zip(paths, ranking.ranks, strict=True) if rank == 1]
     measure = ranking.quantity.replace("_", " ").removesuffix(" rad")
     unit = " rad" if ranking.quantity == ORIENTATION else ""
     least, most = (f"{scientific(row[ranking.quantity])}{unit}" for row in (ended[0], ended[-1]))
     first = f"{names(best)} {'is' if len(best) == 1 else 'are'} nearest to the truth: {measure} {least}"
-    return f"{first}; {ended[-1]['file']} is farthest: {most}."
+    return f"{first}; {called[ended[-1]['file']]} is farthest: {most}."
 
 
 def _order_sentence(ranking: Ranking) -> str:

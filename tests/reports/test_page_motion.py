@@ -46,7 +46,7 @@ def pictures(figure: Locator) -> list[str]:
 def angles(figure: Locator) -> list[float]:
     """Return the distances from the truth that the engines' panels show, in rad."""
     reported = figure.locator(".tracks small").all_inner_texts()[1:]
-    return [float(text.removesuffix(" rad off")) for text in reported]
+    return [float(text.removesuffix(" rad off").rpartition(", ")[2]) for text in reported]
 
 
 def set_time(figure: Locator, share: float) -> None:

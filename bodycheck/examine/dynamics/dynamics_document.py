@@ -11,9 +11,9 @@ from bodycheck.reports.document import Column, Document, Part, Sentence, Span, T
 
 _TINTS = {"right": "good", "wrong": "bad", "failed": "bad", "unsupported": "open"}
 _AFTER = {
-    "start": "its start",
-    "one step before": "the step before",
-    "end": "its end",
+    "start": "old state",
+    "one step before": "state before",
+    "end": "new state",
     "unclear": "unclear",
     "": "",
 }
@@ -25,7 +25,7 @@ _COLUMNS = (
     Column("worst", "number"),
     Column("worst tree", "name"),
     Column("right in", "number"),
-    Column("of the step", "fixed"),
+    Column("after a step", "fixed"),
     Column("call, axes and order of the engine", only=("markdown", "page")),
 )
 
@@ -74,7 +74,7 @@ def _parts(found: EngineDynamics) -> Iterator[Part]:
             yield Sentence(f"{LABELS[result.reading]}: {right}, wrong in motion", "bad")
     for reading in found.unexplained:
         elsewhere = " of the other trees" if any(reading in cause.readings for cause in found.causes) else ""
-        yield Sentence(f"{LABELS[reading]}: no known fault explains those{elsewhere}", "open")
+        yield Sentence(f"{LABELS[reading]}: no known fault explains them{elsewhere}", "open")
     if late := [LABELS[one.reading] for one in found.late]:
         which = "all readings" if len(late) == sum(bool(one.stage) for one in measured) else names(late)
         yield Sentence(f"no fault: after a step, {which} describe the state at its start")

@@ -144,7 +144,8 @@ def sentences(comparison: Comparison) -> list[str]:
     """Return what changed, one sentence per method, then the environment and how much was compared."""
     lines = lines_of(comparison)
     changed = [*headlines(lines), *(f"{text}." for text in moved_texts(comparison, lines))]
-    return [*(changed if comparison.changes else [nothing(comparison)]), *scope(comparison, lines)]
+    is_changed = any(change.status != "new" for change in comparison.changes)
+    return [*(changed if is_changed else [nothing(comparison)]), *scope(comparison, lines)]
 
 
 def scope(comparison: Comparison, lines: Iterable[Headline]) -> list[str]:
@@ -196,7 +197,7 @@ def _collapsed(comparison: Comparison, lines: Iterable[Headline]) -> str:
         parts.append(f"{len(improved)} improved")
     if moved := comparison.of_status("moved"):
         parts.append(f"{len(moved)} moved{moved_text(moved, comparison.thresholds)}")
-    if new := comparison.of_status("new"):
+    if parts and (new := comparison.of_status("new")):
         parts.append(f"{len(new)} new")
     return f"Changed values: {', '.join(parts)}." if parts else ""
 

@@ -111,9 +111,9 @@ def _read_table(path: Path, kind: TableKind) -> list[Row]:
     return rows
 
 
-def _beside(folder: Path) -> Iterator[Path]:
-    """Yield the runs next to a folder."""
-    yield from (path.parent for path in islice(folder.parent.glob(f"*/{MANIFEST}"), _MAX_INSIDE))
+def _runs_in(folder: Path) -> list[Path]:
+    """Return the runs in a folder, which ensembles, audits and others may be in too."""
+    return [path.parent for path in islice(folder.glob("*/results.csv"), _MAX_INSIDE)]
 
 
 def _json(folder: Path, name: str) -> Any:
@@ -122,14 +122,14 @@ def _json(folder: Path, name: str) -> Any:
     except FileNotFoundError:
         scenario = not folder.exists() and str(folder) in scenario_names()
         hint = f"; to run the scenario: bodycheck run {folder} --out {folder}" if scenario else ""
-        if inside := [found.parent for found in islice(folder.glob(f"*/{name}"), _MAX_INSIDE)]:
-            newest = max(inside, key=lambda run: (run / name).stat().st_mtime)
+        if inside := _runs_in(folder):
+            newest = max(inside, key=lambda run: (run / "results.csv").stat().st_mtime)
             hint = (
-                f"; the newest of {len(inside)} in it is {newest}"
+                f"; the newest of {len(inside)} runs in it is {newest}"
                 if len(inside) > 1
                 else f"; {newest} is one"
             )
-        elif near := nearest(folder.name, [one.name for one in _beside(folder)]):
+        elif near := nearest(folder.name, [one.name for one in _runs_in(folder.parent)]):
             hint = hint or f"; did you mean {folder.parent / near}?"
         raise InputError(f"{folder / name}: missing: not a run folder{hint}") from None
 

@@ -412,7 +412,7 @@ def _verdicts(overview: Overview) -> tuple[Span, ...]:
     """Return each verdict in its colour, with the number of scenarios where there are several."""
     spans: list[Span] = []
     for state, amount in overview.states.items():
-        number = f" {amount}" if len(overview.cells) > 1 else ""
+        number = f" in {amount}" if len(overview.cells) > 1 else ""
         spans += [Span(", ")] * bool(spans)
         spans.append(Span(STATES[state].word + number, STATES[state].tint))
     return tuple(spans)

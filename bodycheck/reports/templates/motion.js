@@ -35,8 +35,10 @@ const treeTrack = stored => ({
   bodies: stored.bodies.map(({ q, omega, x }) => ({ q: rows(q, 4, 1), omega: rows(omega, 3, stored.fastest), x: rows(x, 3, stored.far) })),
 });
 
+const stepOf = ({ dt }) => dt === null ? [] : [`dt ${dt} s`];
+
 const named = (stored, t) => ({
-  name: methods[stored.m].name + (stored.dt === null ? "" : `, dt ${stored.dt} s`),
+  name: [methods[stored.m].name, ...stepOf(stored)].join(", "),
   error: typeof stored.error === "number" ? t.map(() => stored.error) : lineValues(stored.error),
 });
 
@@ -221,7 +223,7 @@ function startPlayer(figure) {
     for (const { track, canvas, error } of panels) {
       canvas.setAttribute("aria-label", `Motion and polhode of ${track.name}; arrow keys rotate the view, space plays`);
       drawTrack(canvas, motion, track, t);
-      if (track !== truth) error.textContent = `${short(errorAt(track, times, t), 2)} rad off`;
+      if (track !== truth) error.textContent = [...stepOf(track), `${short(errorAt(track, times, t), 2)} rad off`].join(", ");
     }
     moveCursor(section, t);
     figure.dataset.drawn = clock.textContent;
