@@ -68,7 +68,9 @@ def main(
     curves = {
         place: curve
         for place, curve in curves_of(tables, measure).items()
-        if curve.control == "dt" and (not engines or place[1][0] in engines.split(","))
+        if curve.control == "dt"
+        and (not engines or place[1][0] in engines.split(","))
+        and any(case.columns["outcome"] != "unsupported" for case in curve.cases)
     }
     kinds = Counter[str]()
     predicted = list(_questions(curves, [float(error) for error in errors.split(",")], kinds))
