@@ -17,15 +17,10 @@ from bodycheck.reports.measurement.measures import MEASURES
 from tests.helpers.doc_pages import ROOT
 
 NOTEBOOKS = sorted((ROOT / "docs/notebooks").glob("*.ipynb"))
-INSTALLS = {"changed-release"}
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize(
-    "file",
-    [pytest.param(one, marks=pytest.mark.nightly if one.stem in INSTALLS else ()) for one in NOTEBOOKS],
-    ids=lambda file: file.stem,
-)
+@pytest.mark.parametrize("file", NOTEBOOKS, ids=lambda file: file.stem)
 def test_notebook_runs(file: Path, tmp_path: Path) -> None:
     """Every cell of a notebook runs, and prints where it printed when its output was stored."""
     copy = tmp_path / file.name

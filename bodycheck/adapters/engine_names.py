@@ -188,7 +188,7 @@ def engine_fault(name: str) -> str | None:
         named, _, version = engine.partition("=")
         if named in engine_names():
             return f"{name}: invalid version pin (expected NAME==VERSION, like {named}=={version or '4.0.0'})"
-        alone = engine.partition(":")[0]
+        alone = split_method(engine)[0]
         if alone in engine_names():
             return f"{name}: name the engine alone: {alone}"
         return f"unknown engine {engine!r}{suggestion(engine, engine_names())}"

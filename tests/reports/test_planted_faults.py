@@ -78,7 +78,7 @@ def check_reports(base: str, faults: Sequence[Fault]) -> None:
             assert results[0].reproduce in text, (page, method)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("base", "first"),
     [
