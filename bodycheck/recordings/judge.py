@@ -134,13 +134,13 @@ def judge_files(
         raise InputError(f"--dt: the step {twice[0]!r} is given twice")
     problem = Problem.of(scenario, scenario_spec, cache)
     motions = [
-        judged_motion(path, recorded, problem, cache, start)
-        for path, recorded in zip(paths, recordings, strict=True)
+        judged_motion(path, name, recorded, problem, cache, start)
+        for path, name, recorded in zip(paths, _file_names(paths), recordings, strict=True)
     ]
     steps = [{}] * len(motions) if steps_s is None else [{"dt_s": dt_s} for dt_s in steps_s]
     judged = [
-        ({"file": str(motion.path), **step_s, **motion.row}, motion)
-        for motion, step_s in zip(motions, steps, strict=True)
+        ({"file": str(path), **step_s, **motion.row}, motion)
+        for path, motion, step_s in zip(paths, motions, steps, strict=True)
     ]
     ended = [(row, motion) for row, motion in judged if row["outcome"] == "ok"]
     _check_spans({row["file"]: float(motion.problem.truth.trajectory.t_s[-1]) for row, motion in ended})
@@ -150,6 +150,12 @@ def judge_files(
     rows, ranked = zip(*judged, strict=True)
     orders = {} if steps_s is None or len(paths) < 2 else _orders(rows, common, ranked[0].problem)
     return Ranking(rows, quantity, orders, ranked)
+
+
+def _file_names(paths: Sequence[Path]) -> list[str]:
+    """Return the name of each file without its folder, or the paths where two files have the same name."""
+    alone = [path.name for path in paths]
+    return alone if len({*alone}) == len(paths) else [str(path) for path in paths]
 
 
 def _resolved(row: Mapping[str, Any], quantity: str) -> float:
@@ -232,7 +238,7 @@ def explained_motion(
         reason = "" if found is not None else obstacle(scene, trajectory, known) or _TOO_MANY_STEPS
     setting = {"control": "none" if dt_s is None else "dt", "dt_s": dt_s}
     case = CaseResult({**motion.case.columns, **setting}, MeasuredMotion(trajectory))
-    return ExplainedCase(problem, (motion.path.name,), case, (), found, reason)
+    return ExplainedCase(problem, (motion.name,), case, (), found, reason)
 
 
 def _of_attitudes(motion: JudgedMotion, scene: Scene, trajectory: Trajectory) -> Diagnosis | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 from bodycheck._util.formatting import count, names, number, scientific, step
 from bodycheck.examine.diagnosis.candidate_maps import EXACT
@@ -34,7 +33,7 @@ def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Senten
     """
     diagnosis, dt_s = (None, None) if case is None else (case.diagnosis, case.case.dt_s)
     if not motion.case.ok:
-        return [Sentence(f"{motion.path.name} is unstable: {motion.row['message']}.", "bad", strong=True)]
+        return [Sentence(f"{motion.name} is unstable: {motion.row['message']}.", "bad", strong=True)]
     is_noisy = diagnosis is not None and diagnosis.is_within_noise
     parts = [*_distance(motion), *_cause(motion, diagnosis, dt_s)]
     if not is_noisy:  # which alone changes what is conserved
@@ -186,12 +185,12 @@ def judgement_document(
         parts = [*_ranking_parts(ranking)]
         if cases:
             parts += [
-                Sentence(f"{motion.path.name}: {conclusion(motion, case)}")
+                Sentence(f"{motion.name}: {conclusion(motion, case)}")
                 for motion, case in zip(ranking.motions, cases, strict=True)
             ]
     if evidence:
         parts += explanation_parts(cases, concluded=True)
-    first, *others = (motion.path.name for motion in ranking.motions)
+    first, *others = (motion.name for motion in ranking.motions)
     more = f" and {count(len(others), 'more file')}" if others else ""
     return Document(f"Judgement of {first}{more}", tuple(parts))
 
@@ -254,16 +253,13 @@ def _ranking_parts(ranking: Ranking) -> Iterator[Part]:
 def _ranking_sentence(ranking: Ranking) -> str:
     if not ranking.quantity:
         return f"{ranking.rows[0]['scenario']}: {len(ranking.rows)} files, not ranked: no measure in common."
-    ended = [row for row in ranking.rows if row["outcome"] == "ok"]
-    paths = [row["file"] for row in ranking.rows]
-    alone = [Path(path).name for path in paths]
-    called = dict(zip(paths, alone if len({*alone}) == len(paths) else paths, strict=True))
-    best = [called[path] for path, rank in zip(paths, ranking.ranks, strict=True) if rank == 1]
+    ended = [motion for motion in ranking.motions if motion.row["outcome"] == "ok"]
+    best = [motion.name for motion, rank in zip(ranking.motions, ranking.ranks, strict=True) if rank == 1]
     measure = ranking.quantity.replace("_", " ").removesuffix(" rad")
     unit = " rad" if ranking.quantity == ORIENTATION else ""
-    least, most = (f"{scientific(row[ranking.quantity])}{unit}" for row in (ended[0], ended[-1]))
+    least, most = (f"{scientific(motion.row[ranking.quantity])}{unit}" for motion in (ended[0], ended[-1]))
     first = f"{names(best)} {'is' if len(best) == 1 else 'are'} nearest to the truth: {measure} {least}"
-    return f"{first}; {called[ended[-1]['file']]} is farthest: {most}."
+    return f"{first}; {ended[-1].name} is farthest: {most}."
 
 
 def _order_sentence(ranking: Ranking) -> str:

@@ -100,7 +100,7 @@ def _section(group: Sequence[JudgedMotion], drawn: dict[MethodKey, Style], numbe
     clear = [name for name in drifts if name not in at_floor]
     first = sorted(clear, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
     return _Section(
-        name=", ".join(motion.path.name for motion in group),
+        name=", ".join(motion.name for motion in group),
         anchor=f"motion-{number}",
         plots=plots | {"drifts": [drifts[name] for name in clear]},
         first=tuple(first[:2]),

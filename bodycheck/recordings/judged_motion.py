@@ -64,7 +64,8 @@ class MomentumChange:
 class JudgedMotion:
     """A recording with the truth at its samples.
 
-    row: its columns, like those of results.csv, without the file. problem: the scenario as it started, and
+    name: what sentences and figures call its file. row: its columns, like those of results.csv, without the
+    file. problem: the scenario as it started, and
     the truth at the samples of the file. case: the columns and the motion, with the measures over time where
     it is stable. known: which of position, velocity, attitude and omega the file has. resolution: of these.
     momentum: its largest changes, None where the file has no attitude or omega. energy: the largest change of
@@ -74,7 +75,7 @@ class JudgedMotion:
     recording.
     """
 
-    path: Path
+    name: str
     row: dict[str, Any]
     problem: Problem
     case: CaseResult
@@ -94,11 +95,12 @@ class JudgedMotion:
 
 
 def judged_motion(
-    path: Path, recorded: RecordedMotion, problem: Problem, cache: Cache | None, start: Start
+    path: Path, name: str, recorded: RecordedMotion, problem: Problem, cache: Cache | None, start: Start
 ) -> JudgedMotion:
     """Measure a recording.
 
-    problem: the scenario at its own samples. start: where the truth starts. Raises InputError where nothing
+    name: what sentences and figures call the file. problem: the scenario at its own samples. start: where the
+    truth starts. Raises InputError where nothing
     can be compared, times lie outside the scenario's duration, or the file contradicts itself.
     """
     arrays, known = recorded.arrays, frozenset(quantities_of(recorded.arrays))
@@ -133,8 +135,8 @@ def judged_motion(
     motion = stable_motion(scene, trajectory, true)
     if isinstance(motion, str):
         columns |= {"outcome": "unstable", "message": motion}
-        case = CaseResult({**columns, **_identity(path)}, MeasuredMotion(trajectory))
-        return JudgedMotion(path, columns, at_samples, case, known, resolution, None, None, {}, start)
+        case = CaseResult({**columns, **_identity(name)}, MeasuredMotion(trajectory))
+        return JudgedMotion(name, columns, at_samples, case, known, resolution, None, None, {}, start)
     _check_redundant(path, trajectory)
     if not trusted.all():
         until = f"t = {truth.trusted_until_s:.6g} s"
@@ -156,9 +158,9 @@ def judged_motion(
     columns |= reduced(series, departures, scales)
     columns |= _drifts_from_start(series, departures, compared.until, scales)
     columns |= worst.columns if worst else {}
-    case = CaseResult({**columns, **_identity(path)}, MeasuredMotion(trajectory, series))
+    case = CaseResult({**columns, **_identity(name)}, MeasuredMotion(trajectory, series))
     return JudgedMotion(
-        path,
+        name,
         columns,
         at_samples,
         case,
@@ -174,9 +176,9 @@ def judged_motion(
     )
 
 
-def _identity(path: Path) -> dict[str, Any]:
+def _identity(name: str) -> dict[str, Any]:
     """Return the columns that identify a file where a case has its engine, method and step."""
-    return {"engine": path.name, "method": "", "control": "none", "dt_s": None, "tolerance": None}
+    return {"engine": name, "method": "", "control": "none", "dt_s": None, "tolerance": None}
 
 
 def _check(path: Path, t_s: Array, known: frozenset[str], scenario: Scenario) -> None:

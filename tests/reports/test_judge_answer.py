@@ -313,6 +313,24 @@ def test_several_files_are_ranked_with_their_order_or_the_reason(tmp_path: Path)
         assert texts[1].startswith("No order: ")
 
 
+def test_files_of_the_same_name_are_told_apart_by_their_folders(tmp_path: Path) -> None:
+    """Every sentence and every line of a figure names one file."""
+    paths = []
+    for rate in (0.0, 0.1):
+        folder = tmp_path / f"damping-{rate}"
+        folder.mkdir()
+        paths.append(write(folder / "sim.csv", T_S, stepped(T_S, 5, damping=rate), "%.9g"))
+    ranking = rank(paths, body=BODY)
+    called = [motion.name for motion in ranking.motions]
+    assert called == [str(path) for path in paths]
+    assert [motion.case.columns["engine"] for motion in ranking.motions] == called
+    cases = [explained_motion(motion, None) for motion in ranking.motions]
+    texts = [part.text for part in judgement_document(ranking, cases).parts if isinstance(part, Sentence)]
+    assert texts[0].startswith(f"{called[0]} is nearest")
+    assert f"{called[1]} is farthest" in texts[0]
+    assert [text.partition(":")[0] for text in texts[2:]] == called
+
+
 def attitudes_alone(path: Path, attitude: Array) -> Path:
     """Write attitudes (n, 4) with five decimals, without omega."""
     np.savetxt(path, np.column_stack([T_S, attitude]), "%.5f", ",", header="t_s,qw,qx,qy,qz", comments="")
