@@ -45,9 +45,10 @@ def ensemble_document(result: EnsembleResult, folder: Path) -> Document:
         worst = _error(statistics.worst[0].error_rad) if statistics.worst else ""
         unstable = statistics.endings["unstable"]
         rows.append((key_text(key), *cells, worst, str(unstable), str(len(result.request.rows) - measured)))
-    bodies = count(len(result.request.rows), "body").replace("bodys", "bodies")
+    amount = len(result.request.rows)
+    bodies = f"{amount} {'body' if amount == 1 else 'bodies'}"
     shard = f" of {result.request.n}, shard {result.request.shard}" if result.request.shard else ""
-    title = f"orientation error in rad of {bodies}{shard}"
+    title = f"Orientation error in rad of {bodies}{shard}"
     parts: tuple[Sentence | Table, ...] = (
         *(Sentence(text, strong=True) for text in _conclusion(result)),
         Table(columns, tuple(rows), title=title),
@@ -73,7 +74,7 @@ def _conclusion(result: EnsembleResult) -> Iterator[str]:
             yield f"{key_text(key)} has the smallest errors: {below}"
             break
     if unstable := [key_text(key) for key, one in result.statistics if one.endings["unstable"]]:
-        yield f"unstable on some bodies: {'; '.join(unstable)}"
+        yield f"Unstable on some bodies: {'; '.join(unstable)}"
 
 
 def _worst_table(result: EnsembleResult, folder: Path) -> Table:

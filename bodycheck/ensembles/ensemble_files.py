@@ -311,7 +311,7 @@ def distributions_svg(
                         linestyle=look.linestyle,
                     )
             axes.set(xscale="log", yscale="log", xlabel=_LABELS[measure], ylabel="share of bodies above")
-        panels.flat[0].legend(loc="lower left", fontsize=6)
+        panels.flat[0].legend(loc="lower left", fontsize=6, handlelength=4.0)  # shows the dashes
         return figure_bytes(page, ".svg", transparent=transparent)
 
 
