@@ -101,7 +101,7 @@ def test_nightly_run_fails_on_a_regression(folder: Path) -> None:
     assert "Nothing changed" in second.stdout
     assert "turned:m1: law permute holds -> broken." in moved.stdout
     assert fourth.stdout.startswith("No regression.")
-    assert "turned:m1: back at its level; it was worse since" in fourth.stdout
+    assert "turned:m1: back at its level in tumble; it was worse since" in fourth.stdout
     reported = (folder / "changes.md").read_text()
     assert third.stdout.startswith("turned:m1: ")
     for text in (third.stdout, reported):

@@ -50,6 +50,13 @@ class ChangeKey(NamedTuple):
     fineness: float | None
 
     @property
+    def of_verdict(self) -> ChangeKey | None:
+        """The key of the verdict on an order; None for anything else."""
+        if self.kind != "order":
+            return None
+        return self._replace(kind="verdict", quantity=f"verdict{self.quantity.removeprefix('order')}")
+
+    @property
     def id(self) -> str:
         """Eight hexadecimal digits."""
         return hashlib.sha256(json.dumps(self).encode()).hexdigest()[:8]

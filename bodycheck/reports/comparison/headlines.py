@@ -58,7 +58,7 @@ class Headline:
     @property
     def main(self) -> Change:
         """The change whose scenario the text names first: the largest of an error."""
-        return largest_error(self.changes) or self.changes[0]
+        return main_of(self.changes)
 
     @property
     def text(self) -> str:
@@ -79,11 +79,20 @@ class Headline:
         return [part for make in _EFFECTS for part in make(self.changes, self.direction)]
 
     def _with(self, effects: str) -> str:
+        improved = " improved" if self.direction == "improved" else ""
+        return f"{self.subject}{improved}: {effects}{self.where}"
+
+    @property
+    def where(self) -> str:
+        """Return " in brick and 2 more scenarios", or "" for what holds in all of them."""
         first = [self.main.scenario] if self.main.scenario else []
         scenarios = dict.fromkeys([*first, *(one.scenario for one in self.changes if one.scenario)])
-        where = f" in {names_of(list(scenarios))}" if scenarios else ""
-        improved = " improved" if self.direction == "improved" else ""
-        return f"{self.subject}{improved}: {effects}{where}"
+        return f" in {names_of(list(scenarios))}" if scenarios else ""
+
+
+def main_of(changes: Sequence[Change]) -> Change:
+    """Return the change whose scenario a text names first: the largest of an error."""
+    return largest_error(changes) or changes[0]
 
 
 def is_known(cause: str) -> bool:
@@ -206,8 +215,10 @@ def new_causes(before: Tables, after: Tables) -> dict[StudyKey, str]:
     }
 
 
-def _cause(changes: Iterable[Change], causes: Mapping[StudyKey, str]) -> str:
-    found = (causes.get((one.scenario or "", one.engine, one.method)) for one in changes)
+def _cause(changes: Sequence[Change], causes: Mapping[StudyKey, str]) -> str:
+    """Return the cause in the scenario that the text names first, or else in another."""
+    first = sorted(changes, key=lambda one: one.scenario != main_of(changes).scenario)
+    found = (causes.get((one.scenario or "", one.engine, one.method)) for one in first)
     return next(filter(None, found), "")
 
 

@@ -160,7 +160,7 @@ _TINTS = {
 
 def nightly_sentences(judged: Judgement) -> list[str]:
     """Return sentences: what improved, closed or was accepted, what was compared, what was left out."""
-    found = [f"{one.text_closed}." for one in open_lines(judged.state.closed)]
+    found = [f"{one.text_closed}." for one in open_lines(judged.state.recovered)]
     if judged.status == "insufficient history":
         found.append("Exit status 3 says only this; run the same command again to compare.")
     earlier = () if not judged.baseline.runs else judged.baseline.runs[0].state.acceptances

@@ -228,7 +228,7 @@ def _entries(
     told: set[str] = set()
     for run, state in runs:
         measured = f"{count(run['cases'], 'case')} of {run['engines']} on {run['machine']}"
-        for one in open_lines(one for one in state.closed if one.is_failing):
+        for one in open_lines(one for one in state.recovered if one.is_failing):
             yield _Entry(run, f":closed:{one.id}", one.text_closed, measured)
         for name in state.acceptances:
             if name in acceptances and name not in told:

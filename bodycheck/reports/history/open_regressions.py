@@ -16,7 +16,7 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import count
 from bodycheck._util.untrusted import read_json
 from bodycheck.reports.comparison.change import FAILING, MAP_KINDS, NOT_MEASURED, Change, ChangeKey
-from bodycheck.reports.comparison.headlines import Headline, is_known
+from bodycheck.reports.comparison.headlines import Headline, is_known, main_of
 from bodycheck.reports.document import json_text
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.history.archive import started_at
@@ -96,7 +96,7 @@ class OpenLine:
     def text_closed(self) -> str:
         """That it is gone, and since when it was open."""
         was = "worse" if self.line.direction == "worse" else "another map"
-        return f"{self.line.subject}: back at its level; it was {was} since {self.duration}"
+        return f"{self.line.subject}: back at its level{self.line.where}; it was {was} since {self.duration}"
 
 
 def open_lines(regressions: Iterable[Regression]) -> list[OpenLine]:
@@ -107,7 +107,7 @@ def open_lines(regressions: Iterable[Regression]) -> list[OpenLine]:
         of_method.setdefault(group, []).append(one)
     of_cause: dict[tuple[str, str, bool, bool], list[Regression]] = {}
     for (engine, method, newly, failing), own in of_method.items():
-        cause = next((one.cause for one in own if one.cause), "")
+        cause = _cause(own)
         shared = cause if is_known(cause) else f":{method}"
         of_cause.setdefault((engine, shared, newly, failing), []).extend(own)
     found = [
@@ -117,7 +117,7 @@ def open_lines(regressions: Iterable[Regression]) -> list[OpenLine]:
                 tuple(dict.fromkeys(one.change.method for one in own)),
                 "worse" if failing else "moved",
                 tuple(one.change for one in own),
-                cause=next((one.cause for one in own if one.cause), ""),
+                cause=_cause(own),
                 release=next((one.release for one in own if one.release), ""),
             ),
             tuple(own),
@@ -128,18 +128,36 @@ def open_lines(regressions: Iterable[Regression]) -> list[OpenLine]:
     return sorted(heaviest, key=lambda one: not one.newly)
 
 
+def _cause(regressions: Sequence[Regression]) -> str:
+    """Return the cause in the scenario that the line names first, or else in another."""
+    main = main_of([one.change for one in regressions])
+    first = sorted(regressions, key=lambda one: one.change.scenario != main.scenario)
+    return next((one.cause for one in first if one.cause), "")
+
+
+def _place(one: Regression) -> tuple[object, ...]:
+    return one.change.scenario, one.change.engine, one.change.method, one.is_failing
+
+
 @dataclass(frozen=True)
 class NightlyState:
     """What a nightly run leaves to the next one, besides the levels, and what it closed.
 
     regressions: the open ones. improved: the changes that a second run has to confirm. acceptances: ids of
-    those that the levels contain. closed: what was open after the run before and is back at its level.
+    those that the levels contain. closed: what was open after the run before and is back at its level, or
+    left to a worse verdict.
     """
 
     regressions: tuple[Regression, ...] = ()
     improved: tuple[Change, ...] = ()
     acceptances: tuple[str, ...] = ()
     closed: tuple[Regression, ...] = ()
+
+    @property
+    def recovered(self) -> list[Regression]:
+        """What closed, of methods with nothing else open in that scenario, by their values or their map."""
+        still = {_place(one) for one in self.regressions}
+        return [one for one in self.closed if _place(one) not in still]
 
     def improvement(self, change: Change) -> Change | None:
         """Return the improvement of the same value in the run before; None if there was none."""
@@ -182,6 +200,8 @@ def next_regressions(
 ) -> Iterator[Regression]:
     """Yield what is open after a nightly run: failing changes, other maps, and earlier ones not measured.
 
+    An order that is not measured because the verdict is worse is left to the verdict.
+
     before: what was open, without what was accepted since. changes: from the accepted levels. causes,
     releases: diagnoses and versions that differ from those of the run before.
     """
@@ -196,8 +216,9 @@ def next_regressions(
         else:
             newly = _is_worse(change, earlier.change, thresholds)
             yield replace(earlier, change=change, runs=earlier.runs + 1, newly=newly, measured=True)
+    worse_verdicts = {key for key, change in found.items() if change.status in FAILING}
     for key, earlier in known.items():
-        if key not in found and key not in measured:
+        if key not in found and key not in measured and key.of_verdict not in worse_verdicts:
             yield replace(earlier, runs=earlier.runs + 1, newly=False, measured=False)
 
 

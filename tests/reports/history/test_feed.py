@@ -116,7 +116,10 @@ def test_a_regression_has_one_entry_when_it_opens_and_one_when_it_ends() -> None
             f"Acceptance ab12: 1 value of mujoco:rk4 in {first}, accepted on 2026-01-05 by Ada: meant",
         ),
         ("2026-01-05", text.format(3)),
-        ("2026-01-04", "mujoco:rk4: back at its level; it was worse since 2026-01-01 (3 nightly runs)"),
+        (
+            "2026-01-04",
+            "mujoco:rk4: back at its level in brick; it was worse since 2026-01-01 (3 nightly runs)",
+        ),
         ("2026-01-03", text.format(10)),
         ("2026-01-01", text.format(3)),
     ]

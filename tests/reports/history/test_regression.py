@@ -32,7 +32,7 @@ from bodycheck.reports.measurement.measures import SIGNED
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import Run, Tables
 from bodycheck.reports.run_files.tables import TABLES, as_csv, as_table
-from tests.helpers.gate_tables import make_tables, with_tables
+from tests.helpers.gate_tables import METHOD, make_tables, with_tables
 from tests.helpers.nightly_runs import (
     Change,
     as_nightly_run,
@@ -105,6 +105,9 @@ def kinds_and_steps(found: Judgement) -> list[tuple[str, str, float | None]]:
 
 FAILED = {"outcome": "failed", ERROR: None}
 WORSE = {ERROR: 1e-6}
+SOUND = (1e-9, 4.0, "converges")
+LOWER_ORDER = (1e-6, 1.0, "converges")
+DIVERGENT = (1e-6, None, "does-not-converge")
 
 
 @pytest.mark.parametrize(
@@ -150,6 +153,24 @@ def test_recovered_case_is_compared_with_its_level(monkeypatch: pytest.MonkeyPat
         ("outcome", "night 1"),
         ("outcome", "night 2"),
     ]
+
+
+def test_a_recovered_outcome_is_not_told_while_the_error_is_worse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor is an order that a worse verdict replaces: neither is open, and nothing is back at its level."""
+    runs = [
+        with_tables(
+            tables(k, {ERROR: error}),
+            methods=[METHOD | {"order": order, "order_low": order, "order_high": order, "verdict": verdict}],
+        )
+        for k, (error, order, verdict) in enumerate([SOUND, LOWER_ORDER, DIVERGENT, SOUND])
+    ]
+    open_kinds, told = [], []
+    for place in range(1, len(runs)):
+        found = judgement_of(*runs[: place + 1], monkeypatch=monkeypatch)
+        open_kinds.append({one.change.kind for one in found.open})
+        told.append({one.change.kind for one in found.state.recovered})
+    assert open_kinds == [{"accuracy", "order"}, {"accuracy", "verdict"}, set()]
+    assert told == [set(), set(), {"accuracy", "verdict"}]
 
 
 def creeping(*errors: float | None, monkeypatch: pytest.MonkeyPatch) -> list[str]:
