@@ -467,9 +467,8 @@ class Search:
         starts = [start for start in starts or () if could_act(start[0], at)]
         starts = starts or [start for start in _starts(self.faults, at) if start[0][0].is_general == general]
         fits = sorted(fitted(few, base, at, starts, sweeps=_FIRST_SWEEPS), key=lambda fit: fit.cost)
-        return sorted(
-            [*self._settled(base, few, fits[:_LEADERS]), *fits[_LEADERS:]], key=lambda fit: fit.cost
-        )
+        found = [*self._settled(base, few, fits[:_LEADERS]), *fits[_LEADERS:]]
+        return sorted(_named(found, few), key=lambda fit: fit.cost)
 
     def _settled(self, base: Base, few: Transitions, fits: Sequence[Fit]) -> list[Fit]:
         """Return fits that are fitted to the end: where the whole log counts, to all of it.
@@ -505,19 +504,21 @@ class Search:
     def _with_base(self, base: Base) -> Diagnosis:
         few, full = self._subset(base, _SCREENED), self._subset(base, _FITTED)
         at = self._context(base, few)
-        singles = self._sorted(base, few, fitted(few, base, at, _starts(self.faults, at)), _SETTLED)
+        fits = fitted(few, base, at, _starts(self.faults, at))
+        singles = _named(self._sorted(base, few, fits, _SETTLED), few)
         best = singles[0]
         pairs: list[Fit] = []
         is_exact = best.cost <= few.limit
         if best.is_general or not is_exact:
             # where a general fault explains all, two of fewer parameters say more
-            ones = [fit for fit in singles if fit.complexity < best.complexity] if is_exact else singles
+            parts = [fit for fit in singles if not fit.faults[0].is_flexible]
+            ones = [fit for fit in parts if fit.complexity < best.complexity] if is_exact else parts
             starts = _pair_starts(ones, at, general=is_exact)
             pairs = self._sorted(base, few, fitted(few, base, at, starts), _SETTLED_PAIRS)
-            if specific := _specific(pairs[0], singles, at):
+            if specific := _specific(pairs[0], parts, at):
                 more = self._sorted(base, few, fitted(few, base, at, specific), _SETTLED_PAIRS)
                 pairs = sorted([*pairs, *more], key=lambda fit: _score(fit, few))
-            if substitutes := _substitutes(pairs[0], singles):
+            if substitutes := _substitutes(pairs[0], parts):
                 pairs += self._settled(base, few, fitted(few, base, at, substitutes))
         return self._conclusion(base, few, full, singles, pairs)
 
@@ -626,6 +627,11 @@ def _share(fit: Fit, before: float) -> float:
     least = fit.transitions.least**2
     rest, whole = max(fit.cost**2 - least, 0.0), before**2 - least
     return 1.0 - math.sqrt(rest / whole) if whole > 0.0 else 0.0
+
+
+def _named(fits: Iterable[Fit], transitions: Transitions) -> list[Fit]:
+    """Return fits without flexible faults that leave more than round-off."""
+    return [fit for fit in fits if not fit.faults[0].is_flexible or fit.cost <= transitions.limit]
 
 
 def _score(fit: Fit, transitions: Transitions) -> float:

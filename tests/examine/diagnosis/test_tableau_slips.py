@@ -95,6 +95,8 @@ def test_a_wrong_stage_is_named_with_its_place(row: tuple[float, ...], stage: in
         pytest.param((1 / 4, 1 / 4, 1 / 4, 1 / 4), "weights-equal", marks=pytest.mark.nightly),
         pytest.param((1 / 3, 1 / 6, 1 / 6, 1 / 3), "weights-exchanged", marks=pytest.mark.nightly),
         ((1 / 6, 1 / 6, 1 / 6, 1 / 6), "weights-1-6-each"),
+        ((1 / 6, 1 / 2, 1 / 6, 1 / 6), "weights"),
+        pytest.param((1 / 7, 2 / 7, 3 / 7, 1 / 7), "weights", marks=pytest.mark.nightly),
     ],
 )
 def test_wrong_weights_are_named(weights: tuple[float, ...], name: str) -> None:
@@ -102,6 +104,8 @@ def test_wrong_weights_are_named(weights: tuple[float, ...], name: str) -> None:
     found = diagnosis_of(A, weights, order=4)
     assert (found.verdict, [fault.name for fault in found.faults]) == ("explained", [name])
     assert not found.alike
+    if name == "weights":
+        assert [p.value for p in found.faults[0].parameters] == pytest.approx(weights, abs=1e-6)
 
 
 @pytest.mark.parametrize("matrix", [False, pytest.param(True, marks=pytest.mark.nightly)])

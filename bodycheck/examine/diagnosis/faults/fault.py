@@ -116,8 +116,9 @@ class Fault:
 
     sentence: with the parameters as {0}, {1}; special: the sentences of particular values of the first.
     starts: where a fit starts. applies: whether it could change this motion. is_general: whether it contains
-    other faults as special cases, so that it is named only where these do not explain the motion. confirm:
-    the experiment that would confirm it.
+    other faults as special cases, so that it is named only where these do not explain the motion.
+    is_flexible: whether it makes nearly any method, and any with another fault, so that it is named only
+    alone and where it leaves nothing. confirm: the experiment that would confirm it.
     """
 
     name: str
@@ -129,6 +130,7 @@ class Fault:
     applies: Callable[[FaultContext], bool] = lambda _: True
     special: tuple[tuple[float, str], ...] = ()
     is_general: bool = False
+    is_flexible: bool = False
     confirm: str = ""
 
     def could_change(self, at: FaultContext) -> bool:

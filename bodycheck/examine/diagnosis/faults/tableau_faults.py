@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -51,6 +52,17 @@ def tableau_faults() -> Iterator[Fault]:
             ),
             starts=(0.0,),
         )
+    yield replace(
+        _slip(
+            "weights",
+            "the weights of the stages are {0}, {1}, {2} and {3}, not 1/6, 1/3, 1/3 and 1/6",
+            _any_weights,
+            *(Parameter(f"weight of the {nth} stage", healthy=b) for nth, b in zip(_NTH, RK4.b, strict=True)),
+        ),
+        starts=lambda _: [tuple(RK4.b)],
+        is_general=True,
+        is_flexible=True,
+    )
 
 
 def _slip(
@@ -96,6 +108,10 @@ def _with_weights(weights: tuple[float, ...]) -> Plant:
         model.tableau = (model.tableau or RK4)._replace(b=np.array(weights))
 
     return plant
+
+
+def _any_weights(model: Model, values: Array, at: FaultContext) -> None:
+    model.tableau = (model.tableau or RK4)._replace(b=values)
 
 
 def _with_weight(stage: int) -> Plant:
