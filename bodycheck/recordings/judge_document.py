@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 
 from bodycheck._util.formatting import count, names, number, scientific, step
 from bodycheck.examine.diagnosis.candidate_maps import EXACT
-from bodycheck.examine.diagnosis.diagnosis import Diagnosis
 from bodycheck.examine.explanation.explain import ExplainedCase
 from bodycheck.examine.explanation.explanation_document import explanation_parts
 from bodycheck.recordings.judge import Ranking
@@ -31,11 +30,11 @@ def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Senten
 
     case: None where it is not diagnosed.
     """
-    diagnosis, dt_s = (None, None) if case is None else (case.diagnosis, case.case.dt_s)
+    diagnosis = None if case is None else case.diagnosis
     if not motion.case.ok:
         return [Sentence(f"{motion.name} is unstable: {motion.row['message']}.", "bad", strong=True)]
     is_noisy = diagnosis is not None and diagnosis.is_within_noise
-    parts = [*_distance(motion), *_cause(motion, diagnosis, dt_s)]
+    parts = [*_distance(motion), *(() if case is None else _cause(motion, case))]
     if not is_noisy:  # which alone changes what is conserved
         parts += _conservation(motion)
     else:
@@ -144,10 +143,13 @@ def _angle(rad: float) -> str:
     return f"{number(rad, _DIGITS)} rad ({number(math.degrees(rad), _DIGITS)} degrees)"
 
 
-def _cause(motion: JudgedMotion, found: Diagnosis | None, dt_s: float | None) -> Iterator[str]:
-    if found is None:
-        return
+def _cause(motion: JudgedMotion, case: ExplainedCase) -> Iterator[str]:
+    found, dt_s = case.diagnosis, case.case.dt_s
     is_right = ORIENTATION in motion.row and motion.is_at_floor(ORIENTATION)
+    if found is None:
+        if motion.has_derived_omega and not is_right:
+            yield "No wrong reading of the attitudes explains it; only with omega in the file is more tried."
+        return
     if found.start is not None:
         yield f"The start differs: {found.start.sentence}."
     if found.verdict == "explained":
@@ -164,7 +166,11 @@ def _cause(motion: JudgedMotion, found: Diagnosis | None, dt_s: float | None) ->
             )
     elif found.verdict in ("healthy", "strapdown", "lower-order"):
         if not (is_right and found.start is None and found.base == EXACT.name):
-            yield f"{found.sentence[:1].upper()}{found.sentence[1:]}."
+            is_cause = found.verdict == "healthy" and found.base != EXACT.name and found.start is None
+            sentence = (
+                f"likely cause: the error of the method; {found.sentence}" if is_cause else found.sentence
+            )
+            yield f"{sentence[:1].upper()}{sentence[1:]}."
     elif motion.row.get(ORIENTATION, 1.0) > _CONSERVED and not is_right:
         hint = "" if dt_s is not None else "; with --dt, the step of the program, more causes are tried"
         yield f"No known fault, and no pair of them, explains it{hint}."

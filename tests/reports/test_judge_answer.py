@@ -329,6 +329,7 @@ def test_files_of_the_same_name_are_told_apart_by_their_folders(tmp_path: Path) 
     assert texts[0].startswith(f"{called[0]} is nearest")
     assert f"{called[1]} is farthest" in texts[0]
     assert [text.partition(":")[0] for text in texts[2:]] == called
+    assert "Likely cause: the error of the method; no fault: the motion is that of semi-implicit" in texts[2]
 
 
 def attitudes_alone(path: Path, attitude: Array) -> Path:
@@ -361,6 +362,7 @@ def test_a_reading_of_attitudes_alone_is_the_one_that_conserves_momentum(tmp_pat
     text = told(judged(attitudes_alone(tmp_path / "damped.csv", damped)))
     assert "Angular momentum is not conserved" in text
     assert "Likely cause" not in text
+    assert "No wrong reading of the attitudes explains it" in text
 
 
 def test_a_position_without_a_velocity_is_not_compared_and_this_is_stated(
