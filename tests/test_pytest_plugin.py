@@ -214,6 +214,7 @@ def test_lost(bodycheck):
             "E*mine | step:lost | dt 0.1 s | * | angular_momentum_drift <= 0.01 | * decades beyond",
             "E*diagnosis: the gyroscopic term omega x I omega is missing*",
             "E*reproduce: pytest test_step_function_is_measured_like_an_engine.py::test_lost",
+            "E*explain: pytest --bodycheck-report DIR keeps the run*",
         ]
     )
 

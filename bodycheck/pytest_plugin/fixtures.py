@@ -153,6 +153,8 @@ def assert_passed(
         lines.append(f"report: {report}")
         if run.cases:
             lines.append(f"explain: {shlex.join(['bodycheck', 'explain', str(report.parent)])}")
+    elif run.cases:
+        lines.append("explain: pytest --bodycheck-report DIR keeps the run for `bodycheck explain`")
     raise AssertionError("\n".join(lines)) from cause
 
 
