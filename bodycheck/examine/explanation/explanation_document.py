@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from bodycheck._util.formatting import count, number, vector
+from bodycheck._util.formatting import count, names, number, vector
 from bodycheck.examine.diagnosis.candidate_maps import BASES
 from bodycheck.examine.diagnosis.diagnosis import Diagnosis, FittedParameter
 from bodycheck.examine.diagnosis.fit import planted
@@ -191,8 +191,9 @@ def _facts(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
     if found.verdict == "unexplained" and found.nearly:
         yield "nearest fault", "; and ".join(fault.sentence for fault in found.nearly)
     words = found.base_words
-    if words not in found.sentence and (found.verdict != "unexplained" or found.nearly):
-        yield "map", words
+    if words not in found.sentence:
+        is_known = found.verdict != "unexplained" or found.nearly
+        yield "map" if is_known else "nearest map", words
     for fault in found.faults:
         for direction in fault.undetermined:
             yield (
@@ -205,9 +206,9 @@ def _facts(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
 
 def _what_is_wrong(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
     if one.wrong:
-        more = len(one.wrong) - 1
-        others = f"; other quantities that are wrong: {more}" if more else ""
-        yield "wrong", one.wrong[0].text + others
+        first, *others = one.wrong
+        also = f"; also wrong: {names([other.quantity for other in others])}" if others else ""
+        yield "wrong", f"{first.text}{also}"
     if not one.case.ok:
         outcome = one.case.columns["outcome"]
         text, tint = f"{outcome}: {one.case.columns['message']}", "bad" if outcome in FAULTS else "open"
