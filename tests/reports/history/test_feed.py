@@ -16,7 +16,7 @@ from bodycheck.reports.history.acceptances import Acceptance, Accepted
 from bodycheck.reports.history.history_output import release_changes
 from bodycheck.reports.history.levels import LevelSource
 from bodycheck.reports.history.nightly_files import feed
-from bodycheck.reports.history.open_regressions import NightlyState, Regression
+from bodycheck.reports.history.open_regressions import NightlyState, Regression, open_lines
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.run_files.run_tables import Run
 from tests.helpers.nightly_runs import store_nightly_runs, unchanged
@@ -124,6 +124,18 @@ def test_a_regression_has_one_entry_when_it_opens_and_one_when_it_ends() -> None
         ("2026-01-01", text.format(3)),
     ]
     assert len({entry.findtext("id", "", ATOM) for entry in found.findall("entry", ATOM)}) == 5
+
+
+def test_what_is_newly_worse_comes_before_what_is_more_severe() -> None:
+    """Whatever was reported the night before, the new regression is the first line."""
+    change = Change("accuracy", "brick", "mujoco", "rk4", ORIENTATION, 1.0, 3.0, "worse", "dt", 0.01, 0.477)
+    failed = replace(change, kind="outcome", method="euler", quantity="outcome", decades=None)
+    known = Regression(failed, run(0)["run_id"], newly=False)
+    new = Regression(change, run(1)["run_id"])
+    for regressions in ([known, new], [new, known]):
+        assert [one.newly for one in open_lines(regressions)] == [True, False]
+    both = open_lines([new, replace(known, newly=True)])
+    assert [one.line.methods for one in both] == [("euler",), ("rk4",)]
 
 
 @pytest.mark.parametrize(
