@@ -57,6 +57,7 @@ from bodycheck.reports.measurement.measures import (
 from bodycheck.reports.measurement.scales import Scales, scene_scales
 from bodycheck.reports.measurement.work import power, work_done, working_loads
 from bodycheck.reports.run_files.tables import TABLES
+from bodycheck.scenarios.library import load_one
 
 PLACE = np.array([1.0, -2.0, 0.5])
 BRICK = RigidBody(2.0, np.diag([1.0, 2.0, 3.0]))
@@ -957,6 +958,21 @@ def test_the_formula_of_an_absolute_value_does_not_divide(measure: measures.Meas
     assert " over " not in measure.absolute_formula
     assert measure.absolute_formula.startswith(begin.rstrip(","))
     assert measure.absolute_formula.endswith(f", in {measure.unit}")
+
+
+@pytest.mark.parametrize(
+    ("scenario", "expected"),
+    [
+        ("intermediate-axis", set()),
+        ("double-pendulum", {"joint_error_rad"}),
+        ("cart-pole", {"joint_error_rad", "joint_error_m"}),
+    ],
+)
+def test_a_scene_has_the_errors_of_its_kinds_of_joints(scenario: str, expected: set[str]) -> None:
+    """A gate on an error of joints leaves out a scene that has none."""
+    scene = load_one(scenario).scene
+    joints = {name: measures.MEASURES[name].of for name in ("joint_error_rad", "joint_error_m")}
+    assert {name for name, is_of in joints.items() if is_of is None or is_of(scene)} == expected
 
 
 @pytest.mark.parametrize("measure", TRUTH_BOUNDS)
