@@ -107,8 +107,8 @@ def recorded_motion(path: Path, column_map: ColumnMap, dt_s: float | None = None
         option, confirmed, why = proposal(recording, column_map, arrays)
         if confirmed is not None:
             return replace(_converted(recording, confirmed, dt_s), assumed=option)
-        reason = f"{error}; {why}" if why else str(error)
-        raise InputError(f"{reason}; try {option}" if option else reason) from None
+        remedy = f"try {option}" if option else "" if why else "--map 'NAME=COLUMN, ...' tells which is which"
+        raise InputError("; ".join(filter(None, (str(error), why, remedy)))) from None
 
 
 def _converted(recording: Recording, column_map: ColumnMap, dt_s: float | None) -> RecordedMotion:

@@ -148,7 +148,10 @@ def _cause(motion: JudgedMotion, case: ExplainedCase) -> Iterator[str]:
     is_right = ORIENTATION in motion.row and motion.is_at_floor(ORIENTATION)
     if found is None:
         if motion.has_derived_omega and not is_right:
-            yield "No wrong reading of the attitudes explains it; only with omega in the file is more tried."
+            yield (
+                "No wrong reading of the attitudes explains it; with omega in the file more is tried, "
+                "such as a wrong inertia."
+            )
         return
     if found.start is not None:
         yield f"The start differs: {found.start.sentence}."

@@ -197,22 +197,20 @@ def moved_texts(comparison: Comparison, lines: Iterable[Headline]) -> list[str]:
     ]
 
 
+def causes_of(tables: Tables) -> dict[StudyKey, str]:
+    """Return the diagnosis of each method on each scenario that has one."""
+    found = {
+        study_key(row): NO_KNOWN_CAUSE if row["verdict"] == "unexplained" else row["diagnosis"]
+        for row in tables.rows("diagnoses")
+        if "faults" in row or row["verdict"] in ("lower-order", "unexplained")
+    }
+    return {key: text.replace(" (explains", ", explains").removesuffix(")") for key, text in found.items()}
+
+
 def new_causes(before: Tables, after: Tables) -> dict[StudyKey, str]:
     """Return the diagnosis of each method on each scenario that has another one than before."""
-
-    def diagnosed(tables: Tables) -> dict[StudyKey, str]:
-        return {
-            study_key(row): NO_KNOWN_CAUSE if row["verdict"] == "unexplained" else row["diagnosis"]
-            for row in tables.rows("diagnoses")
-            if "faults" in row or row["verdict"] in ("lower-order", "unexplained")
-        }
-
-    old = diagnosed(before)
-    return {
-        key: text.replace(" (explains", ", explains").removesuffix(")")
-        for key, text in diagnosed(after).items()
-        if old.get(key) != text
-    }
+    old = causes_of(before)
+    return {key: text for key, text in causes_of(after).items() if old.get(key) != text}
 
 
 def _cause(changes: Sequence[Change], causes: Mapping[StudyKey, str]) -> str:
@@ -271,13 +269,20 @@ def _verdicts(changes: Sequence[Change], direction: Direction) -> list[str]:
 
 
 def _orders(changes: Sequence[Change], _: Direction) -> list[str]:
-    """Return the change of order that matches the largest error by quantity and, if possible, by scenario."""
+    """Return the change of order in the orientation, or else that which matches the largest error.
+
+    By quantity and, if possible, by scenario.
+    """
     found, error = _of_kind(changes, "order"), largest_error(changes)
     if not found:
         return []
     if error is not None:
         found.sort(
-            key=lambda one: (label(one.quantity) != label(error.quantity), one.scenario != error.scenario)
+            key=lambda one: (
+                not one.quantity.endswith(ORIENTATION),
+                label(one.quantity) != label(error.quantity),
+                one.scenario != error.scenario,
+            )
         )
     before, after = distinct(found[0], 2)
     return [f"order {before} -> {after} in {label(found[0].quantity)}"]

@@ -16,7 +16,7 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import count
 from bodycheck._util.untrusted import read_json
 from bodycheck.reports.comparison.change import FAILING, MAP_KINDS, NOT_MEASURED, Change, ChangeKey
-from bodycheck.reports.comparison.headlines import Headline, is_known, main_of
+from bodycheck.reports.comparison.headlines import Headline, causes_of, is_known, main_of
 from bodycheck.reports.document import json_text
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.history.archive import started_at
@@ -207,15 +207,18 @@ def next_regressions(
     """
     known = {one.change.key: one for one in before}
     found = {one.key: one for one in changes if one.status in FAILING or one.kind in MAP_KINDS}
-    measured = MeasuredValues(newest)
+    measured, all_causes = MeasuredValues(newest), causes_of(newest)
     for key, change in found.items():
-        earlier = known.get(key)
+        earlier, study = known.get(key), (change.scenario or "", change.engine, change.method)
         if earlier is None:
-            cause = causes.get((change.scenario or "", change.engine, change.method), "")
+            cause = causes.get(study, "")
             yield Regression(change, newest.run_id, cause=cause, release=releases.get(change.engine, ""))
         else:
             newly = _is_worse(change, earlier.change, thresholds)
-            yield replace(earlier, change=change, runs=earlier.runs + 1, newly=newly, measured=True)
+            cause = (all_causes if earlier.cause else causes).get(study, "")
+            yield replace(
+                earlier, change=change, runs=earlier.runs + 1, cause=cause, newly=newly, measured=True
+            )
     worse_verdicts = {key for key, change in found.items() if change.status in FAILING}
     for key, earlier in known.items():
         if key not in found and key not in measured and key.of_verdict not in worse_verdicts:

@@ -173,6 +173,25 @@ def test_a_recovered_outcome_is_not_told_while_the_error_is_worse(monkeypatch: p
     assert told == [set(), set(), {"accuracy", "verdict"}]
 
 
+def test_the_cause_of_an_open_regression_is_that_of_the_night(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fault that another one replaces is no longer named, although the same value stays worse."""
+    study = {name: METHOD[name] for name in ("scenario", "engine", "method")}
+
+    def night(number: int, error: float, *faults: str) -> Tables:
+        told = [
+            study | {"verdict": "explained", "faults": fault, "diagnosis": f"{fault} (explains all)"}
+            for fault in faults
+        ]
+        return with_tables(tables(number, {ERROR: error}), diagnoses=told)
+
+    runs = [night(0, 1e-9), night(1, 1e-6, "damping"), night(2, 1e-4), night(3, 1e-4, "gravity")]
+    causes = [
+        [one.cause for one in judgement_of(*runs[: place + 1], monkeypatch=monkeypatch).open]
+        for place in range(1, len(runs))
+    ]
+    assert causes == [["damping, explains all"], [""], ["gravity, explains all"]]
+
+
 def creeping(*errors: float | None, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Return the status of the error in each run after the first; None: the case failed."""
     runs = [tables(k, FAILED if error is None else {ERROR: error}, OTHER) for k, error in enumerate(errors)]
