@@ -215,7 +215,8 @@ def new_causes(before: Tables, after: Tables) -> dict[StudyKey, str]:
 
 def _cause(changes: Sequence[Change], causes: Mapping[StudyKey, str]) -> str:
     """Return the cause in the scenario that the text names first, or else in another."""
-    first = sorted(changes, key=lambda one: one.scenario != main_of(changes).scenario)
+    main = main_of(changes)
+    first = sorted(changes, key=lambda one: one.scenario != main.scenario)
     found = (causes.get((one.scenario or "", one.engine, one.method)) for one in first)
     return next(filter(None, found), "")
 
