@@ -6,7 +6,7 @@ Consoles, Markdown, pages, feeds and annotations show these lines as they are.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -132,7 +132,8 @@ def lines_of(comparison: Comparison) -> list[Headline]:
         ]
         for direction, own in directions:
             if own:
-                cause = _cause(own, causes) if direction == "worse" else ""
+                diagnosed = [(one, causes.get((one.scenario or "", engine, method), "")) for one in own]
+                cause = cause_of(diagnosed) if direction == "worse" else ""
                 own, identity = [*own, *identity], []
                 found.append(
                     Headline(engine, (method,), direction, tuple(own), cause, changed.get(engine, ""))
@@ -213,12 +214,11 @@ def new_causes(before: Tables, after: Tables) -> dict[StudyKey, str]:
     return {key: text for key, text in causes_of(after).items() if old.get(key) != text}
 
 
-def _cause(changes: Sequence[Change], causes: Mapping[StudyKey, str]) -> str:
-    """Return the cause in the scenario that the text names first, or else in another."""
-    main = main_of(changes)
-    first = sorted(changes, key=lambda one: one.scenario != main.scenario)
-    found = (causes.get((one.scenario or "", one.engine, one.method)) for one in first)
-    return next(filter(None, found), "")
+def cause_of(diagnosed: Sequence[tuple[Change, str]]) -> str:
+    """Return the cause in the scenario that the text names first, or else in another; "" if none is known."""
+    main = main_of([change for change, _ in diagnosed])
+    first = sorted(diagnosed, key=lambda pair: pair[0].scenario != main.scenario)
+    return next((cause for _, cause in first if cause), "")
 
 
 def releases(before: Tables, after: Tables) -> dict[str, str]:

@@ -16,7 +16,7 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import count
 from bodycheck._util.untrusted import read_json
 from bodycheck.reports.comparison.change import FAILING, MAP_KINDS, NOT_MEASURED, Change, ChangeKey
-from bodycheck.reports.comparison.headlines import Headline, causes_of, is_known, main_of
+from bodycheck.reports.comparison.headlines import Headline, cause_of, causes_of, is_known
 from bodycheck.reports.document import json_text
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.history.archive import started_at
@@ -107,7 +107,7 @@ def open_lines(regressions: Iterable[Regression]) -> list[OpenLine]:
         of_method.setdefault(group, []).append(one)
     of_cause: dict[tuple[str, str, bool, bool], list[Regression]] = {}
     for (engine, method, newly, failing), own in of_method.items():
-        cause = _cause(own)
+        cause = cause_of([(one.change, one.cause) for one in own])
         shared = cause if is_known(cause) else f":{method}"
         of_cause.setdefault((engine, shared, newly, failing), []).extend(own)
     found = [
@@ -117,7 +117,7 @@ def open_lines(regressions: Iterable[Regression]) -> list[OpenLine]:
                 tuple(dict.fromkeys(one.change.method for one in own)),
                 "worse" if failing else "moved",
                 tuple(one.change for one in own),
-                cause=_cause(own),
+                cause=cause_of([(one.change, one.cause) for one in own]),
                 release=next((one.release for one in own if one.release), ""),
             ),
             tuple(own),
@@ -128,14 +128,7 @@ def open_lines(regressions: Iterable[Regression]) -> list[OpenLine]:
     return sorted(heaviest, key=lambda one: not one.newly)
 
 
-def _cause(regressions: Sequence[Regression]) -> str:
-    """Return the cause in the scenario that the line names first, or else in another."""
-    main = main_of([one.change for one in regressions])
-    first = sorted(regressions, key=lambda one: one.change.scenario != main.scenario)
-    return next((one.cause for one in first if one.cause), "")
-
-
-def _place(one: Regression) -> tuple[object, ...]:
+def _scope(one: Regression) -> tuple[object, ...]:
     return one.change.scenario, one.change.engine, one.change.method, one.is_failing
 
 
@@ -156,8 +149,8 @@ class NightlyState:
     @property
     def recovered(self) -> list[Regression]:
         """What closed, of methods with nothing else open in that scenario, by their values or their map."""
-        still = {_place(one) for one in self.regressions}
-        return [one for one in self.closed if _place(one) not in still]
+        still = {_scope(one) for one in self.regressions}
+        return [one for one in self.closed if _scope(one) not in still]
 
     def improvement(self, change: Change) -> Change | None:
         """Return the improvement of the same value in the run before; None if there was none."""

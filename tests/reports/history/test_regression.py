@@ -155,8 +155,8 @@ def test_recovered_case_is_compared_with_its_level(monkeypatch: pytest.MonkeyPat
     ]
 
 
-def test_a_recovered_outcome_is_not_told_while_the_error_is_worse(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nor is an order that a worse verdict replaces: neither is open, and nothing is back at its level."""
+def test_a_method_has_not_recovered_while_one_of_its_values_is_worse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An order that a worse verdict replaces is neither open nor recovered."""
     runs = [
         with_tables(
             tables(k, {ERROR: error}),
@@ -164,13 +164,13 @@ def test_a_recovered_outcome_is_not_told_while_the_error_is_worse(monkeypatch: p
         )
         for k, (error, order, verdict) in enumerate([SOUND, LOWER_ORDER, DIVERGENT, SOUND])
     ]
-    open_kinds, told = [], []
+    open_kinds, recovered = [], []
     for place in range(1, len(runs)):
         found = judgement_of(*runs[: place + 1], monkeypatch=monkeypatch)
         open_kinds.append({one.change.kind for one in found.open})
-        told.append({one.change.kind for one in found.state.recovered})
+        recovered.append({one.change.kind for one in found.state.recovered})
     assert open_kinds == [{"accuracy", "order"}, {"accuracy", "verdict"}, set()]
-    assert told == [set(), set(), {"accuracy", "verdict"}]
+    assert recovered == [set(), set(), {"accuracy", "verdict"}]
 
 
 def test_the_cause_of_an_open_regression_is_that_of_the_night(monkeypatch: pytest.MonkeyPatch) -> None:
