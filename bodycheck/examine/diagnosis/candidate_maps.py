@@ -359,7 +359,7 @@ class Flow:
         def acting(at: Array, x: Array, rotation: Array, v: Array, omega: Array) -> tuple[Array, Array]:
             turn = apart(rotation)
             now = States(apart(x), apart(v), y.q, transposed_times(turn, apart(omega)))
-            acceleration, torque, gyroscopic = self._forces(now, loads, at.reshape(shape), turn)
+            acceleration, torque, gyroscopic = self._forces(now, loads, at.reshape(shape), turn, (y, t))
             if self._spins_wrongly:
                 torque = torque - gyroscopic + cross(now.w, times(self._inertia, now.w))
                 torque = torque + times(self._inertia, self._omega_extra(now))
@@ -429,7 +429,9 @@ class Flow:
 
         for stage in range(len(tableau.b)):
             at = combined(tableau.a[stage])
-            acceleration, torque, gyroscopic = self._forces(at, loads, t + tableau.c[stage] * dt)
+            acceleration, torque, gyroscopic = self._forces(
+                at, loads, t + tableau.c[stage] * dt, begin=(y, t)
+            )
             spun = times(self._inverse, torque - gyroscopic) + self._omega_extra(at)
             turning = self._stage_omega(at.w)
             if self._turn_factor is not None:
@@ -457,11 +459,17 @@ class Flow:
         return w
 
     def _forces(
-        self, y: States, loads: list[Array], t: Array, turn: Array | None = None
+        self,
+        y: States,
+        loads: list[Array],
+        t: Array,
+        turn: Array | None = None,
+        begin: tuple[States, Array] | None = None,
     ) -> tuple[Array, Array, Array]:
         """Return v' in world axes, and torque and gyroscopic term in body axes, (3, c, s).
 
-        turn: R (3, 3, c, s), by default that of q.
+        turn: R (3, 3, c, s), by default that of q. begin: states and times at the start of the step, at which
+        some candidates evaluate their loads.
         """
         w = self._stage_omega(y.w)
         features = self._features
@@ -472,12 +480,12 @@ class Flow:
         acceleration = np.broadcast_to(force_world, w.shape)
         torque = np.broadcast_to(torque_body, w.shape)
         continuous = self._scene.continuous_loads
-        rotates = self._needs[0] or any(self._needs[3:]) or continuous or "inertia_in_world" in features
-        rotates = rotates or "force_world_by" in features or "torque_body_by" in features
         if turn is not None:
             rotation = turn
-        elif rotates or "body_velocity" in features:
+        elif self._needs[0] or any(self._needs[3:]) or continuous or features.keys() & _OF_ATTITUDE:
             rotation = matrix_of(y.q)
+        if "held_loads" in features and begin is not None:
+            y, rotation, t = self._with_held_loads(y, rotation, t, begin)
         if "force_world_by" in features:
             acceleration = self._rotated("force_world_by", rotation, acceleration, lambda _, v: v)
         if "torque_body_by" in features:
@@ -514,6 +522,19 @@ class Flow:
             acceleration = np.array(acceleration)
             acceleration[:, rows] += rate * cross(spin, y.v[:, rows])
         return acceleration, torque, gyroscopic
+
+    def _with_held_loads(
+        self, y: States, rotation: Array, t: Array, begin: tuple[States, Array]
+    ) -> tuple[States, Array, Array]:
+        """Return states, R and times, of some candidates those at the start of the step."""
+        rows = self._features["held_loads"][0]
+        start, start_s = begin
+        y, rotation, t = copy.deepcopy(y), rotation.copy(), np.broadcast_to(t, y.w.shape[1:]).copy()
+        for value, first in ((y.x, start.x), (y.v, start.v), (y.w, start.w)):
+            value[:, rows] = first[:, rows]
+        rotation[:, :, rows] = matrix_of(start.q[:, rows])
+        t[rows] = np.broadcast_to(start_s, t.shape)[rows]
+        return y, rotation, t
 
     def _rotated(
         self, name: str, rotation: Array, vector: Array, right: Callable[[Array, Array], Array]
@@ -614,6 +635,9 @@ class Flow:
                 value[:, rows] = np.where(slow, before[:, rows], value[:, rows])
         return new
 
+
+_OF_ATTITUDE = {"inertia_in_world", "force_world_by", "torque_body_by", "held_loads", "body_velocity"}
+"""The features whose forces depend on the attitude."""
 
 _OF_OMEGA_RATE = {"damping_w", "damping_w_speed", "energy_pull", "inertia_in_world", "single_stage"}
 

@@ -158,7 +158,8 @@ class Model:
 
     timeline: (steps,) the row of `loads` that acts in each step. arm_in_world: 1 where the arms of world
     forces are taken in world axes, 2 where they keep their initial direction. body_arm_in_world: 1 where the
-    arms of body forces are taken in world axes. stale: the quantities of
+    arms of body forces are taken in world axes. held_loads: 1 where the force in world axes and the torque in
+    body axes keep, throughout a step, the components that they have at its start. stale: the quantities of
     x, v, q, w that are read `lateness` steps late. largest_turn, asleep: 0 where there is no such limit.
     clamped_first: whether limits of velocities apply before the pose is updated. slowed_v, slowed_w: rates
     by which velocities are damped after the kick, or after the step where slowed_late. turn_factor: of the
@@ -199,6 +200,7 @@ class Model:
     single_stage: float = 0.0
     single_state: float = 0.0
     ramp: float = 0.0
+    held_loads: float = 0.0
     arm_in_world: float = 0.0
     body_arm_in_world: float = 0.0
     step_factor: float = 1.0

@@ -112,6 +112,12 @@ def _stepped(at: FaultContext) -> bool:
     return at.stepped and bool(at.loads)
 
 
+def _staged(at: FaultContext) -> bool:
+    """Return whether loads change within a step of the method, which evaluates them more than once."""
+    turning = at.loads & {"force_body", "torque_world", "moment"} or (at.has_gravity and not at.is_free)
+    return at.stepped and at.base.order > 1 and bool(turning or at.scene.continuous_loads)
+
+
 def _switched(at: FaultContext) -> bool:
     return at.stepped and at.switches
 
@@ -284,6 +290,8 @@ def load_faults() -> Iterator[Fault]:
     text = "the point of a body force is an offset in world axes, not in body axes"
     yield _load("body-arm-in-world-axes", text, constant(body_arm_in_world=1.0), _has("lever"))
     yield from _timed_wrongly()
+    text = "the loads are evaluated once per step, at its start, not in every stage"
+    yield _load("loads-held", text, constant(held_loads=1.0), _staged, _HALVE.format("error"))
     text = "loads are applied again in each step and never cleared"
     confirm = "apply a constant load: momentum must grow with the time, not with its square"
     yield _load("load-accumulates", text, constant(ramp=1.0), _stepped, confirm)
