@@ -22,7 +22,7 @@ from bodycheck.reference_impl.arrays import Array
 _CHANGE = 1e-6  # of a parameter, over its size: for the derivatives
 _SWEEPS = 14
 _SETTLED = 1e-4  # relative improvement below which a fit ends
-_UNDETERMINED = 1e-6  # of the largest singular value: more than the errors of the derivatives
+_UNDETERMINED = 1e-6  # of the largest singular value, for parameters of size 1
 _INVOLVED = 1e-3  # component of a direction that is not determined
 _LARGEST_STEP = 2.0  # of the logarithm of a parameter that is always positive
 _CONTENDERS = 32  # that are fitted on after two sweeps
@@ -83,6 +83,11 @@ class Fit:
         return self.size - special + 3 * sum(fault.is_general for fault in self.faults)
 
     @property
+    def least_determined(self) -> float:
+        """The smallest singular value, over the largest, that is more than the errors of the derivatives."""
+        return _UNDETERMINED / max((1.0, *(p.size for fault in self.faults for p in fault.parameters)))
+
+    @property
     def half_widths(self) -> Array:
         """Half the 95 % intervals of the parameters; infinite along what the motion does not determine.
 
@@ -91,14 +96,14 @@ class Fit:
         if not self.size:
             return np.zeros(0)
         sizes, values, axes = self.curvature
-        determined = values > _UNDETERMINED * values[0]
+        determined = values > self.least_determined * values[0]
         deviation = max(self._scatter, self.transitions.least)
         spread = np.sum((axes[determined] / values[determined, None]) ** 2, axis=0)
         variance = deviation**2 * spread
         shared = self.transitions.shared_errors
         if len(shared):
             patterns = shared.reshape(len(shared), -1).T
-            moved = np.linalg.lstsq(self.slopes / sizes, patterns, rcond=_UNDETERMINED)[0]
+            moved = np.linalg.lstsq(self.slopes / sizes, patterns, rcond=self.least_determined)[0]
             variance = variance + np.sum(moved**2, axis=1)
         loose = np.any(np.abs(axes[~determined]) > _INVOLVED, axis=0)
         return np.where(loose, np.inf, 1.96 * np.sqrt(variance) / sizes)
@@ -113,7 +118,7 @@ class Fit:
     def smallest_half_widths(self) -> Array:
         """Half the 95 % intervals of Cramer and Rao, for the scatter alone."""
         sizes, values, axes = self.curvature
-        determined = values > _UNDETERMINED * values[0]
+        determined = values > self.least_determined * values[0]
         spread = np.sum((axes[determined] / values[determined, None]) ** 2, axis=0)
         return np.asarray(1.96 * self._scatter * np.sqrt(spread) / sizes)
 
@@ -123,7 +128,7 @@ class Fit:
         if not self.size:
             return np.zeros((0, 0))
         sizes, values, axes = self.curvature
-        found = axes[values <= _UNDETERMINED * values[0]] / sizes
+        found = axes[values <= self.least_determined * values[0]] / sizes
         return np.asarray(found / np.linalg.norm(found, axis=-1, keepdims=True))
 
     @cached_property
@@ -240,7 +245,9 @@ def _step(one: _Candidate, here: Array, slopes: Array, transitions: Transitions)
     if one.settled:
         return
     sizes = best.curvature[0]
-    step = np.linalg.lstsq(best.slopes / sizes, -best.remaining.ravel(), rcond=_UNDETERMINED)[0] / sizes
+    step = (
+        np.linalg.lstsq(best.slopes / sizes, -best.remaining.ravel(), rcond=best.least_determined)[0] / sizes
+    )
     one.promised = min(
         one.promised, transitions.cost_of(best.remaining + (best.slopes @ step).reshape(here.shape))
     )

@@ -14,7 +14,6 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.scenarios.library import load_scenario
 
-DT_S = 0.02
 A = ((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0))
 B = (1 / 6, 1 / 3, 1 / 3, 1 / 6)
 
@@ -35,7 +34,12 @@ def rate_of(scene: Scene, y: Array) -> Array:
 
 
 def diagnosis_of(
-    a: Sequence[Sequence[float]], b: Sequence[float], *, order: int | None, matrix: bool = False
+    a: Sequence[Sequence[float]],
+    b: Sequence[float],
+    *,
+    order: int | None,
+    matrix: bool = False,
+    dt_s: float = 0.02,
 ) -> Diagnosis:
     """Return the diagnosis of a motion that is stepped by a tableau."""
     problem = Problem.of(load_scenario("intermediate-axis"), "intermediate-axis")
@@ -44,13 +48,13 @@ def diagnosis_of(
     attitude = start.rotation.ravel() if matrix else start.quaternion
     y = np.concatenate([start.position, start.velocity, start.omega_body, attitude])
     rows = [y]
-    steps = round(scene.sample_interval_s / DT_S)
+    steps = round(scene.sample_interval_s / dt_s)
     for count in range(1, steps * (scene.samples - 1) + 1):
         slopes: list[Array] = []
         for row in a:
-            at = y + DT_S * sum((weight * k for weight, k in zip(row, slopes, strict=True)), 0.0 * y)
+            at = y + dt_s * sum((weight * k for weight, k in zip(row, slopes, strict=True)), 0.0 * y)
             slopes.append(rate_of(scene, at))
-        y = y + DT_S * sum((weight * k for weight, k in zip(b, slopes, strict=True)), 0.0 * y)
+        y = y + dt_s * sum((weight * k for weight, k in zip(b, slopes, strict=True)), 0.0 * y)
         if not matrix:
             y[9:] /= np.linalg.norm(y[9:])
         if count % steps == 0:
@@ -64,7 +68,7 @@ def diagnosis_of(
         omega_body_rad_s=found[:, 6:9],
         rotation=found[:, 9:].reshape(-1, 3, 3) if matrix else None,
     )
-    diagnosis = diagnosed(scene, path, problem.scales, DT_S, order=order)
+    diagnosis = diagnosed(scene, path, problem.scales, dt_s, order=order)
     assert diagnosis is not None
     return diagnosis
 
@@ -106,6 +110,17 @@ def test_wrong_weights_are_named(weights: tuple[float, ...], name: str) -> None:
     assert not found.alike
     if name == "weights":
         assert [p.value for p in found.faults[0].parameters] == pytest.approx(weights, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_wrong_weights_are_named_at_small_steps() -> None:
+    """Where the slopes of the stages are nearly equal; the intervals of the weights contain them."""
+    weights = (1 / 8, 3 / 8, 3 / 8, 1 / 8)
+    found = diagnosis_of(A, weights, order=None, dt_s=1.25e-3)
+    assert [fault.name for fault in found.faults] == ["weights"]
+    for parameter, weight in zip(found.faults[0].parameters, weights, strict=True):
+        assert parameter.low <= weight <= parameter.high
+        assert parameter.value == pytest.approx(weight, abs=1e-7)
 
 
 @pytest.mark.parametrize("matrix", [False, pytest.param(True, marks=pytest.mark.nightly)])

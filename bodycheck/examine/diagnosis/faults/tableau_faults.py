@@ -13,6 +13,7 @@ from bodycheck.examine.diagnosis.faults.fault import Fault, FaultContext, Parame
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators.facts import Tableau
 
+_WEIGHT_CHANGES = 100.0  # a step is linear in its weights, whose slopes differ by little
 _NTH = ("first", "second", "third", "last")
 _CONFIRM = "compare each stage and weight with k1 at 0, k2 and k3 at dt/2, k4 at dt, and 1/6, 1/3, 1/3, 1/6"
 
@@ -57,7 +58,10 @@ def tableau_faults() -> Iterator[Fault]:
             "weights",
             "the weights of the stages are {0}, {1}, {2} and {3}, not 1/6, 1/3, 1/3 and 1/6",
             _any_weights,
-            *(Parameter(f"weight of the {nth} stage", healthy=b) for nth, b in zip(_NTH, RK4.b, strict=True)),
+            *(
+                Parameter(f"weight of the {nth} stage", healthy=b, size=_WEIGHT_CHANGES)
+                for nth, b in zip(_NTH, RK4.b, strict=True)
+            ),
         ),
         starts=lambda _: [tuple(RK4.b)],
         is_general=True,
