@@ -29,6 +29,8 @@ from bodycheck.reference_impl.scene import RigidBody, Scene, State
 _WITH_CONTINUOUS_LOADS = "+continuous"
 _FRAMES, _TUMBLING, _SERIES = "frames", "tumbling", "taylor"
 _CLOSED_FORMS = (_FRAMES, _TUMBLING)
+TREE_TRUTHS, TREE_STEPS = "tree-truths", "tree-steps"
+"""The kernels of all trees: of their truths, and of the steps of the reference's methods."""
 _INTERPRETED_S, _INTERPRETED_SAMPLE_S = 0.05, 2e-3  # of a truth of a free body, and of each of its samples
 _POLL_S = 0.05
 _COMPILING_S = 5.0  # half of what the closed forms take to compile
@@ -58,9 +60,9 @@ def compile_kernels(
 ) -> None:
     """Call the kernels of these scenes' truths and of the named methods of the reference once.
 
-    unsolved: the scenes whose truths are still to be solved [default: all]. never_cached: further scenes by
-    name. compiled: called with the number of kernels done and of those expected, only while something is
-    compiled.
+    methods: also TREE_TRUTHS and TREE_STEPS. unsolved: the scenes whose truths are still to be solved
+    [default: all]. never_cached: further scenes by name. compiled: called with the number of kernels done and
+    of those expected, only while something is compiled.
 
     Another process compiles in parallel: the truths under loads are compiled here, and both processes take
     the rest off one queue. Kernels compiled before cost next to nothing, and nothing at all if none is
@@ -69,7 +71,7 @@ def compile_kernels(
     scenes = list(scenes)
     names = [*(_CLOSED_FORMS if any(scene.is_free_rotation for scene in scenes) else ()), *methods]
     if any(scene.continuous_loads for scene in scenes):
-        names += [name + _WITH_CONTINUOUS_LOADS for name in methods if name != _SERIES]
+        names += [name + _WITH_CONTINUOUS_LOADS for name in methods if name not in _KERNELS]
     probes = {name: scene for name, scene in never_cached.items() if not _mark(name).exists()}
     waiting = deque(name for name in names if not _mark(name).exists())
     before, expected = _stored_kernels(), _expected_kernels(waiting, scenes)
@@ -138,7 +140,7 @@ def _next(waiting: deque[str]) -> str:
     return ""
 
 
-_KERNELS = {_FRAMES: 63, _TUMBLING: 23, _SERIES: 32}
+_KERNELS = {_FRAMES: 63, _TUMBLING: 23, _SERIES: 32, TREE_TRUTHS: 12, TREE_STEPS: 10}
 _INTEGRATOR_KERNELS, _TAYLOR_KERNELS = 4, 45
 """About as many files as an empty cache gets from each; progress alone depends on them."""
 
@@ -230,6 +232,8 @@ def _compile_here(name: str) -> None:
         compile_tumbling()
     elif name == _SERIES:
         _compile_series()
+    elif name in (TREE_TRUTHS, TREE_STEPS):
+        _compile_trees(name)
     else:
         _compile_integrator(name)
     _set_mark(name)
@@ -265,6 +269,19 @@ def _compile_flight() -> None:
     flight = None if loads is None else Flight.of(scene, loads)
     assert flight is not None
     flight.at(scene.sample_times)
+
+
+def _compile_trees(name: str) -> None:
+    """Solve a motion of a tree, or make one step of it."""
+    from bodycheck.reference_impl.trees.random_trees import random_tree
+    from bodycheck.reference_impl.trees.tree_stepper import TreeStepper
+    from bodycheck.reference_impl.trees.tree_truth import certified_tree
+
+    scene = random_tree(np.random.default_rng(0), 2, loads=True)
+    if name == TREE_TRUTHS:
+        certified_tree(scene, np.array([0.0, 1e-3]))
+    else:
+        TreeStepper(scene, "RK4").advance(0.0, 1e-3, 1)
 
 
 def _compile_integrator(name: str) -> None:

@@ -27,7 +27,12 @@ from bodycheck.recordings.column_map import ColumnMap, MapSpec, read_map, scenar
 from bodycheck.recordings.judge import Ranking, explained_motion, judge_files, of_given_body, read_files
 from bodycheck.recordings.judged_motion import Start
 from bodycheck.recordings.judged_tree import JudgedTree, judged_tree
-from bodycheck.reference_impl.precompile import compile_kernels, interprets_closed_forms
+from bodycheck.reference_impl.precompile import (
+    TREE_STEPS,
+    TREE_TRUTHS,
+    compile_kernels,
+    interprets_closed_forms,
+)
 from bodycheck.reference_impl.truth.truth import Truth
 from bodycheck.reference_impl.wrench import plan_steps
 from bodycheck.reports.cache.answers import Answers
@@ -213,8 +218,8 @@ def _compile(selection: Selection, cache: Cache, progress: Progress) -> bool:
         compilations.append(done)
         progress.compiling(done, total)
 
-    # the kernel of trees, one for all, is compiled when it is first called
     scenes = [scenario.scene for _, scenario in selection.scenarios if isinstance(scenario, Scenario)]
+    trees = [scenario.scene for _, scenario in selection.scenarios if isinstance(scenario, TreeScenario)]
     # a user's function is first called when its truth is solved, which reports its errors
     scenes = [scene for scene in scenes if not scene.has_callback_load]
     unsolved = [scene for scene in scenes if not is_known(scene, scene.sample_times, cache)]
@@ -230,9 +235,12 @@ def _compile(selection: Selection, cache: Cache, progress: Progress) -> bool:
         for engine, method in selection.methods
         if engine.name == "reference" and method.control != "none"
     ]
+    of_trees = [TREE_STEPS] if trees and methods else []
+    if any(not is_known(scene, scene.sample_times, cache) for scene in trees):
+        of_trees.insert(0, TREE_TRUTHS)
     compile_kernels(
         scenes,
-        methods,
+        [*of_trees, *methods],  # the longest first
         unsolved,
         never_cached=probes,
         compiled=compiled,
