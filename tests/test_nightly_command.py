@@ -28,6 +28,7 @@ from bodycheck.reference_impl.rotations import quaternion_product
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.document import Document, Sentence, markdown
 from bodycheck.runs.request import TIMEOUT_S
+from tests.helpers import my_integrator
 from tests.helpers.scenario_texts import SCENARIO, tumbling
 from tests.helpers.weakened_engine import Weakened
 
@@ -149,6 +150,34 @@ def test_broken_engine_stays_a_regression_until_accepted(folder: Path) -> None:
     assert accepted.exit_code == 0, accepted.stdout
     assert "by Ada: as meant" in accepted.stdout
     assert line in (folder / "kept" / "feed.xml").read_text()
+
+
+@pytest.mark.slow
+def test_a_users_function_that_became_worse_has_its_cause(folder: Path) -> None:
+    """Nobody states its order, so that no verdict counts against it; `explain` of the run names it too."""
+    sound = "(k1 + 2.0 * k2 + 2.0 * k3 + k4)"
+    text = Path(my_integrator.__file__).read_text()
+    assert sound in text
+
+    def answer(*words: str) -> tuple[int, str]:
+        done = subprocess.run(
+            [sys.executable, "-m", "bodycheck", *words], capture_output=True, text=True, check=False
+        )
+        return done.returncode, done.stdout.splitlines()[0]
+
+    def night(weighted: str) -> tuple[int, str]:
+        (folder / "mine.py").write_text(text.replace(sound, weighted))
+        named = ("--engine", "mine:step", "--allow-code", "--no-speed", "--history", "kept")
+        return answer("nightly", "tumble.toml", *named)
+
+    assert night(sound)[0] == 3
+    for _ in range(2):  # the regression stays open
+        status, first = night("(k1 + 3.0 * k2 + k3 + k4)")
+        assert status == 1
+        assert "the weights of the stages are 0.16667, 0.5, 0.16667 and 0.16667" in first
+    newest = max(path for path in (folder / "kept").glob("2*"))
+    assert "0.16667, 0.5, 0.16667" in answer("explain", str(newest), "--allow-code")[1]
+    assert night(sound) == (0, "No regression.")
 
 
 class FasterTree(DartTree):

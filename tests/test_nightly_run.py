@@ -43,6 +43,7 @@ def history(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> History:
     monkeypatch.setattr(nightly_run, "trends_page", lambda _: "the trends")
     monkeypatch.setattr(nightly_run, "read_tables", lambda folder: folder.name)
     monkeypatch.setattr(nightly_run, "judge_run", lambda *words: words)
+    monkeypatch.setattr(nightly_run, "_with_causes", lambda run, _: run)
     monkeypatch.setattr(nightly_run, "write_judgement", lambda *_: None)
     monkeypatch.setattr(nightly_run, "nightly_page", lambda _: "a pagé\n")
     monkeypatch.setattr(nightly_run, "nightly_document", lambda _: Document("", (Sentence("a téxt"),)))

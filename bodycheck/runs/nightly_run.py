@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from glob import escape
 from pathlib import Path
 from typing import Any
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.files import write_file
+from bodycheck.examine.explanation.explain import diagnosis_row, explained_failures
+from bodycheck.reports.comparison.compare import unversioned
+from bodycheck.reports.comparison.headlines import Headline
 from bodycheck.reports.document import markdown
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.history.acceptances import read_acceptances
@@ -23,12 +28,12 @@ from bodycheck.reports.history.nightly_files import (
     write_nightly_tables,
     write_unjudged,
 )
-from bodycheck.reports.history.open_regressions import NightlyState, read_state
+from bodycheck.reports.history.open_regressions import NightlyState, open_lines, read_state
 from bodycheck.reports.history.regression import Judgement, judge_run
 from bodycheck.reports.history.trends import FILE as TRENDS
 from bodycheck.reports.history.trends import trends_page
 from bodycheck.reports.run_files.run_reader import read_tables
-from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.run_files.run_tables import FAILED_CASES, Run, study_key
 from bodycheck.reports.run_files.writer import write_trajectories
 from bodycheck.runs.directory import Storage, begin, interrupted_in, proceed, remove_interrupted
 from bodycheck.runs.manifest import Identity
@@ -37,6 +42,7 @@ from bodycheck.runs.run_progress import ProgressFactory
 
 SPEED_PASSES = 10
 """How often a nightly run times every case; noise of a shared machine rarely disturbs every pass."""
+_MAX_EXPLAINED = 6  # lines, the most severe first: a motion without a known cause takes up to a minute
 
 
 def run_nightly(
@@ -133,9 +139,39 @@ def _reports(runs: Iterable[Path]) -> Iterator[tuple[dict[str, Any], NightlyStat
 
 
 def _judged(run: Run, history: History, folder: Path, thresholds: Thresholds) -> Judgement:
-    write_nightly_report(run, folder)
     judged = judge_run(history, read_tables(folder), thresholds)
+    explained = _with_causes(run, judged)
+    if explained is not run:
+        run = explained
+        write_nightly_tables(run, folder)
+        judged = judge_run(history, read_tables(folder), thresholds)
+    write_nightly_report(run, folder)
     write_judgement(judged, folder)
     (folder / "night.html").write_bytes(nightly_page(judged).encode())
     (folder / "night.md").write_bytes(markdown(nightly_document(judged)).encode())
     return judged
+
+
+def _worst_case(line: Headline, run: Run) -> str:
+    """Return SCENARIO,ENGINE:METHOD of what a line names first; "" if no case of it ended well."""
+    names = {base: name for name, base in unversioned(run.manifest["engines"]).items()}
+    engine = names.get(line.engine, line.engine)
+    key = line.main.scenario, engine, line.main.method
+    ended = any(case.ok and study_key(case.columns) == key for case in run.cases)
+    return f"{escape(key[0] or '')},{escape(engine)}:{escape(line.main.method)}" if ended else ""
+
+
+def _with_causes(run: Run, judged: Judgement) -> Run:
+    """Return a run with what became worse without a cause in its manifest, and the faults that explain it.
+
+    The run itself diagnoses only what verdicts count against: the order of a user's function is not known.
+    """
+    worse = [_worst_case(one.line, run) for one in open_lines(judged.open) if not one.line.cause]
+    worse = [case for case in worse if case][:_MAX_EXPLAINED]
+    if not worse:
+        return run
+    known = run.rows("diagnoses")
+    failed = replace(run, manifest={**run.manifest, FAILED_CASES: worse})
+    found = explained_failures(failed, {study_key(row) for row in known})
+    rows = [{"run_id": run.run_id, **diagnosis_row(one)} for one in found if one.names_a_fault]
+    return failed.with_rows(diagnoses=[*known, *rows])

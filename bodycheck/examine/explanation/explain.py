@@ -22,7 +22,15 @@ from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measures import IDENTITY
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.verdicts import FAULTS, QuantityVerdict, most_severe
-from bodycheck.reports.run_files.run_tables import MethodKey, Run, cases_by_method, key_of
+from bodycheck.reports.run_files.run_tables import (
+    FAILED_CASES,
+    MethodKey,
+    Run,
+    StudyKey,
+    cases_by_method,
+    key_of,
+    study_key,
+)
 from bodycheck.scenarios.model import Scenario
 
 _FINEST_STRIDE = 40
@@ -51,6 +59,12 @@ class ExplainedCase:
         at = setting(self.case.columns["control"], self.case.setting.fineness)
         fineness = "" if self.case.setting.fineness is None else f", {at}"
         return f"{self.problem.scenario.name}, {':'.join(self.key)}{fineness}"
+
+    @property
+    def names_a_fault(self) -> bool:
+        """Whether the diagnosis names faults, or a map of a lower order."""
+        found = self.diagnosis
+        return found is not None and bool(found.faults or found.verdict == "lower-order")
 
 
 def wrong_verdicts(
@@ -154,7 +168,7 @@ def explained_cases(
                     known_faults=names,
                     known_map=maps[key],
                 )
-                if one is None or _names_a_fault(again):
+                if one is None or again.names_a_fault:
                     one = again
                 if again.diagnosis is None or again.diagnosis.verdict != "healthy":
                     break
@@ -180,10 +194,6 @@ def explained_cases(
 def _fingerprints(method_rows: Iterable[Mapping[str, Any]]) -> dict[MethodKey, str]:
     """Return the known map of each method, "" where there is none."""
     return {key_of(row): str(row.get("fingerprint") or "") for row in method_rows}
-
-
-def _names_a_fault(one: ExplainedCase) -> bool:
-    return one.diagnosis is not None and bool(one.diagnosis.faults or one.diagnosis.verdict == "lower-order")
 
 
 def _with_cause_elsewhere(one: ExplainedCase) -> ExplainedCase:
@@ -327,27 +337,28 @@ def explain_run(folder: Path, case: str | None, *, allow_code: bool = False) -> 
     those that do not support a scenario. case: SCENARIO[,ENGINE[:METHOD][,STEP]]. Raises InputError where the
     run cannot be read, or has no such case.
     """
-    from bodycheck.reports.run_files.run_reader import FAILED_CASES, read_run  # runs diagnose without it
+    from bodycheck.reports.run_files.run_reader import read_run  # runs diagnose without it
 
     pattern = None if case is None else _CasePattern.of(case)
     run = read_run(folder, allow_code=allow_code, cache=Cache.default())
     if pattern is None:
         found = explained_cases(run.problems, run.cases, run.rows("methods"), _orders(run))
-        named = {(one.problem.scenario.name, one.key) for one in found}
-        failed = [_CasePattern.of(text) for text in run.manifest.get(FAILED_CASES, ())]
-        others = tuple(
-            one
-            for one in run.cases
-            if (one.columns["scenario"], key_of(one.columns)) not in named
-            and any(check.fits(one) for check in failed)
-        )
-        return [*_named(replace(run, cases=others)), *found, *_without_motion(run)]
+        named = {study_key(one.case.columns) for one in found}
+        return [*explained_failures(run, named), *found, *_without_motion(run)]
     every = run.cases
     run = replace(run, cases=tuple(one for one in run.cases if pattern.fits(one)))
     if not run.cases:
         known = dict.fromkeys(f"{one.columns['scenario']},{':'.join(key_of(one.columns))}" for one in every)
         raise InputError(f"--case {case}: no such case{suggestion(str(case), known)}")
     return [*_named(run), *_without_motion(run)]
+
+
+def explained_failures(run: Run, done: Collection[StudyKey]) -> list[ExplainedCase]:
+    """Return the diagnoses of the failed cases in the manifest of a run, without those of `done`."""
+    failed = [_CasePattern.of(text) for text in run.manifest.get(FAILED_CASES, ())]
+    others = (case for case in run.cases if study_key(case.columns) not in done)
+    cases = tuple(case for case in others if any(check.fits(case) for check in failed))
+    return list(_named(replace(run, cases=cases)))
 
 
 def _without_motion(run: Run) -> Iterator[ExplainedCase]:

@@ -15,8 +15,13 @@ from bodycheck.reports.alerts import Alert, badge, xml_text
 from bodycheck.reports.document import Column, Document, Sentence, Span, Table
 from bodycheck.reports.gates.proposal import BoundChange
 from bodycheck.reports.gates.verdict import GateCheck, GateResult, GateRow, at_of, distance
-from bodycheck.reports.run_files.run_reader import FAILED_CASES, FAILED_CHECKS
-from bodycheck.reports.run_files.run_tables import StudyKey, Tables, study_key
+from bodycheck.reports.run_files.run_tables import (
+    FAILED_CASES,
+    FAILED_CHECKS,
+    StudyKey,
+    Tables,
+    study_key,
+)
 
 
 def as_junit(results: Sequence[GateResult], where: str) -> bytes:

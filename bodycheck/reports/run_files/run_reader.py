@@ -45,10 +45,6 @@ from bodycheck.scenarios.reader import fault_lines
 from bodycheck.scenarios.serialization import deserialized
 
 MANIFEST = "manifest.json"
-FAILED_CHECKS = "failed_checks"
-"""The key of a manifest for the checks of pytest or of gates that failed, in words."""
-FAILED_CASES = "failed_cases"
-"""The same for the cases that failed them, as SCENARIO,ENGINE:METHOD[,STEP]."""
 _MAX_INSIDE = 1000
 _SAME = 1e-6  # relative tolerance between an error measured again and the one in the table
 

@@ -79,6 +79,12 @@ StudyKey: TypeAlias = tuple[str, str, str]
 CaseKey: TypeAlias = tuple[str, str, str, str, float | None]
 """(scenario, engine, method, control, step or tolerance)"""
 
+FAILED_CHECKS = "failed_checks"
+"""The key of a manifest for the checks of pytest or of gates that failed, in words."""
+
+FAILED_CASES = "failed_cases"
+"""The same for the cases that failed them, or that became worse, as SCENARIO,ENGINE:METHOD[,STEP]."""
+
 
 def key_of(row: Mapping[str, Any]) -> MethodKey:
     """Return the engine and method of a row of any table."""

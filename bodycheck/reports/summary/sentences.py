@@ -11,8 +11,7 @@ from bodycheck._util.formatting import count, names, number
 from bodycheck.reports.document import Column, Document, Medium, Sentence, Span, Table
 from bodycheck.reports.measurement.convergence import LARGEST_ERROR
 from bodycheck.reports.measurement.verdicts import STATES
-from bodycheck.reports.run_files.run_reader import FAILED_CHECKS
-from bodycheck.reports.run_files.run_tables import MethodKey, Tables
+from bodycheck.reports.run_files.run_tables import FAILED_CHECKS, MethodKey, Tables
 from bodycheck.reports.summary.cells import Cell, Overview, overviews, summary_cells
 from bodycheck.reports.summary.shared_maps import shared_maps
 from bodycheck.reports.summary.worst_results import MethodResults, faulty, headline, worst_methods

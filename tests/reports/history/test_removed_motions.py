@@ -95,7 +95,7 @@ def test_report_of_a_nightly_run_is_rendered_elsewhere(stored: Path, tmp_path: P
     [
         (["plot", "--figure", "drift", "--scenario", "slow"], "svg", b"<?xml"),
         (["movie", "--scenario", "slow"], "gif", b"GIF89a"),
-        (["explain"], "html", b"<!doctype html>"),
+        (["explain", "--case", "slow,reference:m1,0.05"], "html", b"<!doctype html>"),
     ],
     ids=["plot", "movie", "explain"],
 )
