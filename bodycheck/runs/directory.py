@@ -108,11 +108,12 @@ class Storage(Generic[_Stored]):
     """What becomes of a run that is complete.
 
     store: writes it to its folder, and returns what its caller needs. again: the command that continues the
-    run if it is interrupted.
+    run if it is interrupted. phase: what is shown meanwhile.
     """
 
     store: Callable[[Run], _Stored]
     again: tuple[str, ...]
+    phase: str = "writing the report"
 
 
 def _storage(out: Path) -> Storage[tuple[Run, Path]]:
@@ -259,7 +260,7 @@ def _run_journaled(
     try:
         with Journal(partial / "journal") as journal, make_progress(selection.cases_listed()) as progress:
             measured = run_selection(selection, request, identity, journal=journal, progress=progress)
-            progress.phase("writing the report")
+            progress.phase(storage.phase)
             stored = storage.store(measured)
     except KeyboardInterrupt:
         raise StoppedError(f"stopped; {_continue_hint(storage.again, request)}") from None

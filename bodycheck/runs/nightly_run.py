@@ -89,7 +89,8 @@ def _storage(history: History, thresholds: Thresholds) -> Storage[tuple[Judgemen
                 remove_interrupted(earlier)
         return stored
 
-    return Storage(store, ("nightly", "--history", str(history.folder), "--resume"))
+    again = ("nightly", "--history", str(history.folder), "--resume")
+    return Storage(store, again, "comparing with earlier runs, and writing the report")
 
 
 def store_nightly(
