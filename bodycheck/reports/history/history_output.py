@@ -168,7 +168,10 @@ def nightly_sentences(judged: Judgement) -> list[str]:
     if judged.comparison is not None:
         lines = lines_of(judged.comparison)
         better = [one for one in lines if one.direction != "worse"]
-        found += headlines(better) if judged.changes else [nothing(judged.comparison)]
+        if judged.changes:
+            found += headlines(better)
+        elif not judged.state.recovered:
+            found.append(nothing(judged.comparison))
         found += scope(judged.comparison, lines)
         before = judged.comparison.before.run_id
         found.append(f"Compared with the accepted levels after the nightly run {before}.")
