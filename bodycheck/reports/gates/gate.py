@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 from pydantic import Field, StrictStr, ValidationError, field_validator
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.formatting import number, step
+from bodycheck._util.formatting import nearest, number, step
 from bodycheck._util.untrusted import parse_toml, read_text
 from bodycheck.adapters.engine_names import is_command, split_method
 from bodycheck.adapters.reading_names import READINGS
@@ -61,7 +61,7 @@ class GateMeasure:
 
 
 def measure_of(name: str) -> GateMeasure:
-    """Return the measure of that name; raise ValueError with the available names if there is none."""
+    """Return the measure of that name; raise ValueError with what it could be if there is none."""
     if name in _COLUMNS:
         return GateMeasure("results", name, in_decades=name not in _COUNTS, is_speed=name in _SPEEDS)
     head, _, quantity = name.partition(".")
@@ -82,6 +82,8 @@ def measure_of(name: str) -> GateMeasure:
             return GateMeasure("methods", "growth", quantity, choices=_GROWTHS)
         case "order", _ if quantity in QUANTITIES:
             return GateMeasure("methods", "order", quantity, in_decades=False)
+    if near := nearest(name, measure_names()):
+        raise ValueError(f"unknown measure {name!r}; did you mean {near}?")
     raise ValueError(
         f"unknown measure {name!r} (available: the columns that bodycheck list measures shows, "
         f"{', '.join(_SPEEDS)}, outcome, verdict, stability.dt_stable_s, order., verdict. or growth. "

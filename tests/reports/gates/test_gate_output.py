@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from io import StringIO
 from typing import Any
@@ -291,12 +292,10 @@ def test_a_verdict_is_of_all_quantities_unless_one_is_named(name: str, quantity:
     [
         "order",
         "growth",
-        "outcome.x",
         "stability",
         "stability.x",
         "order.x",
         "energy_scale_j",
-        "orthogonality_error_abs",
     ],
 )
 def test_what_is_no_measure_is_refused_with_what_there_is(
@@ -304,6 +303,20 @@ def test_what_is_no_measure_is_refused_with_what_there_is(
 ) -> None:
     """The message names the unknown measure and lists the available ones."""
     with expected_message.raises(ValueError):
+        measure_of(name)
+
+
+@pytest.mark.parametrize(
+    ("name", "near"),
+    [
+        ("outcome.x", "outcome"),
+        ("orthogonality_error_abs", "orthogonality_error"),
+        ("order.position_error_m", "order.position_error"),
+    ],
+)
+def test_a_measure_that_resembles_the_typed_one_is_suggested(name: str, near: str) -> None:
+    """In place of the list of all measures."""
+    with pytest.raises(ValueError, match=f"did you mean {re.escape(near)}\\?$"):
         measure_of(name)
 
 
