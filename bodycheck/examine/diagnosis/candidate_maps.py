@@ -443,6 +443,15 @@ class Flow:
                 turned[:, rows] = product(half[:, rows], at.q[:, rows])
             slopes.append((at.v, acceleration, turned, spun))
         new = combined(tableau.b)
+        if "attitude_step" in self._features:
+            rows, codes = self._features["attitude_step"]
+            for row, code in zip(rows.tolist(), codes[:, 0].astype(int).tolist(), strict=True):
+                _, adds, old = ATTITUDE_STEPS[code - 1]
+                angle = dt[row] * (old * y.w[:, row] + (1.0 - old) * new.w[:, row])
+                turned = (
+                    np.concatenate([np.ones_like(angle[:1]), 0.5 * angle]) if adds else exponential(angle)
+                )
+                new.q[:, row] = product(y.q[:, row], turned)
         if "largest_turn" in self._features:
             rows, limit = self._features["largest_turn"]
             share = (dt * y.w)[:, rows]
@@ -503,6 +512,10 @@ class Flow:
         if continuous:
             force, turning = self._continuous_loads(y, rotation, t)
             acceleration, torque = acceleration + force, torque + transposed_times(rotation, turning)
+        if "total_force_by" in features:
+            acceleration = self._turned_sum("total_force_by", rotation, acceleration)
+        if "total_torque_by" in features:
+            torque = self._turned_sum("total_torque_by", rotation, torque)
         if "inertia_in_world" in features:
             rows = features["inertia_in_world"][0]
             torque = np.array(torque)
@@ -547,6 +560,14 @@ class Flow:
             turn = rotation[:, :, rows]
             once, again = _WRONGLY[name]
             found[:, rows] = np.where(code == 1.0, once(turn, part), again(turn, again(turn, part)))
+        return found
+
+    def _turned_sum(self, name: str, rotation: Array, vector: Array) -> Array:
+        """Return a sum of loads, rotated by R or by R^T for some candidates."""
+        rows, code = self._features[name]
+        found, turn = np.array(vector), rotation[:, :, rows]
+        part = found[:, rows]
+        found[:, rows] = np.where(code == 1.0, times(turn, part), transposed_times(turn, part))
         return found
 
     def _moment_rotation(self, rotation: Array) -> Array:
@@ -636,8 +657,21 @@ class Flow:
         return new
 
 
-_OF_ATTITUDE = {"inertia_in_world", "force_world_by", "torque_body_by", "held_loads", "body_velocity"}
+_OF_ATTITUDE = {
+    *("inertia_in_world", "force_world_by", "torque_body_by", "held_loads", "body_velocity"),
+    *("total_force_by", "total_torque_by"),
+}
 """The features whose forces depend on the attitude."""
+
+
+ATTITUDE_STEPS = (
+    ("q+ = q + dt/2 q omega", True, 1.0),
+    ("q+ = q + dt/2 q omega+", True, 0.0),
+    ("q+ = q exp(dt omega / 2)", False, 1.0),
+    ("q+ = q exp(dt omega+ / 2)", False, 0.0),
+    ("q+ = q exp(dt (omega + omega+) / 4)", False, 0.5),
+)
+"""Ways to advance q by itself: formula, whether it adds to q, and the weight of omega before the step."""
 
 _OF_OMEGA_RATE = {"damping_w", "damping_w_speed", "energy_pull", "inertia_in_world", "single_stage"}
 

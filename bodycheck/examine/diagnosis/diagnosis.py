@@ -148,6 +148,12 @@ class Diagnosis:
         )  # fmt: skip
 
     @property
+    def _of_order(self) -> str:
+        """Return " of order 2", that of the map; "" for the exact flow."""
+        known = BASES.get(self.base) or TREE_MAPS.get(self.base)
+        return "" if known is None or known is EXACT else f" of order {known.order}"
+
+    @property
     def sentence(self) -> str:
         """The faults in one sentence, with those that would explain the motion as well."""
         if self.verdict == "healthy":
@@ -155,14 +161,14 @@ class Diagnosis:
             if self.per_sample is not None:
                 off = number(self.per_sample, 2)
                 within = f" to a relative {off} per sample, as a solver with that tolerance gives"
-            return f"no fault: the motion is that of {self.base_words}{within}{_equal(self.equal_maps)}"
+            order = self._of_order and f",{self._of_order}"
+            equal = _equal(self.equal_maps)
+            return f"no fault: the motion is that of {self.base_words}{order}{within}{equal}"
         if self.verdict == "strapdown":
             omega = "omega is that of the exact motion"
             return f"no fault in omega: {omega}; the attitude is integrated from it: {self.base_words}"
         if self.verdict == "lower-order":
-            known = BASES[self.base] if self.base in BASES else TREE_MAPS[self.base]
-            orders = f"of order {known.order}, not {self.order}"
-            return f"the method is {orders}: the motion is that of {self.base_words}"
+            return f"the method is{self._of_order}, not {self.order}: the motion is that of {self.base_words}"
         if self.verdict == "elsewhere":
             steps = f"the single steps of this case are right, those of {self.base_words}"
             return f"{steps}: the cause acts at other steps, or within many steps that one call makes"

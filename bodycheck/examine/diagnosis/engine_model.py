@@ -159,12 +159,15 @@ class Model:
     timeline: (steps,) the row of `loads` that acts in each step. arm_in_world: 1 where the arms of world
     forces are taken in world axes, 2 where they keep their initial direction. body_arm_in_world: 1 where the
     arms of body forces are taken in world axes. held_loads: 1 where the force in world axes and the torque in
-    body axes keep, throughout a step, the components that they have at its start. stale: the quantities of
-    x, v, q, w that are read `lateness` steps late. largest_turn, asleep: 0 where there is no such limit.
-    clamped_first: whether limits of velocities apply before the pose is updated. slowed_v, slowed_w: rates
-    by which velocities are damped after the kick, or after the step where slowed_late. turn_factor: of the
-    omega that turns the attitude. tableau: in place of that of RK4. force_body_by and so on: 1 where a vector
-    is rotated by the transpose, 2 where it is rotated twice, 0 where it is right.
+    body axes keep, throughout a step, the components that they have at its start.
+    total_force_by, total_torque_by: 1 where the sum in its axes is rotated by R, 2 where it is rotated by
+    R^T, 0 where it is right. attitude_step: the place in ATTITUDE_STEPS, from 1, of how a Runge-Kutta method
+    advances q instead. stale: the quantities of x, v, q, w that are read `lateness` steps late. largest_turn,
+    asleep: 0 where there is no such limit. clamped_first: whether limits of velocities apply before the pose
+    is updated. slowed_v, slowed_w: rates by which velocities are damped after the kick, or after the step
+    where slowed_late. turn_factor: of the omega that turns the attitude. tableau: in place of that of RK4.
+    force_body_by and so on: 1 where a vector is rotated by the transpose, 2 where it is rotated twice, 0
+    where it is right.
     """
 
     mass: float
@@ -201,6 +204,9 @@ class Model:
     single_state: float = 0.0
     ramp: float = 0.0
     held_loads: float = 0.0
+    total_force_by: float = 0.0
+    total_torque_by: float = 0.0
+    attitude_step: float = 0.0
     arm_in_world: float = 0.0
     body_arm_in_world: float = 0.0
     step_factor: float = 1.0

@@ -245,7 +245,7 @@ def _evidence_table(evidence: Sequence[Evidence], of: str) -> Table:
         Column("quantity"),
         Column("holds"),
         Column("difference", "number"),
-        Column("explained", "number"),
+        Column("left", "number"),
         Column("round-off", "number"),
     )
     rows = tuple(

@@ -14,6 +14,7 @@ from bodycheck.examine.diagnosis.faults.load_faults import load_faults
 from bodycheck.examine.diagnosis.faults.map_faults import map_faults
 from bodycheck.examine.diagnosis.faults.reading_faults import reading_faults
 from bodycheck.examine.diagnosis.faults.tableau_faults import tableau_faults
+from bodycheck.examine.diagnosis.faults.wrench_faults import wrench_faults
 
 FAULTS: tuple[Fault, ...] = (
     *map_faults(),
@@ -21,6 +22,7 @@ FAULTS: tuple[Fault, ...] = (
     *gravity_faults(),
     *body_faults(),
     *load_faults(),
+    *wrench_faults(),
     *reading_faults(),
     *tableau_faults(),  # after "the step is scaled", which a wrong sum of weights almost is
     *general_faults(),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from bodycheck.examine.diagnosis.candidate_maps import ATTITUDE_STEPS, EXACT
 from bodycheck.examine.diagnosis.faults.fault import (
     FACTOR,
     Fault,
@@ -38,7 +39,7 @@ def map_faults() -> Iterator[Fault]:
     yield Fault(
         "omega-in-wrong-axes",
         "map",
-        "omega rotates the attitude in the wrong axes: q+ = exp(dt omega) q with omega in body axes",
+        "omega rotates the attitude in the wrong axes: q+ = exp(dt omega / 2) q with omega in body axes",
         constant(world_turn=1.0),
         applies=lambda at: at.rotates,
         confirm="start the same motion from another attitude: the error must change",
@@ -155,6 +156,15 @@ def map_faults() -> Iterator[Fault]:
         ),
         confirm="compare omega with the derivative of the attitude",
     )
+    for place, (formula, *_) in enumerate(ATTITUDE_STEPS, start=1):
+        yield Fault(
+            f"attitude-step-{place}",
+            "map",
+            f"the attitude is not advanced by the method of omega, but by {formula}",
+            constant(attitude_step=float(place)),
+            applies=lambda at: at.rotates and at.base.tableau is not None and at.base is not EXACT,
+            confirm="rotate about a principal axis: an exact step of the attitude errs by round-off alone",
+        )
     yield Fault(
         "position-by-old-velocity",
         "map",
