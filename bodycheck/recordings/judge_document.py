@@ -152,6 +152,8 @@ def _cause(motion: JudgedMotion, case: ExplainedCase) -> Iterator[str]:
                 "No wrong reading of the attitudes explains it; with omega in the file more is tried, "
                 "such as a wrong inertia."
             )
+        elif not is_right and case.reason:
+            yield f"No cause was looked for: {case.reason}" + ("" if case.reason.endswith("?") else ".")
         return
     if found.start is not None:
         yield f"The start differs: {found.start.sentence}."

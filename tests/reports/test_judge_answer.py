@@ -376,3 +376,14 @@ def test_a_position_without_a_velocity_is_not_compared_and_this_is_stated(
     ranking = judged(path)
     assert not {"position_error", "position_error_abs"} & ranking.rows[0].keys()
     expected_message(told(ranking))
+
+
+def test_times_in_another_unit_are_asked_about(tmp_path: Path) -> None:
+    """In milliseconds the body seems to turn many times between two samples, which no search follows."""
+    path = write(tmp_path / "sim.csv", 1e3 * T_S, stepped(T_S, 5), "%.9g")
+    ranking = rank([path], body=BODY)
+    case = explained_motion(ranking.motions[0], None)
+    document = judgement_document(ranking, [case])
+    texts = [part.text for part in document.parts if isinstance(part, Sentence)]
+    assert case.diagnosis is None
+    assert any(case.reason in text for text in texts)

@@ -602,6 +602,9 @@ class Flow:
                 part = w[:, rows]
                 speed = np.sqrt((part * part).sum(axis=0)) if power else 1.0
                 extra[:, rows] -= rate * speed * part
+        if "damping_torque" in features:
+            rows, rate = features["damping_torque"]
+            extra[:, rows] -= rate * times(self._inverse[:, :, rows], w[:, rows])
         if "energy_pull" in features:
             rows, rate = features["energy_pull"]
             inertia, inverse, part = self._inertia[:, :, rows], self._inverse[:, :, rows], w[:, rows]
@@ -673,7 +676,14 @@ ATTITUDE_STEPS = (
 )
 """Ways to advance q by itself: formula, whether it adds to q, and the weight of omega before the step."""
 
-_OF_OMEGA_RATE = {"damping_w", "damping_w_speed", "energy_pull", "inertia_in_world", "single_stage"}
+_OF_OMEGA_RATE = {
+    "damping_w",
+    "damping_torque",
+    "damping_w_speed",
+    "energy_pull",
+    "inertia_in_world",
+    "single_stage",
+}
 
 _WRONGLY = {
     "force_body_by": (transposed_times, times),

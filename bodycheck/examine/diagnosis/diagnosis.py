@@ -362,8 +362,11 @@ class Search:
         if _is_below(base, order):
             alike = (one for one in usable if not _is_below(one, order) and self.is_healthy(one))
             base = next(alike, base)
-        cost, round_off = self._healthy_cost(base), self._subset(base, _FITTED).round_off
-        found = Diagnosis("healthy", base.name, base.text, before=cost, after=cost, round_off=round_off)
+        cost, seen = self._healthy_cost(base), self._subset(base, _FITTED)
+        found = Diagnosis(
+            "healthy", base.name, base.text, before=cost, after=cost, round_off=seen.round_off,
+            within="the round-off of float32" if seen.is_single else "",
+        )  # fmt: skip
         return replace(found, verdict="lower-order", order=order) if _is_below(base, order) else found
 
     def _known(self, base: Base, known_faults: Sequence[tuple[str, ...]]) -> Diagnosis | None:

@@ -181,6 +181,7 @@ class Model:
     continuous: float = 1.0
     damping_v: float = 0.0
     damping_w: float = 0.0
+    damping_torque: float = 0.0
     slowed_v: float = 0.0
     slowed_w: float = 0.0
     slowed_late: bool = False

@@ -98,7 +98,7 @@ def diagnosed_recording(
         searched = partial(Search.of, scene, trajectory, scales, step, known)
         faults = _STEPLESS if dt_s is None else FAULTS
         search = searched(resolution, from_rows=from_rows, faults=faults)
-        if search is None:
+        if search is None or (search.fine is None and dt_s is None):
             return None
         found, made_by = _without_fault(search, known, resolution)
         noisy = None if found is not None or search.fine is None else with_noise(search.fine)

@@ -197,10 +197,11 @@ def _fingerprints(method_rows: Iterable[Mapping[str, Any]]) -> dict[MethodKey, s
 
 
 def _with_cause_elsewhere(one: ExplainedCase) -> ExplainedCase:
-    """Return a case with a finding without the statement that there is no fault."""
-    if one.diagnosis is None or one.diagnosis.verdict != "healthy" or one.wrong[0].state == "lower-order":
+    """Return a case with a finding without the statement that there is no fault, float32 excepted."""
+    found = one.diagnosis
+    if found is None or found.verdict != "healthy" or found.within or one.wrong[0].state == "lower-order":
         return one
-    return replace(one, diagnosis=replace(one.diagnosis, verdict="elsewhere"))
+    return replace(one, diagnosis=replace(found, verdict="elsewhere"))
 
 
 def _tested(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -24,6 +25,7 @@ from bodycheck.reports.measurement.verdicts import severity
 from bodycheck.reports.run_files.run_tables import StudyKey, Tables, case_key, study_key
 from bodycheck.scenarios.reader import fault_lines
 
+_NUMBER = re.compile(r"[-+]?\d[\d.e+-]*")
 FILE = "regressions.json"
 """The file in the folder of a nightly run: what is open after it."""
 
@@ -209,6 +211,9 @@ def next_regressions(
         else:
             newly = _is_worse(change, earlier.change, thresholds)
             cause = (all_causes if earlier.cause else causes).get(study, "")
+            if _is_another(cause, earlier.cause):
+                yield Regression(change, newest.run_id, cause=cause, release=releases.get(change.engine, ""))
+                continue
             yield replace(
                 earlier, change=change, runs=earlier.runs + 1, cause=cause, newly=newly, measured=True
             )
@@ -216,6 +221,12 @@ def next_regressions(
     for key, earlier in known.items():
         if key not in found and key not in measured and key.of_verdict not in worse_verdicts:
             yield replace(earlier, runs=earlier.runs + 1, newly=False, measured=False)
+
+
+def _is_another(cause: str, earlier: str) -> bool:
+    """Whether a known cause took the place of another one, whatever its numbers: then it is as old as it."""
+    names = [_NUMBER.sub("", one) for one in (cause, earlier)]
+    return is_known(cause) and earlier != "" and names[0] != names[1]
 
 
 def _is_worse(change: Change, earlier: Change, thresholds: Thresholds) -> bool:

@@ -43,6 +43,8 @@ def classical(mistake: str, *, unit: bool) -> Callable[[StepState, float], StepS
                 torque = at.rotation.T @ torque
             case "total-torque-rotated":
                 torque = at.rotation @ torque
+            case "damping-torque":
+                torque = torque - 0.05 * at.omega_body
         spun = angular_acceleration(at.body.inertia, at.omega_body, torque)
         return at.velocity, force / at.body.mass, turned(at.quaternion, at.omega_body), spun
 
@@ -121,6 +123,7 @@ OF_LOADS = (
             for name in ("damped-fall", "sine-torque", "satellite-libration")
         ),
         *(pytest.param("powered-flight", name, True, marks=pytest.mark.slow) for name in OF_LOADS),
+        pytest.param("tumbling", "damping-torque", True, marks=pytest.mark.slow),
         *(
             pytest.param("tumbling", f"attitude-step-{place}", True, marks=pytest.mark.slow)
             for place in range(1, 6)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bodycheck.examine.diagnosis.diagnosis import Diagnosis, diagnosed
+from bodycheck.examine.diagnosis.faults import FAULTS
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
@@ -110,6 +111,13 @@ def test_wrong_weights_are_named(weights: tuple[float, ...], name: str) -> None:
     assert not found.alike
     if name == "weights":
         assert [p.value for p in found.faults[0].parameters] == pytest.approx(weights, abs=1e-6)
+
+
+def test_a_value_close_to_the_right_one_is_stated_as_the_difference_from_it() -> None:
+    """The rounded value would be the right one."""
+    (fault,) = (one for one in FAULTS if one.name == "stage-2-misplaced")
+    assert " 0.5 + 5e-08 of the step" in fault.text([0.5 * (1.0 + 1e-7)])
+    assert " 0.49 of the step" in fault.text([0.49])
 
 
 @pytest.mark.slow

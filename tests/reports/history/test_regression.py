@@ -192,6 +192,23 @@ def test_the_cause_of_an_open_regression_is_that_of_the_night(monkeypatch: pytes
     assert causes == [["damping, explains all"], [""], ["gravity, explains all"]]
 
 
+def test_a_fault_that_replaces_another_is_as_old_as_its_night(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first line counts the nightly runs of the cause that it names, whatever its numbers."""
+    study = {name: METHOD[name] for name in ("scenario", "engine", "method")}
+
+    def night(number: int, *faults: str) -> Tables:
+        rows = [study | {"verdict": "explained", "faults": "one", "diagnosis": fault} for fault in faults]
+        return with_tables(tables(number, {ERROR: 1e-4 if faults else 1e-9}), diagnoses=rows)
+
+    runs = [night(0), night(1, "damping 0.1/s"), night(2, "damping 0.1001/s"), night(3, "gravity")]
+    found = [judgement_of(*runs[: place + 1], monkeypatch=monkeypatch).open for place in range(1, len(runs))]
+    assert [[(one.runs, one.newly) for one in open_now] for open_now in found] == [
+        [(1, True)],
+        [(2, False)],
+        [(1, True)],
+    ]
+
+
 def creeping(*errors: float | None, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Return the status of the error in each run after the first; None: the case failed."""
     runs = [tables(k, FAILED if error is None else {ERROR: error}, OTHER) for k, error in enumerate(errors)]

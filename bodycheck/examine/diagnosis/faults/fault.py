@@ -154,7 +154,8 @@ class Fault:
 
     def text(self, values: Sequence[float] | Array) -> str:
         """Return the sentence with these values of the parameters."""
-        return self.special_text(values) or self.sentence.format(*(number_text(value) for value in values))
+        shown = [number_text(v, p.healthy) for v, p in zip(values, self.parameters, strict=False)]
+        return self.special_text(values) or self.sentence.format(*shown)
 
 
 _NAMED = {
@@ -166,12 +167,12 @@ _NAMED = {
 """Quantity -> how a sentence names it."""
 
 
-def number_text(value: float) -> str:
-    """Return a parameter in five digits; one close to 1 as its difference from 1."""
+def number_text(value: float, healthy: float = 1.0) -> str:
+    """Return a parameter in five digits; one close to its healthy value as the difference from it."""
     shown = f"{value:.5g}"
-    if shown != "1" or value == 1.0:
+    if healthy == 0.0 or shown != f"{healthy:.5g}" or value == healthy:
         return shown
-    return f"1 {'+' if value > 1.0 else '-'} {abs(value - 1.0):.2g}"
+    return f"{shown} {'+' if value > healthy else '-'} {abs(value - healthy):.2g}"
 
 
 FACTOR = Parameter("factor")

@@ -73,6 +73,16 @@ def map_faults() -> Iterator[Fault]:
         confirm="spin the body about a principal axis and wait",
     )
     yield Fault(
+        "damping-torque",
+        "map",
+        "a damping torque of -{0} N m s times omega acts on the body",
+        assigned("damping_torque"),
+        (Parameter("coefficient", "N m s", 0.0),),
+        near(0.0, 1.0),
+        lambda at: at.rotates,
+        confirm="spin the body about two principal axes and wait: the rates must be c over the moments",
+    )
+    yield Fault(
         "damping-linear",
         "map",
         "the velocity is damped at the rate {0} 1/s",
