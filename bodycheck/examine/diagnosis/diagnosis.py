@@ -750,6 +750,9 @@ def _described(fit: Fit) -> tuple[FittedFault, ...]:
         free = fit.undetermined[:, first : first + len(values)]
         own = widths[first : first + len(values)]
         stated = np.where(np.isfinite(own) & (np.abs(values) <= own), 0.0, values)
+        if len(values) > 1:  # of several, some may be right
+            healthy = np.array([parameter.healthy for parameter in fault.parameters])
+            stated = np.where(np.isfinite(own) & (np.abs(stated - healthy) <= own), healthy, stated)
         for parameter, value in zip(fault.parameters, values, strict=True):
             width = float(widths[first])
             first += 1
