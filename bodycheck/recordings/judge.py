@@ -40,7 +40,7 @@ from bodycheck.reports.measurement.study import limit
 from bodycheck.scenarios.given_motion import GivenMotion
 from bodycheck.scenarios.model import Scenario
 
-_TOO_MANY_STEPS = "omega turns the body too far between two samples; are the times in s?"
+_TOO_MANY_STEPS = "omega turns the body too far between two samples, as where times are not in s"
 _SAME = 1e-9  # relative difference of two times that count as equal
 _PREFERRED = (ORIENTATION, "omega_error", "position_error", "velocity_error")
 

@@ -153,7 +153,7 @@ def _cause(motion: JudgedMotion, case: ExplainedCase) -> Iterator[str]:
                 "such as a wrong inertia."
             )
         elif not is_right and case.reason:
-            yield f"No cause was looked for: {case.reason}" + ("" if case.reason.endswith("?") else ".")
+            yield f"No cause was looked for: {case.reason}."
         return
     if found.start is not None:
         yield f"The start differs: {found.start.sentence}."

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from glob import escape
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +32,7 @@ from bodycheck.reports.history.regression import Judgement, judge_run
 from bodycheck.reports.history.trends import FILE as TRENDS
 from bodycheck.reports.history.trends import trends_page
 from bodycheck.reports.run_files.run_reader import read_tables
-from bodycheck.reports.run_files.run_tables import FAILED_CASES, Run, study_key
+from bodycheck.reports.run_files.run_tables import FAILED_CASES, Run, failed_case, study_key
 from bodycheck.reports.run_files.writer import write_trajectories
 from bodycheck.runs.directory import Storage, begin, interrupted_in, proceed, remove_interrupted
 from bodycheck.runs.manifest import Identity
@@ -157,9 +156,9 @@ def _worst_case(line: Headline, run: Run) -> str:
     """Return SCENARIO,ENGINE:METHOD of what a line names first; "" if no case of it ended well."""
     names = {base: name for name, base in unversioned(run.manifest["engines"]).items()}
     engine = names.get(line.engine, line.engine)
-    key = line.main.scenario, engine, line.main.method
+    key = line.main.scenario or "", engine, line.main.method
     ended = any(case.ok and study_key(case.columns) == key for case in run.cases)
-    return f"{escape(key[0] or '')},{escape(engine)}:{escape(line.main.method)}" if ended else ""
+    return failed_case(*key) if ended else ""
 
 
 def _with_causes(run: Run, judged: Judgement) -> Run:

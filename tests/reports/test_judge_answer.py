@@ -378,7 +378,7 @@ def test_a_position_without_a_velocity_is_not_compared_and_this_is_stated(
     expected_message(told(ranking))
 
 
-def test_times_in_another_unit_are_asked_about(tmp_path: Path) -> None:
+def test_times_in_another_unit_are_suspected(tmp_path: Path) -> None:
     """In milliseconds the body seems to turn many times between two samples, which no search follows."""
     path = write(tmp_path / "sim.csv", 1e3 * T_S, stepped(T_S, 5), "%.9g")
     ranking = rank([path], body=BODY)

@@ -661,11 +661,15 @@ class Flow:
 
 
 _OF_ATTITUDE = {
-    *("inertia_in_world", "force_world_by", "torque_body_by", "held_loads", "body_velocity"),
-    *("total_force_by", "total_torque_by"),
+    "inertia_in_world",
+    "force_world_by",
+    "torque_body_by",
+    "total_force_by",
+    "total_torque_by",
+    "held_loads",
+    "body_velocity",
 }
 """The features whose forces depend on the attitude."""
-
 
 ATTITUDE_STEPS = (
     ("q+ = q + dt/2 q omega", True, 1.0),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from glob import escape
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -20,6 +19,7 @@ from bodycheck.reports.run_files.run_tables import (
     FAILED_CHECKS,
     StudyKey,
     Tables,
+    failed_case,
     study_key,
 )
 
@@ -136,9 +136,8 @@ def note_failures(run: Tables, results: Iterable[GateResult]) -> None:
 def _case_of(row: GateRow, run: Tables) -> str:
     """Return SCENARIO,ENGINE:METHOD[,STEP], as `explain --case` takes it; "" without a case."""
     own = [case for case in run.cases if study_key(case.columns) == study_key(vars(row))]
-    names = [escape(row.scenario), f"{escape(row.engine)}:{escape(row.method)}"]
-    names += [repr(case.setting.fineness) for case in own if row.at and row.at == at_of(case.columns)]
-    return ",".join(names) if own else ""
+    at = [case.setting.fineness for case in own if row.at and row.at == at_of(case.columns)]
+    return failed_case(row.scenario, row.engine, row.method, *at) if own else ""
 
 
 def failure_rows(results: Sequence[GateResult]) -> list[tuple[str, ...]]:

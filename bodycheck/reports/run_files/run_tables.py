@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from glob import escape
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 from bodycheck._util.errors import InputError
@@ -84,6 +85,11 @@ FAILED_CHECKS = "failed_checks"
 
 FAILED_CASES = "failed_cases"
 """The same for the cases that failed them, or that became worse, as SCENARIO,ENGINE:METHOD[,STEP]."""
+
+
+def failed_case(scenario: str, engine: str, method: str, *fineness: float | None) -> str:
+    """Return an entry of FAILED_CASES, which fits this case alone."""
+    return ",".join([escape(scenario), f"{escape(engine)}:{escape(method)}", *map(repr, fineness)])
 
 
 def key_of(row: Mapping[str, Any]) -> MethodKey:

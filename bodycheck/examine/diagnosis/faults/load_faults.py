@@ -137,12 +137,6 @@ def _load(name: str, sentence: str, plant: Plant, applies: _Applies, confirm: st
     return Fault(name, "loads", sentence, plant, applies=applies, confirm=confirm)
 
 
-def scaled_forces(model: Model, values: Array) -> None:
-    """Multiply forces by the first parameter, but not their moments."""
-    parts = ("force_body", "force_world")
-    model.loads = replace(model.loads, **{part: values[0] * getattr(model.loads, part) for part in parts})
-
-
 def _scaled(name: str, sentence: str, parts: str, applies: _Applies, special: _Texts = ()) -> Fault:
     """Return the fault that parts of the loads, separated by blanks, are multiplied by a factor."""
     names = parts.split()

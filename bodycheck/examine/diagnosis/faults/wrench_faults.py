@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-
-import numpy as np
+from dataclasses import replace
 
 from bodycheck.examine.diagnosis.engine_model import Model
 from bodycheck.examine.diagnosis.faults.fault import FACTOR, Fault, FaultContext, constant, near
-from bodycheck.examine.diagnosis.faults.load_faults import scaled_forces
 from bodycheck.reference_impl.arrays import Array
 
 _CONFIRM = "start from an attitude other than identity, under one load at a time"
@@ -26,8 +24,9 @@ def _is_sum_of_torques(at: FaultContext) -> bool:
 
 
 def _accelerated(model: Model, values: Array, at: FaultContext) -> None:
-    scaled_forces(model, values)
-    model.gravity = values[0] * np.asarray(model.gravity)
+    parts = ("force_body", "force_world")
+    model.loads = replace(model.loads, **{part: values[0] * getattr(model.loads, part) for part in parts})
+    model.gravity = values[0] * model.gravity
 
 
 def wrench_faults() -> Iterator[Fault]:
