@@ -26,6 +26,7 @@ from bodycheck.scenarios.model_files.shape_sizes import half_extents, uniform
 _DECIMALS = 1e-6  # a violation below this follows from decimals that were rounded in the file
 _NEAR = 1e-9  # of the limits, relative to the largest moment: 40 digits decide
 _RANGE = (1e-45, 1e45)  # of numbers whose products, up to the square of m r^2, are doubles
+_FAR = 10.0  # times the size of the model
 _OF_THE_PART = "the tensor of the part"
 _SIDES = re.compile(r"(?<![a-z])(left|right|l|r)(?![a-z])", re.IGNORECASE)
 _OTHER_SIDE = {"left": "right", "right": "left", "l": "r", "r": "l"}
@@ -41,6 +42,7 @@ def lint(model: ModelFile) -> Iterator[LintFinding]:
             beyond = any(finding.rule == "beyond-shape" for finding in found)
             yield from (one for one in found if not (beyond and one.rule == "placeholder-inertia"))
     yield from _twins(model)
+    yield from _beyond_model(model)
 
 
 def _range(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
@@ -191,12 +193,47 @@ def _shape_key(link: ModelLink) -> tuple[tuple[str, tuple[float, ...], str], ...
     return tuple((shape.kind, shape.size, shape.mesh) for shape in link.collisions)
 
 
+def _beyond_model(model: ModelFile) -> Iterator[LintFinding]:
+    """Note links without shapes whose centre or radius of gyration is far beyond the size of the model."""
+    points = []
+    for name, pose in model.placed.items():
+        points.append(doubles(pose.position))
+        for shape in (*model.by_name[name].shapes, *model.by_name[name].visuals):
+            if (box := half_extents(shape, model)) is not None:
+                middle, half = box
+                frame = pose @ shape.frame
+                corner = np.abs(doubles(frame.rotation)) @ half
+                centre = doubles(frame.position) + doubles(frame.rotation) @ middle
+                points += [centre - corner, centre + corner]
+    size = float(np.linalg.norm(np.ptp(np.array(points), axis=0))) if points else 0.0
+    for link in model.links:
+        body = _written(link)
+        if body is None or not body.possible or link.static or link.shapes or link.visuals or size == 0.0:
+            continue
+        away = float(np.linalg.norm(body.centre_m))
+        spans = f"the frames and shapes of the model span {number(size, 2)} m"
+        if away > _FAR * size:
+            message = f"its centre of mass is {number(away, 3)} m from its origin; {spans}"
+            yield _finding("beyond-model", "note", "possible", link, message, "a centre of mass in m")
+        elif body.gyration_m > _FAR * size and not is_placeholder(link):
+            message = (
+                f"its moments are those of its mass {number(body.gyration_m, 3)} m from its centre; {spans}"
+            )
+            most = f"moments of at most {number(body.mass_kg * size**2, 2)} kg m^2 within that size"
+            yield _finding("beyond-model", "note", "possible", link, message, most)
+
+
 def _missing(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
     if link.stated is not None or link.unread or not _moves(link, model):
         return
-    if link.name in model.carrying:
-        return
     root = link.parent is None
+    if link.name in model.carrying:
+        if model.format == "urdf" and not root:
+            message = "has no inertia of its own; engines that do not merge the links fixed to it invent one"
+            yield _finding(
+                "missing-inertial", "note", "certain", link, message, "<inertial> of the moving link"
+            )
+        return
     yield _finding(
         "missing-inertial",
         "note" if root else "warning",

@@ -231,6 +231,36 @@ def test_linter_reports_a_root_without_inertia(tmp_path: Path) -> None:
     assert (found.rule, found.link, found.line, found.severity) == ("missing-inertial", "base", 2, "note")
 
 
+def test_linter_notes_a_moving_link_whose_inertia_is_that_of_fixed_ones(tmp_path: Path) -> None:
+    """The file is complete, so it is a note; of a base that carries one, as ROS writes them, it is none."""
+    tool = '<link name="tool">' + _inertial(0.0, 0.0) + "</link>"
+    weld = '<joint name="weld" type="fixed"><parent link="arm"/><child link="tool"/></joint>'
+    path = _robot(tmp_path, {"base": _inertial(0.0, 0.0), "arm": ""}, "continuous")
+    path.write_text(path.read_text().replace("</robot>", f"{tool}\n{weld}\n</robot>"))
+    (found,) = lint(read_model(path))
+    assert (found.rule, found.link, found.line, found.severity) == ("missing-inertial", "arm", 3, "note")
+    path.write_text(path.read_text().replace("continuous", "fixed"))
+    assert not list(lint(read_model(path)))
+
+
+@pytest.mark.parametrize("shape", ["", '<visual><geometry><sphere radius="0.1"/></geometry></visual>'])
+@pytest.mark.parametrize(
+    ("centre_m", "moment", "noted"), [(4.9, 0.03, 0), (5.1, 0.03, 1), (0.1, 30.0, 0), (0.1, 31.0, 1)]
+)
+def test_linter_notes_numbers_far_beyond_the_model(
+    centre_m: float, moment: float, noted: int, shape: str, tmp_path: Path
+) -> None:
+    """The model spans 0.5 m; sqrt(3.3 I / 4) is 10 times that at I = 30.3; shapes have other rules."""
+    tensor = f'ixx="{moment}" iyy="{1.1 * moment}" izz="{1.2 * moment}" ixy="0" ixz="0" iyz="0"'
+    numbers = f'<origin xyz="{centre_m} 0 0"/><mass value="2"/><inertia {tensor}/>'
+    links = {"base": _inertial(0.0, 0.0), "tool": f"{shape}<inertial>{numbers}</inertial>"}
+    path = _robot(tmp_path, links)
+    path.write_text(path.read_text().replace("<parent", '<origin xyz="0.5 0 0"/><parent'))
+    found = [one for one in lint(read_model(path)) if one.rule == "beyond-model"]
+    expected = [] if shape else [("tool", "note", "possible")] * noted
+    assert [(one.link, one.severity, one.confidence) for one in found] == expected
+
+
 @pytest.mark.parametrize("names", [("left_arm", "right_arm"), ("arm_l", "arm_r"), ("Left", "Right")])
 def test_linter_reports_tensors_that_are_no_mirror_images(names: tuple[str, str], tmp_path: Path) -> None:
     """Mirrored in y, Ixy changes its sign; the expected tensor is that of the first link so mirrored."""

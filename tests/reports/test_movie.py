@@ -13,9 +13,19 @@ import pytest
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.case import CaseResult
-from bodycheck.reports.render.movie import FRAMES, _panels, check_movie, film_frames, filmed_cases, movie
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.render.movie import (
+    FRAMES,
+    _momentum_and_axis,
+    _panels,
+    check_movie,
+    film_frames,
+    filmed_cases,
+    movie,
+)
 from bodycheck.reports.run_files.run_reader import read_run
 from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.scenarios.library import load_scenario
 from tests.helpers.expected_messages import ExpectedMessage
 
 pytest.importorskip("matplotlib")
@@ -94,6 +104,18 @@ def test_the_program_of_a_format_is_checked_first(
     check_movie(None)
     with expected_message.raises(UnavailableError):
         check_movie(Path("a.mp4"))
+
+
+def test_a_flip_turns_the_axis_of_a_film_against_the_angular_momentum() -> None:
+    """At the start it is along it to a tenth of a radian, and the true motion turns it over."""
+    scenario = load_scenario("intermediate-axis")
+    problem = Problem.of(scenario, scenario.name)
+    directions = _momentum_and_axis(problem)
+    assert directions is not None
+    momentum, axis = (one / np.linalg.norm(one) for one in directions)
+    cosines = problem.truth.trajectory.rotation_matrices @ axis @ momentum
+    assert cosines[0] > np.cos(0.1)
+    assert cosines.min() < -np.cos(0.2)
 
 
 @pytest.mark.slow

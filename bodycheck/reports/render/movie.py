@@ -13,6 +13,8 @@ import numpy as np
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.formatting import number, step
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.dynamics import diagonalised
+from bodycheck.reference_impl.pivot import rotational_inertia
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reports.document import Column, Document, Sentence, Table
@@ -50,6 +52,7 @@ _FONT = 11
 _LETTERS = 104  # of a line of this font across the page
 _LINE = 0.036  # its height, as a share of the page
 _ARROW = 0.7  # in the units of the panels, whose half width is 0.75
+_AXIS = 0.95  # of a body, in the same units: it begins along the arrow, and must be seen beside it
 
 
 def check_movie(mp4: Path | None) -> None:
@@ -204,15 +207,19 @@ def _panels(page: Figure, problem: Problem, cases: Sequence[CaseResult]) -> Call
     drawn = DrawnBodies.of(problem.scenario, truth)
     errors = [shown_errors(problem, case) for case in cases]
     title = page.suptitle("", fontsize=_FONT, y=1.0 - 0.4 * _LINE)
-    momentum = _momentum(problem)
-    key = KEY if momentum is None else f"{KEY}, with its angular momentum"
+    directions = _momentum_and_axis(problem)
+    key = KEY if directions is None else f"{KEY}, with its angular momentum; dot: an axis of the body"
     bodies: list[tuple[Any, Trajectory]] = []
+    lines: list[tuple[Any, Trajectory]] = []
     labels: list[Any] = []
     for index, (group, name) in enumerate(zip(groups, names, strict=True)):
         axes: Any = page.add_subplot(rows, columns, index + 1, projection="3d")
         bodies += draw_bodies(axes, drawn, truth, group, 0)
-        if momentum is not None:
-            axes.quiver(0.0, 0.0, 0.0, *momentum, color=TRUTH, linewidth=1.2, arrow_length_ratio=0.1)
+        if directions is not None:
+            axes.quiver(0.0, 0.0, 0.0, *directions[0], color=TRUTH, linewidth=1.2, arrow_length_ratio=0.1)
+            body, motion = bodies[-1]
+            style = {"color": body.get_edgecolor()[0], "marker": "o", "markevery": [1]}
+            lines.append((axes.plot(*directions[1][:, None], **style)[0], motion))
         bare_axes(axes, 0.75, name, fontsize=_FONT)
         labels.append(axes.text2D(0.5, 0.0, "", fontsize=_FONT, ha="center", transform=axes.transAxes))
 
@@ -222,17 +229,29 @@ def _panels(page: Figure, problem: Problem, cases: Sequence[CaseResult]) -> Call
         )
         for body, motion in bodies:
             body.set_verts(drawn.polygons(motion, k))
+        if directions is not None:
+            for line, motion in lines:
+                line.set_data_3d(*np.outer(motion.rotation_matrices[k] @ directions[1], (0.0, 1.0)))
         for text, error in zip(labels, errors, strict=True):
             text.set_text(f"error {number(float(error[k]), 2)} rad")
 
     return show
 
 
-def _momentum(problem: Problem) -> Array | None:
-    """Return an arrow along the angular momentum, (3,) in world axes; None where it is not constant."""
+def _momentum_and_axis(problem: Problem) -> tuple[Array, Array] | None:
+    """Return two arrows (3,), None where the angular momentum is not constant.
+
+    Along it, in world axes, and, in body axes, along the principal axis that is nearest to it at the start:
+    a flip turns the second against the first.
+    """
     scene = problem.scenario.scene
     if isinstance(scene, TreeScene) or not scene.is_free_rotation:
         return None
     momentum = problem.motion.angular_momentum[0]
     size = float(np.linalg.norm(momentum))
-    return momentum * (_ARROW / size) if size else None
+    if not size:
+        return None
+    _, axes = diagonalised(rotational_inertia(scene))
+    along = axes.T @ (problem.truth.trajectory.rotation_matrices[0].T @ momentum)
+    nearest = int(np.argmax(np.abs(along)))
+    return momentum * (_ARROW / size), axes[:, nearest] * (_AXIS * np.sign(along[nearest]))
