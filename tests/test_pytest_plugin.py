@@ -204,10 +204,16 @@ def test_right(bodycheck):
 
 def test_lost(bodycheck):
     bodycheck.step(lost, "mine.toml", dt_s=STEPS).check("angular_momentum_drift", upper=1e-2)
+
+
+def test_lost_in_what_is_right(bodycheck):
+    bodycheck.step(lost, "mine.toml", dt_s=STEPS).check("quaternion_norm_error", upper=1.0)
 """
     )
     done = run(inner)
-    done.assert_outcomes(passed=1, failed=1)
+    done.assert_outcomes(passed=2, failed=1)
+    passed = [line for line in done.outlines if line.startswith("passed mine step:")]
+    assert ["; but " in line for line in passed] == ["step:lost" in line for line in passed]
     done.stdout.fnmatch_lines(
         [
             "E*mine step:lost: angular_momentum_drift <= 0.01: 4 of 4 cases failed*",

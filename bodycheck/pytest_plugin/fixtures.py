@@ -134,9 +134,10 @@ def assert_passed(
 ) -> None:
     """Raise AssertionError, with one paragraph per failing row and the report, if a gate does not pass."""
     __tracebackhide__ = True
-    record(f"{result.status} {line_of(result)}")
     if result.status == "passed":
+        record(f"passed {line_of(result)}{_beside(result, run)}")
         return
+    record(f"{result.status} {line_of(result)}")
     lines = [line_of(result)]
     rows = failure_rows([result])
     diagnoses = {study_key(row): row["diagnosis"] for row in run.rows("diagnoses")}
@@ -156,6 +157,18 @@ def assert_passed(
     elif run.cases:
         lines.append("explain: pytest --bodycheck-report DIR keeps the run for `bodycheck explain`")
     raise AssertionError("\n".join(lines)) from cause
+
+
+def _beside(result: GateResult, run: Run) -> str:
+    """Return the first verdict against a method of a passed check in a quantity that it does not check."""
+    target = result.gate.target
+    checked = {study_key(vars(check.row)) for check in result.checks}
+    verdicts = Gate.model_validate({"measure": "verdict", "reason": "what the check leaves out"})
+    for row in rows_of(verdicts, run):
+        quantity = row.about.partition(" ")[0]
+        if row.about and quantity not in (target.quantity, target.column) and study_key(vars(row)) in checked:
+            return f"; but {row.about}"
+    return ""
 
 
 _KEYS = ("scenario", "engine", "method", "dt_s")

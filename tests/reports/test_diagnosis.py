@@ -19,7 +19,7 @@ from bodycheck.adapters.pybullet import PyBullet
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.registry import registered
 from bodycheck.examine.diagnosis.candidate_maps import BASES
-from bodycheck.examine.diagnosis.diagnosis import Diagnosis, bases_for, diagnosed
+from bodycheck.examine.diagnosis.diagnosis import Diagnosis, _percent, bases_for, diagnosed
 from bodycheck.examine.diagnosis.engine_model import Grid
 from bodycheck.examine.diagnosis.faults import FAULTS
 from bodycheck.examine.diagnosis.faults.fault import FaultContext
@@ -498,3 +498,9 @@ def test_judge_explains_a_trajectory_of_any_program(tmp_path: Path) -> None:
         )
         assert done.returncode == 0, done.stderr
         assert "omega is damped at the rate 0.04 1/s" in " ".join(done.stdout.split())
+
+
+@pytest.mark.parametrize(("share", "text"), [(0.99984, "99.98 %"), (0.99991, "all"), (0.9501, "95.01 %")])
+def test_a_share_is_rounded_down(share: float, text: str) -> None:
+    """What leaves something is not 100 %."""
+    assert _percent(share) == text

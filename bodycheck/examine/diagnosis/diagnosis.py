@@ -50,6 +50,7 @@ _NEAR = 3.0  # multiples of the limit, within which a fit is weighed by its own 
 _INVOLVED = 1e-3  # length of the part of a direction that counts
 _COARSEST_TURN = 0.1  # rad, of a step of the exact flow
 _MAX_STEPS = 400  # between two samples
+_SINGLE = "the round-off of float32"
 ALL = 0.9999
 """Share of the differences from which on faults count as explaining all of them."""
 
@@ -163,6 +164,8 @@ class Diagnosis:
                 within = f" to a relative {off} per sample, as a solver with that tolerance gives"
             order = self._of_order and f",{self._of_order}"
             equal = _equal(self.equal_maps)
+            if self.within == _SINGLE:
+                return f"no fault but {_SINGLE}: the motion is that of {self.base_words}{order}"
             return f"no fault: the motion is that of {self.base_words}{order}{within}{equal}"
         if self.verdict == "strapdown":
             omega = "omega is that of the exact motion"
@@ -189,7 +192,8 @@ def _equal(equal_maps: Sequence[str]) -> str:
 
 
 def _percent(share: float) -> str:
-    return "all" if share > ALL else f"{100.0 * share:.3g} %"
+    """Return a share rounded down, so that what is not all is not 100 %."""
+    return "all" if share > ALL else f"{math.floor(1e4 * share) / 100.0:g} %"
 
 
 def bases_for(order: int | None) -> tuple[Base, ...]:
@@ -365,7 +369,7 @@ class Search:
         cost, seen = self._healthy_cost(base), self._subset(base, _FITTED)
         found = Diagnosis(
             "healthy", base.name, base.text, before=cost, after=cost, round_off=seen.round_off,
-            within="the round-off of float32" if seen.is_single else "",
+            within=_SINGLE if seen.is_single else "",
         )  # fmt: skip
         return replace(found, verdict="lower-order", order=order) if _is_below(base, order) else found
 

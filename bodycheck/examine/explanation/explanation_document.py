@@ -192,16 +192,15 @@ def _facts(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
         yield "nearest fault", "; and ".join(fault.sentence for fault in found.nearly)
     words = found.base_words
     if words not in found.sentence:
-        is_known = found.verdict != "unexplained" or found.nearly
-        yield "map" if is_known else "nearest map", words
+        yield "nearest map" if found.verdict == "unexplained" else "map", words
     for fault in found.faults:
         for direction in fault.undetermined:
             yield (
                 "not determined",
                 f"{fault.name} along {vector(direction)}: no change of it changes the motion",
             )
-        if fault.confirm:
-            yield "to confirm", fault.confirm
+    for confirm in dict.fromkeys(fault.confirm for fault in found.faults if fault.confirm):
+        yield "to confirm", confirm
 
 
 def _what_is_wrong(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:

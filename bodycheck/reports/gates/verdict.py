@@ -14,6 +14,7 @@ from bodycheck._util.untrusted import shell_join, shell_split
 from bodycheck.adapters.engine_names import is_named, with_method
 from bodycheck.reports.gates.gate import Gate
 from bodycheck.reports.measurement.measures import MEASURE_OF, MEASURES
+from bodycheck.reports.measurement.order import MIN_POINTS
 from bodycheck.reports.measurement.verdicts import QuantityVerdict, amount_of, method_verdict
 from bodycheck.reports.run_files.run_tables import StudyKey, Tables, key_of, study_key
 from bodycheck.scenarios.serialization import deserialized
@@ -169,6 +170,8 @@ def _row_of_method(gate: Gate, columns: Mapping[str, Any], found: Mapping[str, A
             verdict = QuantityVerdict.of(found)
             is_wrong = is_order and verdict.is_wrong
             detail = verdict.text if verdict.is_wrong else verdict.state
+            if is_order and verdict.state in ("converges", "too-few-points") and found.get("finest_dt_s"):
+                detail += f", but {_no_order(found.get('points') or 0)}"
         why = f"no {measure.column}: {detail}"
     return GateRow(
         **_identity(columns),
@@ -180,6 +183,13 @@ def _row_of_method(gate: Gate, columns: Mapping[str, Any], found: Mapping[str, A
         errors=_errors_by_step(columns, measure.quantity or "", run) if is_order else (),
         is_wrong=is_wrong,
     )
+
+
+def _no_order(points: int) -> str:
+    """Return why the errors of a method that converges have no order."""
+    if points < MIN_POINTS:
+        return f"an order takes at least {MIN_POINTS} steps with errors above round-off, not {points}"
+    return "the errors follow no one power of dt; where the finest are near round-off, take coarser steps"
 
 
 def _errors_by_step(columns: Mapping[str, Any], quantity: str, run: Tables) -> tuple[str, ...]:

@@ -276,6 +276,15 @@ def test_missing_order_has_the_verdict_as_its_reason(verdict: str, reason: str) 
     assert [check.row.why for check in result.checks] == [f"no order: {reason}"]
 
 
+@pytest.mark.parametrize(("points", "why"), [(3, "at least 4 steps"), (4, "no one power of dt")])
+def test_an_order_that_is_missing_though_the_method_converges_has_a_reason(points: int, why: str) -> None:
+    """It takes four usable errors, which follow one power of the step."""
+    row = {"order": None, "verdict": "converges", "finest_dt_s": 0.01, "points": points}
+    (check,) = one(gate(measure="order.orientation_error_rad", lower=1.0), {}, methods=[row]).checks
+    assert check.row.why.startswith("no order: converges, but ")
+    assert why in check.row.why
+
+
 @pytest.mark.parametrize("verdict", ["does-not-converge", "error-grows"])
 def test_order_that_the_verdict_excludes_fails(verdict: str) -> None:
     """A method that is wrong, and so has no order, fails with verdict and error, alone or beside others."""
