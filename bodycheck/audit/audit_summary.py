@@ -15,7 +15,7 @@ from bodycheck.reports.document import Sentence
 
 LEVELS: tuple[Severity, ...] = ("error", "warning", "note")
 TINTS = {"error": "bad", "warning": "open", "note": "none"}
-IMPOSSIBLE = ("not-positive", "triangle-inequality", "negative-mass", "unreadable")
+IMPOSSIBLE = ("not-positive", "triangle-inequality", "negative-mass", "zero-mass", "unreadable")
 """The rules whose errors mean that no body has the numbers of a link."""
 
 _DISCARDED = "tensor discarded"
@@ -49,11 +49,17 @@ def _of_file(audit: Audit, clauses: Mapping[str, tuple[str, bool]]) -> Sentence:
     if not findings or findings[0].severity == "note":
         problems = f"{counted}, no error or warning" if findings else "no problem found in the file"
         imports, changed = _changed(audit, clauses)
-        return Sentence(f"{file}: {problems} ({links}){imports}.", "open" if changed else "good", strong=True)
+        noted = f" {_where(findings[0])}." if findings else ""
+        tint = "open" if changed else "good"
+        return Sentence(f"{file}: {problems} ({links}){imports}.{noted}", tint, strong=True)
     first = findings[0]
-    where = f"{first.link}, line {first.line}: {first.message.partition('; ')[0]}"
+    where = _where(first)
     more = f" (and {len(findings) - 1} more below)" if len(findings) > 1 else ""
     return Sentence(f"{file}: {counted}: {where}{more}", TINTS[first.severity], strong=True)
+
+
+def _where(finding: LintFinding) -> str:
+    return f"{finding.link}, line {finding.line}: {finding.message.partition('; ')[0]}"
 
 
 def _changed(audit: Audit, clauses: Mapping[str, tuple[str, bool]]) -> tuple[str, bool]:
@@ -158,8 +164,8 @@ def _of_bodies(audit: Audit, column: ImporterColumn) -> tuple[str, bool]:
         return _compared(audit, len(differing), total, single=bool(states["rounded"]))
     if differing:
         causes = Counter(why.partition(":")[0].partition(" (")[0] for _, why in differing)
-        ((cause, _), *_) = causes.most_common(1)
-        return f"changes {len(differing)} of {count(total, 'link')} ({cause})", False
+        found = "; ".join(cause for cause, _ in causes.most_common())
+        return f"changes {len(differing)} of {count(total, 'link')} ({found})", False
     if not total:
         return "reads it", True
     if _merges_all(audit, column.name):

@@ -205,12 +205,12 @@ def _beyond_model(model: ModelFile) -> Iterator[LintFinding]:
                 corner = np.abs(doubles(frame.rotation)) @ half
                 centre = doubles(frame.position) + doubles(frame.rotation) @ middle
                 points += [centre - corner, centre + corner]
-    size = float(np.linalg.norm(np.ptp(np.array(points), axis=0))) if points else 0.0
+    size = math.hypot(*np.ptp(np.array(points), axis=0)) if points else 0.0
     for link in model.links:
         body = _written(link)
         if body is None or not body.possible or link.static or link.shapes or link.visuals or size == 0.0:
             continue
-        away = float(np.linalg.norm(body.centre_m))
+        away = math.hypot(*body.centre_m)
         spans = f"the frames and shapes of the model span {number(size, 2)} m"
         if away > _FAR * size:
             message = f"its centre of mass is {number(away, 3)} m from its origin; {spans}"

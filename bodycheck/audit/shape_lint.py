@@ -30,6 +30,7 @@ from bodycheck.scenarios.model_files.exact_arithmetic import doubles
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink
 from bodycheck.scenarios.shapes import DENSITIES
 
+_NOTED, _FAR = 3.0, 10.0  # times the size of the shapes, or the densities of materials
 _FITS = 0.05  # the same for a tensor with few decimals
 _PARTIAL = 0.9  # of the edge of the box around all shapes, below which some of them are a part only
 _RATIO = 2.0  # of a moment to that of the shape, or its inverse, from which it is a note
@@ -51,10 +52,10 @@ def against_shapes(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
     if not body.possible or not (link.shapes or link.visuals):
         return
     shaped = Shaped(model, link, body)
-    rules: tuple[Callable[[Shaped], LintFinding | None], ...] = (_beyond,)
+    rules: tuple[Callable[[Shaped], LintFinding | None], ...] = (_beyond, _outside)
     if shaped.solids and not is_placeholder(link):
         exact = agrees(shaped, EXPLAINED) or _of_outer_box(shaped)
-        rules += (_centre,) if exact else (_slip, _centre, _symmetry, _about, _unit, _ratio)
+        rules += (_centre, _density) if exact else (_slip, _centre, _symmetry, _about, _unit, _ratio)
     for rule in rules:
         if (finding := rule(shaped)) is not None:
             yield finding
@@ -133,6 +134,34 @@ def _beyond(shaped: Shaped) -> LintFinding | None:
     if slip is None:  # the density may vary: the numbers of a uniform one are not the right ones
         return _without_numbers(found, found.expected)
     return replace(slip, severity=found.severity, message=f"{slip.message}; {message}")
+
+
+def _outside(shaped: Shaped) -> LintFinding | None:
+    """Find a centre of mass that is far from the shapes, in units of the diagonal of the box around them."""
+    if not (shaped.collisions or shaped.visuals):
+        return None
+    low, high = shaped.span
+    centre = shaped.body.centre_m
+    away = float(np.linalg.norm(np.maximum(0.0, np.maximum(low - centre, centre - high))))
+    size = float(np.linalg.norm(high - low))
+    if away <= _NOTED * size:
+        return None
+    message = f"its centre of mass is {number(away, 3)} m from its shapes, which span {number(size, 3)} m"
+    found = shaped.finding("centre-of-mass", "warning" if away > _FAR * size else "note", message)
+    return _without_numbers(found, "a centre of mass near its shapes, in m")
+
+
+def _density(shaped: Shaped) -> LintFinding | None:
+    """Find a mass and a tensor that agree, at a density that is far from that of any material."""
+    density = shaped.density_kg_m3
+    if DENSITIES[0] / _FAR <= density <= _FAR * DENSITIES[1]:
+        return None
+    message = (
+        f"{number(shaped.body.mass_kg)} kg need {number(density, 2)} kg/m^3 in its shapes, "
+        "of which the tensor is"
+    )
+    found = shaped.finding("unit-slip", "warning", message)
+    return _without_numbers(found, "a mass in kg, and shapes in m")
 
 
 def _slip(shaped: Shaped) -> LintFinding | None:

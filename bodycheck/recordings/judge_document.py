@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 from bodycheck._util.formatting import count, names, number, scientific, step
 from bodycheck.examine.diagnosis.candidate_maps import EXACT
 from bodycheck.examine.explanation.explain import ExplainedCase
@@ -21,7 +23,13 @@ _DIGITS = 3
 _CONSERVED = 1e-6  # relative: a smaller change of a conserved quantity is no sentence of its own
 _PER_CENT = 1e-4  # relative: from there on in per cent
 _FEWEST_STEPS = 4
+_VAGUE = 0.1  # rad, or relative: what the file resolves no better says nothing about the motion
 _AS_RESOLVED = ", as far as the file resolves it"
+_FEW = 0.01  # of the rows
+_NOT_NORMAL = {
+    "quaternion_norm_error": "The quaternions are not normalised: |q| differs from 1",
+    "orthogonality_error": "The matrices are not orthogonal: R^T R differs from the identity",
+}
 _ENERGIES = ("rotational_energy_drift", "energy_drift")
 
 
@@ -40,7 +48,9 @@ def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Senten
     else:
         parts.reverse()
         if motion.start == "first-sample":
-            parts.append("The truth starts at the first row, whose noise makes that difference.")
+            parts.append(_of_noise(motion))
+    parts += _few_rows(motion)
+    parts += _norms(motion)
     parts += _derived(motion)
     if motion.has_unused_position:
         parts.append("The position is not compared, as the file has no velocity with which it starts.")
@@ -66,7 +76,38 @@ def _derived(motion: JudgedMotion) -> Iterator[str]:
 def is_true(motion: JudgedMotion) -> bool:
     """Whether attitude and omega are the true ones, to what the file and the truth resolve."""
     compared = [name for name in (ORIENTATION, "omega_error") if name in motion.row]
-    return bool(compared) and all(motion.is_at_floor(name) for name in compared)
+    return bool(compared) and all(
+        motion.is_at_floor(name) and motion.floors.get(name, 0.0) <= _VAGUE for name in compared
+    )
+
+
+def _of_noise(motion: JudgedMotion) -> str:
+    """Return where the difference from the truth comes from, which starts at a noisy first row."""
+    largest, final = (motion.row.get(name, 0.0) for name in (ORIENTATION, "orientation_error_final_rad"))
+    if final < _VAGUE * largest:
+        return "The truth starts at the first row, and the last one agrees with it: rows in between are off."
+    return "The truth starts at the first row, whose noise makes that difference."
+
+
+def _few_rows(motion: JudgedMotion) -> Iterator[str]:
+    """Yield which rows are off, where the others are within a tenth of their error."""
+    errors = motion.case.series.get(ORIENTATION)
+    if errors is None or motion.is_at_floor(ORIENTATION):
+        return
+    limit = 0.1 * float(errors.max())
+    off = np.flatnonzero(errors > limit)
+    if len(off) <= max(1.0, _FEW * len(errors)) and off[-1] < len(errors) - 1:
+        at_s = number(float(motion.problem.times[off[0]]), 4)
+        verb = "is" if len(off) == 1 else "are"
+        beyond = f"off by more than {number(limit, 2)} rad, the first at {at_s} s"
+        yield f"Only {len(off)} of {len(errors)} rows {verb} {beyond}."
+
+
+def _norms(motion: JudgedMotion) -> Iterator[str]:
+    """Yield that attitudes are no rotations, beyond the digits of the file."""
+    for name, sentence in _NOT_NORMAL.items():
+        if motion.row.get(name, 0.0) > max(FLOOR_BOUNDS * motion.floors.get(name, 0.0), _CONSERVED):
+            yield f"{sentence} by up to {_share(motion.row[name])}."
 
 
 def _share(value: float) -> str:
@@ -100,6 +141,9 @@ def _conservation(motion: JudgedMotion) -> Iterator[str]:
 def _momentum_sentence(change: MomentumChange, floor: float, *, free: bool) -> str:
     largest = max(change.size, change.direction_rad)
     direction = number(change.direction_rad, _DIGITS)
+    if largest <= FLOOR_BOUNDS * floor and floor > _VAGUE:
+        kept = "is conserved" if free else "is the true one"
+        return f"The file does not show whether angular momentum {kept}: its rows leave {_share(floor)} open."
     if largest <= FLOOR_BOUNDS * floor:
         what = "conserved" if free else "the true one"
         return f"Angular momentum is {what}, to {_resolved(largest, floor)} of |L|{_AS_RESOLVED}."
@@ -123,6 +167,13 @@ def _distance(motion: JudgedMotion) -> Iterator[str]:
         largest, final = row[ORIENTATION], row["orientation_error_final_rad"]
         if motion.is_at_floor(ORIENTATION):
             error = _resolved(largest, motion.floors[ORIENTATION])
+            if motion.floors[ORIENTATION] > _VAGUE:
+                open_rad = number(min(motion.floors[ORIENTATION], math.pi), 2)
+                yield (
+                    "The file does not show whether the attitude is the true one: its rows leave the truth "
+                    f"open to {open_rad} rad after {until} s."
+                )
+                return
             yield f"The attitude is the true one for {until} s, to {error} rad{_AS_RESOLVED}."
             return
         before = "" if final > 0.9 * largest else f", {number(largest, _DIGITS)} rad at most before"
@@ -178,7 +229,7 @@ def _cause(motion: JudgedMotion, case: ExplainedCase) -> Iterator[str]:
             yield f"{sentence[:1].upper()}{sentence[1:]}."
     elif motion.row.get(ORIENTATION, 1.0) > _CONSERVED and not is_right:
         hint = "" if dt_s is not None else "; with --dt, the step of the program, more causes are tried"
-        yield f"No known fault, and no pair of them, explains it{hint}."
+        yield f"No known fault, and no pair of the nearest, explains it{hint}."
 
 
 def judgement_document(

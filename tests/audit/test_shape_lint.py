@@ -302,3 +302,22 @@ def _lint_link(link: str, folder: Path) -> list[LintFinding]:
     path = folder / "robot.urdf"
     path.write_text(f'<robot name="r">{link}</robot>')
     return list(lint(read_model(path)))
+
+
+@pytest.mark.parametrize(
+    ("x_m", "severity"), [(2.5, None), (2.8, "note"), (7.6, "note"), (7.9, "warning"), (150.0, "warning")]
+)
+def test_a_centre_far_from_the_shapes_is_found(x_m: float, severity: str | None, tmp_path: Path) -> None:
+    """The box ends at 0.3 m and has a diagonal of 0.748 m, 3 and 10 times of which are the limits."""
+    found = _lint(_inertial(10, (0.166, 0.333, 0.433), f"{x_m} 0 0") + _BOX, tmp_path)
+    severities = [one.severity for one in found if one.rule == "centre-of-mass"]
+    assert severities == ([] if severity is None else [severity])
+
+
+@pytest.mark.parametrize(("mass", "found"), [(10.0, []), (11_000.0, []), (13_000.0, ["unit-slip"])])
+def test_a_mass_that_no_material_has_is_found_also_with_its_tensor(
+    mass: float, found: list[str], tmp_path: Path
+) -> None:
+    """0.048 m^3 of 250,000 kg/m^3 are 12,000 kg: grams are found, although the tensor is right for them."""
+    moments = (mass / 60.0, mass / 30.0, mass * 13.0 / 300.0)
+    assert [one.rule for one in _lint(_inertial(mass, moments) + _BOX, tmp_path)] == found

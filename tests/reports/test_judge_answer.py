@@ -108,6 +108,38 @@ def test_a_right_motion_is_the_true_one_to_its_digits(digits: str, tmp_path: Pat
     assert row["orientation_error_rad"] <= 3.0 * row["truth_bound_rad"] + 1e-10
 
 
+def test_attitudes_that_resolve_nothing_are_not_called_true(tmp_path: Path) -> None:
+    """Attitudes of three decimals alone, sampled fast, do not tell a sphere from the body: both stay open."""
+    q, w = solved(T_S)
+    for motion in ((q, w), stepped(T_S, 5, 0.05)):
+        path = write(tmp_path / "sim.csv", T_S, motion, "%.3f")
+        lines = [line.split(",")[:5] for line in path.read_text().splitlines()]
+        path.write_text("\n".join(map(",".join, lines)) + "\n")
+        (ranked,) = judged(path).motions
+        assert ranked.has_derived_omega
+        assert not is_true(ranked)
+        assert conclusions(ranked, None)[0].tint == "open"
+        assert "true one for" not in conclusion(ranked, None)
+
+
+@pytest.mark.parametrize(("factor", "said"), [(1.0, False), (1.02, True)])
+def test_a_quaternion_that_is_not_normalised_is_said_to_be(factor: float, said: bool, tmp_path: Path) -> None:
+    """The attitude of q/|q| is right, so that no error of the motion shows the factor."""
+    q, w = solved(T_S)
+    text = told(judged(write(tmp_path / "sim.csv", T_S, (factor * q, w))))
+    assert ("not normalised: |q| differs from 1 by up to 2 %" in text) == said
+
+
+@pytest.mark.parametrize(("rows", "said"), [(1, True), (3, False)])
+def test_one_wrong_row_is_not_taken_for_the_motion(rows: int, said: bool, tmp_path: Path) -> None:
+    """One of 201 rows is said to be off; more than a hundredth of them are no outliers."""
+    q, w = solved(T_S)
+    q[50 : 50 + rows] = q[30]
+    text = told(judged(write(tmp_path / "sim.csv", T_S, (q, w))))
+    assert ("Only 1 of 201 rows is off by more than " in text) == said
+    assert "whose noise makes" not in text
+
+
 @pytest.mark.parametrize(("damping", "word"), [(0.05, "loses"), (-0.05, "gains")])
 def test_a_damped_motion_is_named_with_what_it_loses(damping: float, word: str, tmp_path: Path) -> None:
     """The lines have the distance, the cause and the conservation; a gain is not a loss."""

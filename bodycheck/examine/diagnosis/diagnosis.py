@@ -176,7 +176,7 @@ class Diagnosis:
             steps = f"the single steps of this case are right, those of {self.base_words}"
             return f"{steps}: the cause acts at other steps, or within many steps that one call makes"
         if self.verdict not in ("explained", "nearest", "this-scene-only"):
-            return "unexplained: no known fault, and no pair of them, makes this motion"
+            return "unexplained: no known fault, and no pair of the nearest, makes this motion"
         named = "; or ".join(["; and ".join(fault.sentence for fault in self.faults), *self.alike])
         if self.verdict == "this-scene-only":
             return f"explains this scene only: {named}; {self.refuted_by} refutes it for the engine"

@@ -299,6 +299,7 @@ def _errors(changes: Sequence[Change], _: Direction) -> list[str]:
         named.append(worst)
     texts = [
         f"{'error' if one.quantity == ORIENTATION else label(one.quantity)}{at(one)} {factor(one)}"
+        f"{f' ({one.scenario})' if one.scenario != named[0].scenario else ''}"
         for one in named
     ]
     return texts + ([f"{names(list(map(label, gone)))} no longer measured"] if gone else [])

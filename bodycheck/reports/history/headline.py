@@ -23,7 +23,9 @@ def headline(judged: Judgement) -> str:
     """Return what is worse and why, since when if it was before, or that nothing is, in one line."""
     lines = open_lines(judged.open)
     if judged.status == "nothing measured":
-        return "Nothing was measured: no case has outcome ok."
+        messages = (case.columns.get("message") for case in judged.newest.cases)
+        why = next((f"; {message}" for message in messages if message), "")
+        return f"Nothing was measured: no case has outcome ok{why}."
     if lines:
         first, *others = lines
         still = "" if first.newly else f"Still worse since {first.duration}: "

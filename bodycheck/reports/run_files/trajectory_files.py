@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias, cast
 import numpy as np
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.formatting import unread
+from bodycheck._util.formatting import number, unread
 from bodycheck._util.untrusted import open_input
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.trajectory import Trajectory
@@ -247,8 +247,12 @@ def checked_arrays(path: Path, arrays: dict[str, Array], *, trees: bool = False)
     t_s = arrays.get("t_s")
     if t_s is None:
         raise InputError(f"{path}: has no t_s")
-    if t_s.ndim != 1 or not len(t_s) or not np.all(np.isfinite(t_s)) or np.any(np.diff(t_s) <= 0.0):
+    if t_s.ndim != 1 or not len(t_s) or not np.all(np.isfinite(t_s)):
         raise InputError(f"{path}: t_s must be finite times in ascending order")
+    if len(back := np.flatnonzero(np.diff(t_s) <= 0.0)):
+        before, after = (number(float(time)) for time in t_s[back[0] : back[0] + 2])
+        later = f"sample {back[0] + 2} is at {after} s, the one before at {before} s"
+        raise InputError(f"{path}: t_s must be finite times in ascending order, but {later}")
     if len(arrays) == 1:
         raise InputError(f"{path}: has no quantity besides t_s (available: {', '.join(COLUMNS)})")
     of_tree = trees and any(name in arrays for name in _OF_TREES)

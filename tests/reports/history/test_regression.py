@@ -103,7 +103,7 @@ def kinds_and_steps(found: Judgement) -> list[tuple[str, str, float | None]]:
     return [(one.kind, one.status, one.fineness) for one in found.comparison.changes]
 
 
-FAILED = {"outcome": "failed", ERROR: None}
+FAILED = {"outcome": "failed", "message": "boom", ERROR: None}
 WORSE = {ERROR: 1e-6}
 SOUND = (1e-9, 4.0, "converges")
 LOWER_ORDER = (1e-6, 1.0, "converges")
@@ -133,6 +133,7 @@ def test_run_is_a_regression_if_anything_is_worse_or_missing(
     """A missing case or measure is worse, a new one is not; a run that measured nothing never passes."""
     found = judgement_of(*runs, monkeypatch=monkeypatch)
     assert found.status == status
+    assert ("; boom." in headline(found)) == (status == "nothing measured")
     assert found.newest is runs[-1]
     assert (found.comparison is None) == (len(runs) == 1)
 
