@@ -101,7 +101,7 @@ def test_nightly_run_fails_on_a_regression(folder: Path) -> None:
     assert first.stdout.startswith("First nightly run: ")
     assert "Nothing changed" in second.stdout
     assert "turned:m1: law permute holds -> broken." in moved.stdout
-    assert fourth.stdout.startswith("No regression.")
+    assert fourth.stdout.startswith("No regression; turned:m1 back at its level.")
     assert "turned:m1: back at its level in tumble; it was worse since" in fourth.stdout
     reported = (folder / "changes.md").read_text()
     assert third.stdout.startswith("turned:m1: ")
@@ -177,7 +177,7 @@ def test_a_users_function_that_became_worse_has_its_cause(folder: Path) -> None:
         assert "the weights of the stages are 0.16667, 0.5, 0.16667 and 0.16667" in first
     newest = max(path for path in (folder / "kept").glob("2*"))
     assert "0.16667, 0.5, 0.16667" in answer("explain", str(newest), "--allow-code")[1]
-    assert night(sound) == (0, "No regression.")
+    assert night(sound) == (0, "No regression; mine:step back at its level.")
 
 
 class FasterTree(DartTree):

@@ -138,8 +138,8 @@ def _beyond(shaped: Shaped) -> LintFinding | None:
 
 def _outside(shaped: Shaped) -> LintFinding | None:
     """Find a centre of mass that is far from the shapes, in units of the diagonal of the box around them."""
-    if not (shaped.collisions or shaped.visuals):
-        return None
+    if shaped.collisions is None or shaped.visuals is None or not shaped.collisions + shaped.visuals:
+        return None  # of a size that is not known
     low, high = shaped.span
     centre = shaped.body.centre_m
     away = float(np.linalg.norm(np.maximum(0.0, np.maximum(low - centre, centre - high))))

@@ -26,6 +26,7 @@ _FEWEST_STEPS = 4
 _VAGUE = 0.1  # rad, or relative: what the file resolves no better says nothing about the motion
 _AS_RESOLVED = ", as far as the file resolves it"
 _FEW = 0.01  # of the rows
+_FARTHER = 100.0  # of the error of omega, relative, to that of the attitude, where the latter is no cause
 _NOT_NORMAL = {
     "quaternion_norm_error": "The quaternions are not normalised: |q| differs from 1",
     "orthogonality_error": "The matrices are not orthogonal: R^T R differs from the identity",
@@ -178,6 +179,8 @@ def _distance(motion: JudgedMotion) -> Iterator[str]:
             return
         before = "" if final > 0.9 * largest else f", {number(largest, _DIGITS)} rad at most before"
         yield f"The attitude is {_angle(final)} from the truth after {until} s{before}."
+        if row.get("omega_error", 0.0) > max(_CONSERVED, _FARTHER * largest):
+            yield f"Omega is up to {_share(row['omega_error'])} of |omega| from the truth."
     elif "omega_error" in row:
         if motion.is_at_floor("omega_error"):
             error = _resolved(row["omega_error"], motion.floors["omega_error"])
@@ -227,7 +230,10 @@ def _cause(motion: JudgedMotion, case: ExplainedCase) -> Iterator[str]:
                 f"likely cause: the error of the method; {found.sentence}" if is_cause else found.sentence
             )
             yield f"{sentence[:1].upper()}{sentence[1:]}."
-    elif motion.row.get(ORIENTATION, 1.0) > _CONSERVED and not is_right:
+    elif (
+        max(motion.row.get(ORIENTATION, 1.0), motion.row.get("omega_error", 0.0)) > _CONSERVED
+        and not is_right
+    ):
         hint = "" if dt_s is not None else "; with --dt, the step of the program, more causes are tried"
         yield f"No known fault, and no pair of the nearest, explains it{hint}."
 

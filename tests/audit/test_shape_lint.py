@@ -321,3 +321,9 @@ def test_a_mass_that_no_material_has_is_found_also_with_its_tensor(
     """0.048 m^3 of 250,000 kg/m^3 are 12,000 kg: grams are found, although the tensor is right for them."""
     moments = (mass / 60.0, mass / 30.0, mass * 13.0 / 300.0)
     assert [one.rule for one in _lint(_inertial(mass, moments) + _BOX, tmp_path)] == found
+
+
+def test_a_centre_is_not_far_from_shapes_of_unknown_size(tmp_path: Path) -> None:
+    """A mesh that is not there may reach as far as the centre."""
+    shapes = _shape('sphere radius="0.1"', tag="visual") + _shape('mesh filename="absent.stl"')
+    assert _lint(_inertial(10, (0.166, 0.333, 0.433), "150 0 0") + shapes, tmp_path) == []

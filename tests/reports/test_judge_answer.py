@@ -130,6 +130,15 @@ def test_a_quaternion_that_is_not_normalised_is_said_to_be(factor: float, said: 
     assert ("not normalised: |q| differs from 1 by up to 2 %" in text) == said
 
 
+def test_a_wrong_omega_beside_a_right_attitude_is_stated(tmp_path: Path) -> None:
+    """Omega one row late: the attitude alone would be called right, to 1e-12 rad."""
+    q, w = solved(T_S)
+    late = np.concatenate([w[:1], w[:-1]])
+    text = told(judged(write(tmp_path / "sim.csv", T_S, (q, late))), 0.05)
+    assert re.search(r"Omega is up to \S+ % of \|omega\| from the truth\.", text)
+    assert "No known fault" in text
+
+
 @pytest.mark.parametrize(("rows", "said"), [(1, True), (3, False)])
 def test_one_wrong_row_is_not_taken_for_the_motion(rows: int, said: bool, tmp_path: Path) -> None:
     """One of 201 rows is said to be off; more than a hundredth of them are no outliers."""

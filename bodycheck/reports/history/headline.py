@@ -36,10 +36,17 @@ def headline(judged: Judgement) -> str:
         return f"{why}: nothing to compare with yet, {cases} stored for the next run."
     better = [] if judged.comparison is None else lines_of(judged.comparison)
     improved = [one.subject for one in better if one.direction == "improved"]
-    if not improved:
-        return "No regression."
-    named = ", ".join(improved) if len(improved) <= _MAX_NAMED else count(len(improved), "method")
-    return f"No regression; {named} improved."
+    recovered = list(dict.fromkeys(one.line.subject for one in open_lines(judged.state.recovered)))
+    parts = ["No regression"]
+    if recovered:
+        parts.append(f"{_named(recovered)} back at {'its' if len(recovered) == 1 else 'their'} level")
+    if improved:
+        parts.append(f"{_named(improved)} improved")
+    return f"{'; '.join(parts)}."
+
+
+def _named(methods: list[str]) -> str:
+    return ", ".join(methods) if len(methods) <= _MAX_NAMED else count(len(methods), "method")
 
 
 def title(judged: Judgement) -> str:

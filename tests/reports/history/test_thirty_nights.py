@@ -53,6 +53,13 @@ def worse(who: str, times: str) -> str:
 
 
 QUIET = "No regression."
+
+
+def back(*methods: str) -> str:
+    """Return the first line of a night in which methods are at their level again."""
+    return f"No regression; {', '.join(methods)} back at {'its' if len(methods) == 1 else 'their'} level."
+
+
 BROKEN = (
     f"alpha:m1: no longer converges, error at dt 0.01 s x 50 in slow ({CAUSE}, explains all of the error)"
 )
@@ -72,18 +79,18 @@ NIGHTS = (
     *(Night(QUIET),) * 3,
     Night(BROKEN, 1, (BROKEN,), M1, CAUSE),  # 1: broken on the fifth night
     Night(f"Still worse since 2026-01-05 (2 nightly runs): {BROKEN}", 1, (BROKEN,), M1, CAUSE),  # 2
-    Night(QUIET),  # 3: repaired
+    Night(back("alpha:m1")),  # 3: repaired
     Night(X3, 1, (X3,), BETA3),
     Night(f"Still worse since 2026-01-08 (2 nightly runs): {X3}", 1, (X3,), BETA3),
     Night(QUIET, factors=BETA3, accepted="the new step is meant"),  # 4: accepted
     Night(QUIET, factors=BETA3),
     Night(worse("beta:m2", "+20 %"), 1, (worse("beta:m2", "+20 %"),), BETA4),  # 5: accepted and worse again
-    Night(QUIET, factors=BETA3),
+    Night(back("beta:m2"), factors=BETA3),
     Night(GONE, 1, (GONE,), gone="beta"),  # 6: an engine vanished
-    Night(QUIET, factors=BETA3),
+    Night(back("beta:m2"), factors=BETA3),
     Night(QUIET, factors=BETA3, new=True),  # 7: a new engine
     Night(BOTH, 1, (BOTH,), (*BETA3, *M1, ("alpha:rk4", 50.0)), CAUSE, new=True),  # 8: one cause
-    Night(QUIET, factors=BETA3, new=True),
+    Night(back("alpha: m1 and rk4"), factors=BETA3, new=True),
     Night(QUIET, factors=CREEP[1], new=True),
     Night(QUIET, factors=CREEP[2], new=True),
     Night(worse("gamma:m2", "+2.1 %"), 1, (worse("gamma:m2", "+2.1 %"),), CREEP[3], new=True),  # 9: creeping
@@ -94,7 +101,7 @@ NIGHTS = (
     ),
     Night(QUIET, factors=CREEP[4], new=True, accepted="slower decay"),
     Night(f"{CRASH[0]}; 1 more regression", 1, CRASH, CREEP[4], failed="alpha", new=True),  # 10: a crash
-    Night(QUIET, factors=CREEP[4], new=True),
+    Night(back("alpha:m1", "alpha:rk4"), factors=CREEP[4], new=True),
     Night("", killed=True),  # 11: a nightly run that was killed
     Night(worse("gamma:m2", "+94 %"), 1, (worse("gamma:m2", "+94 %"),), GAMMA, new=True),
     Night(  # 12: another machine, with what is open on the one before
@@ -103,7 +110,7 @@ NIGHTS = (
         new=True,
         cores=8,
     ),
-    Night(QUIET, factors=CREEP[4], new=True, cores=8),
+    Night(back("gamma:m2"), factors=CREEP[4], new=True, cores=8),
     Night(QUIET, factors=CREEP[4], new=True, cores=8),
 )
 
