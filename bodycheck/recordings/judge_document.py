@@ -26,6 +26,7 @@ _FEWEST_STEPS = 4
 _VAGUE = 0.1  # rad, or relative: what the file resolves no better says nothing about the motion
 _AS_RESOLVED = ", as far as the file resolves it"
 _FEW = 0.01  # of the rows
+_JUMP = 1e-2  # of what is off: an error that grows up to the last row comes nearer to it
 _FARTHER = 100.0  # of the error of omega, relative, to that of the attitude, where the latter is no cause
 _NOT_NORMAL = {
     "quaternion_norm_error": "The quaternions are not normalised: |q| differs from 1",
@@ -43,14 +44,17 @@ def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Senten
     if not motion.case.ok:
         return [Sentence(f"{motion.name} is unstable: {motion.row['message']}.", "bad", strong=True)]
     is_noisy = diagnosis is not None and diagnosis.is_within_noise
-    parts = [*_distance(motion), *(() if case is None else _cause(motion, case))]
-    if not is_noisy:  # which alone changes what is conserved
-        parts += _conservation(motion)
+    cause = () if case is None else _cause(motion, case)
+    if few := [*_few_rows(motion)]:  # which are neither noise nor a motion
+        parts = [*_distance(motion), *few, *(() if is_noisy else cause)]
     else:
-        parts.reverse()
-        if motion.start == "first-sample":
-            parts.append(_of_noise(motion))
-    parts += _few_rows(motion)
+        parts = [*_distance(motion), *cause]
+        if not is_noisy:  # which alone changes what is conserved
+            parts += _conservation(motion)
+        elif motion.start == "first-sample":
+            parts = [*parts[::-1], _of_noise(motion)]
+        else:
+            parts.reverse()
     parts += _norms(motion)
     parts += _derived(motion)
     if motion.has_unused_position:
@@ -97,11 +101,14 @@ def _few_rows(motion: JudgedMotion) -> Iterator[str]:
         return
     limit = 0.1 * float(errors.max())
     off = np.flatnonzero(errors > limit)
-    if len(off) <= max(1.0, _FEW * len(errors)) and off[-1] < len(errors) - 1:
+    rest = float(np.delete(errors, off).max(initial=0.0))
+    is_growth = off[-1] == len(errors) - 1 and rest > _JUMP * limit
+    if len(off) <= max(1.0, _FEW * len(errors)) and not is_growth:
         at_s = number(float(motion.problem.times[off[0]]), 4)
         verb = "is" if len(off) == 1 else "are"
         beyond = f"off by more than {number(limit, 2)} rad, the first at {at_s} s"
-        yield f"Only {len(off)} of {len(errors)} rows {verb} {beyond}."
+        others = f"the others by at most {number(rest, 2)} rad"
+        yield f"Only {len(off)} of {len(errors)} rows {verb} {beyond}; {others}."
 
 
 def _norms(motion: JudgedMotion) -> Iterator[str]:
@@ -144,7 +151,8 @@ def _momentum_sentence(change: MomentumChange, floor: float, *, free: bool) -> s
     direction = number(change.direction_rad, _DIGITS)
     if largest <= FLOOR_BOUNDS * floor and floor > _VAGUE:
         kept = "is conserved" if free else "is the true one"
-        return f"The file does not show whether angular momentum {kept}: its rows leave {_share(floor)} open."
+        left = _share(FLOOR_BOUNDS * floor)
+        return f"The file does not show whether angular momentum {kept}: its rows leave {left} open."
     if largest <= FLOOR_BOUNDS * floor:
         what = "conserved" if free else "the true one"
         return f"Angular momentum is {what}, to {_resolved(largest, floor)} of |L|{_AS_RESOLVED}."
@@ -169,7 +177,7 @@ def _distance(motion: JudgedMotion) -> Iterator[str]:
         if motion.is_at_floor(ORIENTATION):
             error = _resolved(largest, motion.floors[ORIENTATION])
             if motion.floors[ORIENTATION] > _VAGUE:
-                open_rad = number(min(motion.floors[ORIENTATION], math.pi), 2)
+                open_rad = number(min(FLOOR_BOUNDS * motion.floors[ORIENTATION], math.pi), 2)
                 yield (
                     "The file does not show whether the attitude is the true one: its rows leave the truth "
                     f"open to {open_rad} rad after {until} s."
@@ -200,7 +208,7 @@ def _angle(rad: float) -> str:
 def _cause(motion: JudgedMotion, case: ExplainedCase) -> Iterator[str]:
     found, dt_s = case.diagnosis, case.case.dt_s
     is_right = ORIENTATION in motion.row and motion.is_at_floor(ORIENTATION)
-    if found is None:
+    if found is None or (motion.has_derived_omega and found.verdict == "healthy" and not is_right):
         if motion.has_derived_omega and not is_right:
             yield (
                 "No wrong reading of the attitudes explains it; with omega in the file more is tried, "

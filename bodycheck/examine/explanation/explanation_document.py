@@ -192,7 +192,7 @@ def _facts(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
         yield "nearest fault", "; and ".join(fault.sentence for fault in found.nearly)
     words = found.base_words
     if words not in found.sentence:
-        yield "nearest map" if found.verdict == "unexplained" else "map", words
+        yield "nearest map" if found.verdict in ("unexplained", "nearest") else "map", words
     for fault in found.faults:
         for direction in fault.undetermined:
             yield (
