@@ -21,7 +21,7 @@ from bodycheck.audit.shaped_link import is_placeholder
 from bodycheck.reference_impl.dynamics import parallel_axis_tensor
 from bodycheck.scenarios.model_files.exact_arithmetic import doubles
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, triangle_excess
-from bodycheck.scenarios.model_files.shape_sizes import half_extents, uniform
+from bodycheck.scenarios.model_files.shape_sizes import half_extents, span_along, uniform
 
 _DECIMALS = 1e-6  # a violation below this follows from decimals that were rounded in the file
 _NEAR = 1e-9  # of the limits, relative to the largest moment: 40 digits decide
@@ -197,14 +197,10 @@ def _beyond_model(model: ModelFile) -> Iterator[LintFinding]:
     """Note links without shapes whose centre or radius of gyration is far beyond the size of the model."""
     points = []
     for name, pose in model.placed.items():
-        points.append(doubles(pose.position))
+        R, origin = doubles(pose.rotation), doubles(pose.position)
+        points.append(origin)
         for shape in (*model.by_name[name].shapes, *model.by_name[name].visuals):
-            if (box := half_extents(shape, model)) is not None:
-                middle, half = box
-                frame = pose @ shape.frame
-                corner = np.abs(doubles(frame.rotation)) @ half
-                centre = doubles(frame.position) + doubles(frame.rotation) @ middle
-                points += [centre - corner, centre + corner]
+            points += [origin + end for end in span_along(shape, model, R.T) or ()]
     size = math.hypot(*np.ptp(np.array(points), axis=0)) if points else 0.0
     for link in model.links:
         body = _written(link)

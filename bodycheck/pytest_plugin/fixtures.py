@@ -25,6 +25,7 @@ from bodycheck.reports.cache import Reuse
 from bodycheck.reports.gates.gate import Gate, gate_of, measure_of, read_gates
 from bodycheck.reports.gates.gate_output import failure_rows, line_of, note_failures, obtained
 from bodycheck.reports.gates.verdict import GateCheck, GateResult, GateRow, check_gates, rows_of
+from bodycheck.reports.measurement.verdicts import QuantityVerdict, most_severe
 from bodycheck.reports.run_files.report_files import replace_pages
 from bodycheck.reports.run_files.run_tables import Run, study_key
 from bodycheck.reports.run_files.tables import TABLES
@@ -160,15 +161,12 @@ def assert_passed(
 
 
 def _beside(result: GateResult, run: Run) -> str:
-    """Return the first verdict against a method of a passed check in a quantity that it does not check."""
-    target = result.gate.target
+    """Return the worst verdict against the methods of a passed check in a quantity that it does not check."""
     checked = {study_key(vars(check.row)) for check in result.checks}
-    verdicts = Gate.model_validate({"measure": "verdict", "reason": "what the check leaves out"})
-    for row in rows_of(verdicts, run):
-        quantity = row.about.partition(" ")[0]
-        if row.about and quantity not in (target.quantity, target.column) and study_key(vars(row)) in checked:
-            return f"; but {row.about}"
-    return ""
+    quantities = result.gate.target.quantity, result.gate.target.column
+    others = (row for row in run.rows("methods") if row["quantity"] not in quantities)
+    against = most_severe(QuantityVerdict.of(row) for row in others if study_key(row) in checked)
+    return f"; but {against[0].text}" if against else ""
 
 
 _KEYS = ("scenario", "engine", "method", "dt_s")

@@ -25,6 +25,7 @@ _PER_CENT = 1e-4  # relative: from there on in per cent
 _FEWEST_STEPS = 4
 _VAGUE = 0.1  # rad, or relative: what the file resolves no better says nothing about the motion
 _AS_RESOLVED = ", as far as the file resolves it"
+_OFF = 0.1  # of the largest error, above which a row is off
 _FEW = 0.01  # of the rows
 _JUMP = 1e-2  # of what is off: an error that grows up to the last row comes nearer to it
 _FARTHER = 100.0  # of the error of omega, relative, to that of the attitude, where the latter is no cause
@@ -44,17 +45,14 @@ def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Senten
     if not motion.case.ok:
         return [Sentence(f"{motion.name} is unstable: {motion.row['message']}.", "bad", strong=True)]
     is_noisy = diagnosis is not None and diagnosis.is_within_noise
-    cause = () if case is None else _cause(motion, case)
+    distance, cause = [*_distance(motion)], [] if case is None else [*_cause(motion, case)]
     if few := [*_few_rows(motion)]:  # which are neither noise nor a motion
-        parts = [*_distance(motion), *few, *(() if is_noisy else cause)]
+        parts = [*distance, *few, *(() if is_noisy else cause)]
+    elif is_noisy:  # which alone changes what is conserved
+        of_noise = [_of_noise(motion)] if motion.start == "first-sample" else []
+        parts = [*cause[::-1], *distance[::-1], *of_noise]
     else:
-        parts = [*_distance(motion), *cause]
-        if not is_noisy:  # which alone changes what is conserved
-            parts += _conservation(motion)
-        elif motion.start == "first-sample":
-            parts = [*parts[::-1], _of_noise(motion)]
-        else:
-            parts.reverse()
+        parts = [*distance, *cause, *_conservation(motion)]
     parts += _norms(motion)
     parts += _derived(motion)
     if motion.has_unused_position:
@@ -89,7 +87,7 @@ def is_true(motion: JudgedMotion) -> bool:
 def _of_noise(motion: JudgedMotion) -> str:
     """Return where the difference from the truth comes from, which starts at a noisy first row."""
     largest, final = (motion.row.get(name, 0.0) for name in (ORIENTATION, "orientation_error_final_rad"))
-    if final < _VAGUE * largest:
+    if final < _OFF * largest:
         return "The truth starts at the first row, and the last one agrees with it: rows in between are off."
     return "The truth starts at the first row, whose noise makes that difference."
 
@@ -99,7 +97,7 @@ def _few_rows(motion: JudgedMotion) -> Iterator[str]:
     errors = motion.case.series.get(ORIENTATION)
     if errors is None or motion.is_at_floor(ORIENTATION):
         return
-    limit = 0.1 * float(errors.max())
+    limit = _OFF * float(errors.max())
     off = np.flatnonzero(errors > limit)
     rest = float(np.delete(errors, off).max(initial=0.0))
     is_growth = off[-1] == len(errors) - 1 and rest > _JUMP * limit
@@ -114,7 +112,7 @@ def _few_rows(motion: JudgedMotion) -> Iterator[str]:
 def _norms(motion: JudgedMotion) -> Iterator[str]:
     """Yield that attitudes are no rotations, beyond the digits of the file."""
     for name, sentence in _NOT_NORMAL.items():
-        if motion.row.get(name, 0.0) > max(FLOOR_BOUNDS * motion.floors.get(name, 0.0), _CONSERVED):
+        if motion.row.get(name, 0.0) > _CONSERVED and not motion.is_at_floor(name):
             yield f"{sentence} by up to {_share(motion.row[name])}."
 
 

@@ -117,7 +117,7 @@ def bounding_boxes(link: ModelLink, model: ModelFile, mass: float, margin_m: flo
     for shapes in dict.fromkeys((link.collisions, link.shapes)):
         inertial = [] if link.stated is None else [doubles(link.stated.frame.rotation)]
         for R in [np.eye(3), *inertial, *(doubles(shape.frame.rotation) for shape in shapes)]:
-            spans = [span for shape in shapes if (span := _span(shape, model, R, margin_m)) is not None]
+            spans = [span for shape in shapes if (span := span_along(shape, model, R, margin_m)) is not None]
             if spans:
                 low, high = np.min([a for a, _ in spans], axis=0), np.max([b for _, b in spans], axis=0)
                 edges = high - low
@@ -125,8 +125,11 @@ def bounding_boxes(link: ModelLink, model: ModelFile, mass: float, margin_m: flo
     return found
 
 
-def _span(shape: Shape, model: ModelFile, R: Array, margin_m: float) -> tuple[Array, Array] | None:
-    """Return the least and the greatest coordinates (3,) of a shape along the columns of R."""
+def span_along(shape: Shape, model: ModelFile, R: Array, margin_m: float = 0.0) -> tuple[Array, Array] | None:
+    """Return the least and the greatest coordinates (3,) of a shape along the columns of R, in link axes.
+
+    margin_m: as in bounding_boxes. None if the size is unknown.
+    """
     box = half_extents(shape, model)
     if box is None:
         return None

@@ -56,7 +56,7 @@ QUIET = "No regression."
 
 
 def back(*methods: str) -> str:
-    """Return the first line of a night in which methods are at their level again."""
+    """Return the first line of a nightly run in which methods are at their level again."""
     return f"No regression; {', '.join(methods)} back at {'its' if len(methods) == 1 else 'their'} level."
 
 
