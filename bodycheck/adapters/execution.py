@@ -122,13 +122,15 @@ def motion_of(scene: Scene | TreeScene, t_s: Array, readings: list[Any]) -> Traj
     return trajectory_of(t_s, readings)
 
 
-def readings_along(simulation: Simulation | TreeSimulation, legs: Iterable[Leg]) -> list[Any]:
+def readings_along(
+    simulation: Simulation | TreeSimulation, legs: Iterable[Leg], *, with_imu: bool = True
+) -> list[Any]:
     """Step a fresh simulation along the legs, and return the states at the start and at the samples.
 
     A simulation may have `imu()`, which returns the specific force and the rate that its sensors read.
     """
     readings: list[Any] = []
-    imu = getattr(simulation, "imu", None)
+    imu = getattr(simulation, "imu", None) if with_imu else None
 
     def read() -> None:
         state: Any = simulation.read()

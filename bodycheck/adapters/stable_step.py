@@ -29,24 +29,28 @@ def invalid_state(trajectory: Trajectory) -> str | None:
 
     The determinant and the norm of the quaternion must be finite too.
     """
-    if lost := _first_not_finite(trajectory):
-        sample, name = lost
+    if found := _first_not_finite(trajectory):
+        sample, name = found
         return f"{name} is not finite from t = {trajectory.t_s[sample]:.6g} s on"
     if trajectory.rotation is not None:
         with np.errstate(over="ignore", invalid="ignore"):
             determinants = np.linalg.det(trajectory.rotation)
-        if np.any(determinants <= 0.0):
-            return "det R <= 0"
-        if not np.all(np.isfinite(determinants)):
-            return "det R is not finite"
+        if np.any(reflected := determinants <= 0.0):
+            return f"det R <= 0 {_first(reflected, trajectory.t_s)}"
+        if np.any(lost := ~np.isfinite(determinants)):
+            return f"det R is not finite {_first(lost, trajectory.t_s)}"
     if trajectory.quaternion is not None:
         with np.errstate(over="ignore"):
             norms = np.linalg.norm(trajectory.quaternion, axis=-1)
-        if np.any(norms == 0.0):
-            return "the quaternion is zero"
-        if not np.all(np.isfinite(norms)):
-            return "the norm of the quaternion is not finite"
+        if np.any(zero := norms == 0.0):
+            return f"the quaternion is zero {_first(zero, trajectory.t_s)}"
+        if np.any(lost := ~np.isfinite(norms)):
+            return f"the norm of the quaternion is not finite {_first(lost, trajectory.t_s)}"
     return None
+
+
+def _first(invalid: Array, t_s: Array) -> str:
+    return f"at t = {t_s[np.argmax(invalid.reshape(len(t_s), -1).any(axis=1))]:.6g} s"
 
 
 def kinetic_limit(true_kinetic: Array) -> float:
@@ -171,7 +175,7 @@ def _breakdown(adapter: Adapter, case: Case, limit_j: float, dt_s: float) -> str
     legs = list(_legs_to_readings(plan, max(plan.steps // min(case.scene.samples - 1, _MAX_READINGS), 1)))
     simulation = built(adapter, scene, case.method, plan.dt_s)
     try:
-        readings = readings_along(simulation, legs)
+        readings = readings_along(simulation, legs, with_imu=False)
     finally:
         simulation.close()
     t_s = plan.dt_s * np.cumsum([0, *(leg.steps for leg in legs)])

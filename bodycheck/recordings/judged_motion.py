@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import number
+from bodycheck.adapters.stable_step import invalid_state
 from bodycheck.examine.diagnosis.quantity_resolution import Resolution
 from bodycheck.recordings.conversion import RecordedMotion
 from bodycheck.recordings.first_sample import start_bound_rad, started_at_first_sample
@@ -134,6 +135,9 @@ def judged_motion(
     at_samples = Problem(scenario, truth, true, scales, problem.scenario_spec, int(np.count_nonzero(trusted)))
     motion = stable_motion(scene, trajectory, true)
     if isinstance(motion, str):
+        if recorded.has_derived_omega:  # lost a sample before the attitude that it is derived from
+            still = replace(trajectory, omega_body_rad_s=np.zeros_like(trajectory.omega_body))
+            motion = invalid_state(still) or motion
         columns |= {"outcome": "unstable", "message": motion}
         case = CaseResult({**columns, **_identity(name)}, MeasuredMotion(trajectory))
         return JudgedMotion(name, columns, at_samples, case, known, resolution, None, None, {}, start)

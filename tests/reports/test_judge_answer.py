@@ -401,6 +401,17 @@ def test_omega_is_derived_where_a_file_has_attitudes_alone(
     expected_message(told(ranking))
 
 
+@pytest.mark.parametrize(("lost", "reason"), [(0.0, "is zero at"), (np.nan, "is not finite from")])
+def test_a_lost_attitude_is_named_and_not_the_omega_that_is_derived_from_it(
+    lost: float, reason: str, tmp_path: Path
+) -> None:
+    """The derivative is lost a few samples before the row that the file has lost."""
+    attitude, _ = solved(T_S)
+    attitude[40] = lost
+    text = told(judged(attitudes_alone(tmp_path / "sim.csv", attitude)))
+    assert re.search(rf"quaternion {reason} t = 2 s", text)
+
+
 def test_a_reading_of_attitudes_alone_is_the_one_that_conserves_momentum(tmp_path: Path) -> None:
     """Conjugates rotate another body; damping is no reading, so that no cause is named."""
     attitude, _ = solved(T_S)
