@@ -146,7 +146,8 @@ def _outside(shaped: Shaped) -> LintFinding | None:
     size = float(np.linalg.norm(high - low))
     if away <= _NOTED * size:
         return None
-    message = f"its centre of mass is {number(away, 3)} m from its shapes, which span {number(size, 3)} m"
+    box = f"in a box with a diagonal of {number(size, 3)} m"
+    message = f"its centre of mass is {number(away, 3)} m from its shapes, {box}"
     found = shaped.finding("centre-of-mass", "warning" if away > _FAR * size else "note", message)
     return _without_numbers(found, "a centre of mass near its shapes, in m")
 

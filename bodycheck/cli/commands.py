@@ -298,7 +298,7 @@ def judge(
     the truth, and with the suffix _from_start relative to the file's first sample.
     """
     from bodycheck.recordings.judge import examined, explained_motion
-    from bodycheck.recordings.judge_document import conclusion, conclusions, is_true, judgement_document
+    from bodycheck.recordings.judge_document import conclusion, conclusions, judgement_document
     from bodycheck.reports.document import Document, answer, print_document
     from bodycheck.reports.render.progress import status_line
     from bodycheck.runs import runner
@@ -327,7 +327,7 @@ def judge(
             body=body,
             allow_code=allow_code,
         )
-    is_alone = len(ranking.motions) == 1 and not is_true(ranking.motions[0])
+    is_alone = len(ranking.motions) == 1 and not ranking.motions[0].is_true
     diagnosed = explain or html is not None or is_alone
     opening = ""
     if diagnosed and len(ranking.motions) == 1 and not json:  # the search may take minutes

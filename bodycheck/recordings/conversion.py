@@ -88,6 +88,15 @@ class RecordedMotion:
         arrays["omega_body_rad_s"], spacings["omega_body_rad_s"] = derived[0], np.full(3, derived[1])
         return replace(self, arrays=arrays, resolution=spacings, has_derived_omega=True)
 
+    def from_second_row(self) -> RecordedMotion | None:
+        """Return the recording without its first row, at times from 0; None if no omega is left."""
+        arrays = {name: values[1:] for name, values in self.arrays.items()}
+        arrays["t_s"] = arrays["t_s"] - arrays["t_s"][0]
+        if not self.has_derived_omega:
+            return replace(self, arrays=arrays)
+        del arrays["omega_body_rad_s"]
+        return replace(self, arrays=arrays).with_omega()
+
 
 def recorded_motion(path: Path, column_map: ColumnMap, dt_s: float | None = None) -> RecordedMotion:
     """Return the quantities of a recording, and their resolution.

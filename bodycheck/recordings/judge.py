@@ -41,6 +41,8 @@ from bodycheck.scenarios.given_motion import GivenMotion
 from bodycheck.scenarios.model import Scenario
 
 _TOO_MANY_STEPS = "omega turns the body too far between two samples, as where times are not in s"
+_FAR = 10.0  # times what the file and the truth leave open
+_FEWEST_ROWS = 10  # of a file whose first row can be told from its motion
 _SAME = 1e-9  # relative difference of two times that count as equal
 _PREFERRED = (ORIENTATION, "omega_error", "position_error", "velocity_error")
 
@@ -134,7 +136,7 @@ def judge_files(
         raise InputError(f"--dt: the step {twice[0]!r} is given twice")
     problem = Problem.of(scenario, scenario_spec, cache)
     motions = [
-        judged_motion(path, name, recorded, problem, cache, start)
+        _judged(path, name, recorded, problem, cache, start)
         for path, name, recorded in zip(paths, _file_names(paths), recordings, strict=True)
     ]
     steps = [{}] * len(motions) if steps_s is None else [{"dt_s": dt_s} for dt_s in steps_s]
@@ -150,6 +152,25 @@ def judge_files(
     rows, ranked = zip(*judged, strict=True)
     orders = {} if steps_s is None or len(paths) < 2 else _orders(rows, common, ranked[0].problem)
     return Ranking(rows, quantity, orders, ranked)
+
+
+def _judged(
+    path: Path, name: str, recorded: RecordedMotion, problem: Problem, cache: Cache | None, start: Start
+) -> JudgedMotion:
+    """Measure a recording, also from its second row if the truth starts at a first row that is off.
+
+    Many programs log a first row before the first step, without the velocities.
+    """
+    motion = judged_motion(path, name, recorded, problem, cache, start)
+    measures = (ORIENTATION, "omega_error")
+    is_off = any(motion.row.get(one, 0.0) > _FAR * motion.floor(one) for one in measures)
+    if start != "first-sample" or not is_off or not is_free(problem.of_body.scene):
+        return motion
+    rest = recorded.from_second_row() if len(recorded.arrays["t_s"]) > _FEWEST_ROWS else None
+    later = None if rest is None else judged_motion(path, name, rest, problem, None, start)
+    if later is None or later.row["outcome"] != "ok" or not later.is_true:
+        return motion
+    return replace(motion, from_second_row=later)
 
 
 def _file_names(paths: Sequence[Path]) -> list[str]:
@@ -222,7 +243,7 @@ def explained_motion(
     if motion.has_derived_omega:  # it follows from the attitudes, so they alone are examined
         known = known - {"omega"}
         found = _of_attitudes(motion, scene, trajectory)
-    elif is_finite:
+    elif is_finite and motion.from_second_row is None:
         truth = problem.truth.trajectory
         found = diagnosed_recording(
             scene,

@@ -12,7 +12,7 @@ from bodycheck.examine.diagnosis.candidate_maps import EXACT
 from bodycheck.examine.explanation.explain import ExplainedCase
 from bodycheck.examine.explanation.explanation_document import explanation_parts
 from bodycheck.recordings.judge import Ranking
-from bodycheck.recordings.judged_motion import FROM_START, JudgedMotion, MomentumChange, is_free
+from bodycheck.recordings.judged_motion import FROM_START, VAGUE, JudgedMotion, MomentumChange, is_free
 from bodycheck.reports.document import Column, Document, Part, Sentence, Table
 from bodycheck.reports.measurement.convergence import Convergence
 from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS
@@ -23,7 +23,6 @@ _DIGITS = 3
 _CONSERVED = 1e-6  # relative: a smaller change of a conserved quantity is no sentence of its own
 _PER_CENT = 1e-4  # relative: from there on in per cent
 _FEWEST_STEPS = 4
-_VAGUE = 0.1  # rad, or relative: what the file resolves no better says nothing about the motion
 _AS_RESOLVED = ", as far as the file resolves it"
 _OFF = 0.1  # of the largest error, above which a row is off
 _FEW = 0.01  # of the rows
@@ -46,7 +45,10 @@ def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Senten
         return [Sentence(f"{motion.name} is unstable: {motion.row['message']}.", "bad", strong=True)]
     is_noisy = diagnosis is not None and diagnosis.is_within_noise
     distance, cause = [*_distance(motion)], [] if case is None else [*_cause(motion, case)]
-    if few := [*_few_rows(motion)]:  # which are neither noise nor a motion
+    if motion.from_second_row is not None:
+        later = next(_distance(motion.from_second_row))
+        parts = [*distance, f"Only the first row is wrong. From the second row on: {later}"]
+    elif few := [*_few_rows(motion)]:  # which are neither noise nor a motion
         parts = [*distance, *few, *(() if is_noisy else cause)]
     elif is_noisy:  # which alone changes what is conserved
         of_noise = [_of_noise(motion)] if motion.start == "first-sample" else []
@@ -60,7 +62,7 @@ def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Senten
     if motion.assumed:
         parts.append(f"Read with {motion.assumed}: under this map omega is the rate of the attitude.")
     is_wrong = diagnosis is not None and diagnosis.verdict == "explained"
-    tint = "bad" if is_wrong else "good" if is_noisy or is_true(motion) else "open"
+    tint = "bad" if is_wrong else "good" if is_noisy or motion.is_true else "open"
     return [Sentence(text, tint if k == 0 else "none", strong=k == 0) for k, text in enumerate(parts)]
 
 
@@ -76,14 +78,6 @@ def _derived(motion: JudgedMotion) -> Iterator[str]:
         yield f"The file has no omega: it is derived from the attitudes, to {known_to} rad/s."
 
 
-def is_true(motion: JudgedMotion) -> bool:
-    """Whether attitude and omega are the true ones, to what the file and the truth resolve."""
-    compared = [name for name in (ORIENTATION, "omega_error") if name in motion.row]
-    return bool(compared) and all(
-        motion.is_at_floor(name) and motion.floors.get(name, 0.0) <= _VAGUE for name in compared
-    )
-
-
 def _of_noise(motion: JudgedMotion) -> str:
     """Return where the difference from the truth comes from, which starts at a noisy first row."""
     largest, final = (motion.row.get(name, 0.0) for name in (ORIENTATION, "orientation_error_final_rad"))
@@ -93,19 +87,25 @@ def _of_noise(motion: JudgedMotion) -> str:
 
 
 def _few_rows(motion: JudgedMotion) -> Iterator[str]:
-    """Yield which rows are off, where the others are within a tenth of their error."""
-    errors = motion.case.series.get(ORIENTATION)
-    if errors is None or motion.is_at_floor(ORIENTATION):
+    """Yield which rows are off, where the others are within a tenth of their error.
+
+    Those of omega where the attitude is the true one or is not in the file.
+    """
+    measures = {ORIENTATION: (" ", "rad"), "omega_error": (" in omega ", "rad/s")}
+    wrong = (name for name in measures if name in motion.case.series and not motion.is_at_floor(name))
+    if (name := next(wrong, None)) is None:
         return
+    (of, unit), errors = measures[name], motion.case.series[name]
     limit = _OFF * float(errors.max())
     off = np.flatnonzero(errors > limit)
     rest = float(np.delete(errors, off).max(initial=0.0))
     is_growth = off[-1] == len(errors) - 1 and rest > _JUMP * limit
     if len(off) <= max(1.0, _FEW * len(errors)) and not is_growth:
-        at_s = number(float(motion.problem.times[off[0]]), 4)
-        verb = "is" if len(off) == 1 else "are"
-        beyond = f"off by more than {number(limit, 2)} rad, the first at {at_s} s"
-        others = f"the others by at most {number(rest, 2)} rad"
+        t_s = motion.problem.times
+        after = f"{number(float(t_s[off[0]] - t_s[0]), 4)} s after the first row"
+        verb, where = ("is", after) if len(off) == 1 else ("are", f"the first {after}")
+        beyond = f"off{of}by more than {number(limit, 2)} {unit}, {where}"
+        others = f"the others by at most {number(rest, 2)} {unit}"
         yield f"Only {len(off)} of {len(errors)} rows {verb} {beyond}; {others}."
 
 
@@ -147,7 +147,7 @@ def _conservation(motion: JudgedMotion) -> Iterator[str]:
 def _momentum_sentence(change: MomentumChange, floor: float, *, free: bool) -> str:
     largest = max(change.size, change.direction_rad)
     direction = number(change.direction_rad, _DIGITS)
-    if largest <= FLOOR_BOUNDS * floor and floor > _VAGUE:
+    if largest <= FLOOR_BOUNDS * floor and floor > VAGUE:
         kept = "is conserved" if free else "is the true one"
         left = _share(FLOOR_BOUNDS * floor)
         return f"The file does not show whether angular momentum {kept}: its rows leave {left} open."
@@ -174,7 +174,7 @@ def _distance(motion: JudgedMotion) -> Iterator[str]:
         largest, final = row[ORIENTATION], row["orientation_error_final_rad"]
         if motion.is_at_floor(ORIENTATION):
             error = _resolved(largest, motion.floors[ORIENTATION])
-            if motion.floors[ORIENTATION] > _VAGUE:
+            if motion.floors[ORIENTATION] > VAGUE:
                 open_rad = number(min(FLOOR_BOUNDS * motion.floors[ORIENTATION], math.pi), 2)
                 yield (
                     "The file does not show whether the attitude is the true one: its rows leave the truth "

@@ -46,6 +46,9 @@ Start: TypeAlias = Literal["scenario", "first-sample"]
 FROM_START = "_from_start"
 """Suffix of an energy drift relative to the first sample of the file, instead of relative to the truth."""
 
+VAGUE = 0.1
+"""In rad, or relative: what a file resolves no better says nothing about the motion."""
+
 _REDUNDANT = 1e-3  # difference in rad, or relative, of what a file states twice: more than rounding
 _HALF_SPACING = 0.5 * math.sqrt(3.0)  # the error of a rounded vector, per spacing of its components
 
@@ -73,7 +76,7 @@ class JudgedMotion:
     the rotational energy since the first row, with its sign, over the largest of the truth, None without
     omega. floors: measure -> what the truth and the digits of the file leave open, relative as the
     measure is. start: where the truth starts. has_derived_omega, has_unused_position, assumed: of the
-    recording.
+    recording. from_second_row: the same without the first row, where that alone makes it the true motion.
     """
 
     name: str
@@ -89,10 +92,23 @@ class JudgedMotion:
     has_derived_omega: bool = False
     has_unused_position: bool = False
     assumed: str = ""
+    from_second_row: JudgedMotion | None = None
+
+    @property
+    def is_true(self) -> bool:
+        """Whether attitude and omega are the true ones, to what the file and the truth resolve."""
+        compared = [name for name in (ORIENTATION, "omega_error") if name in self.row]
+        return bool(compared) and all(
+            self.is_at_floor(name) and self.floors.get(name, 0.0) <= VAGUE for name in compared
+        )
+
+    def floor(self, measure: str) -> float:
+        """Return what the truth and the digits of the file leave open."""
+        return FLOOR_BOUNDS * self.floors.get(measure, 0.0)
 
     def is_at_floor(self, measure: str) -> bool:
-        """Whether a measure is within what the truth and the digits of the file leave open."""
-        return bool(self.row[measure] <= FLOOR_BOUNDS * self.floors.get(measure, 0.0))
+        """Whether a measure is within its floor."""
+        return bool(self.row[measure] <= self.floor(measure))
 
 
 def judged_motion(

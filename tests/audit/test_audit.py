@@ -444,6 +444,27 @@ def test_a_discarded_tensor_says_how_far_the_link_turns_off() -> None:
         assert text.text == f"PyBullet discards every tensor{', ' if said else ''}{said}."
 
 
+@pytest.mark.parametrize(
+    ("state", "held_rad", "alone_rad", "said"),
+    [
+        ("agrees", 1e-6, 1e-6, ""),
+        ("agrees", 0.5, 0.5, "the numbers agree, but the motion deviates"),
+        ("agrees", 1e-6, 0.5, "turns otherwise where it is imported alone"),
+        ("rounded", 1e-6, 0.5, "turns otherwise where it is imported alone"),
+        ("rounded", 1e-6, None, ""),
+    ],
+)
+def test_a_motion_that_deviates_says_with_what(
+    state: Any, held_rad: float, alone_rad: float | None, said: str
+) -> None:
+    """With the numbers that the importer holds, or only in a file of its own, as by damping."""
+    held = LinkImport(state, _HELD, _HELD, Difference(0.0, 0.0, 0.0))
+    spins = {"pybullet:default": Spin(1e-6, held_rad, alone_rad)}
+    link = LinkAudit("arm", 2, _HELD, "", "", {"pybullet:default": held}, spins)
+    found = Audit("robot.urdf", "urdf", "", [], [link], []).differing()
+    assert [why for _, _, why in found] == [said] * bool(said)
+
+
 def test_importers_that_are_not_compared_share_a_row() -> None:
     """The reason is said once, beside the names of all."""
     matrices = {name: MatrixComparison(None, cause="no tree") for name in ("a", "b")}

@@ -17,7 +17,7 @@ import bodycheck
 from bodycheck._util.errors import InputError
 from bodycheck.recordings import judge
 from bodycheck.recordings.judge import Ranking, explained_motion
-from bodycheck.recordings.judge_document import conclusion, conclusions, is_true, judgement_document
+from bodycheck.recordings.judge_document import conclusion, conclusions, judgement_document
 from bodycheck.recordings.judge_page import judgement_page
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.document import Sentence
@@ -100,8 +100,8 @@ def test_a_right_motion_is_the_true_one_to_its_digits(digits: str, tmp_path: Pat
     ranking = judged(path)
     (motion,) = ranking.motions
     text = conclusion(motion, None)
-    assert is_true(motion) == (digits != "%.17g")  # the solver is off by 1e-11
-    assert conclusions(motion, None)[0].tint == ("good" if is_true(motion) else "open")
+    assert motion.is_true == (digits != "%.17g")  # the solver is off by 1e-11
+    assert conclusions(motion, None)[0].tint == ("good" if motion.is_true else "open")
     assert "is conserved" in text
     assert "not conserved" not in text
     row = ranking.rows[0]
@@ -117,7 +117,7 @@ def test_attitudes_that_resolve_nothing_are_not_called_true(tmp_path: Path) -> N
         path.write_text("\n".join(map(",".join, lines)) + "\n")
         (ranked,) = judged(path).motions
         assert ranked.has_derived_omega
-        assert not is_true(ranked)
+        assert not ranked.is_true
         assert conclusions(ranked, None)[0].tint == "open"
         assert "true one for" not in conclusion(ranked, None)
 
@@ -147,6 +147,54 @@ def test_one_wrong_row_is_not_taken_for_the_motion(first: int, rows: int, said: 
     text = told(judged(write(tmp_path / "sim.csv", T_S, (q, w))))
     assert ("Only 1 of 201 rows is off by more than " in text) == said
     assert "noise" not in text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("off", [0.05, 2.5])
+def test_one_wrong_omega_beside_right_attitudes_is_no_fault_of_integration(
+    off: float, tmp_path: Path
+) -> None:
+    """It is as large as noise could be, but the attitude follows from no omega by a rule of integration."""
+    q, w = solved(T_S)
+    w[77, 1] += off
+    ranking = judged(write(tmp_path / "sim.csv", 3.0 + T_S, (q, w), "%.9f"))
+    assert "Only 1 of 201 rows is off in omega by more than " in told(ranking)
+    assert "3.85 s after the first row" in told(ranking)
+    found = explained_motion(ranking.motions[0], None).diagnosis
+    assert found is not None
+    assert found.verdict != "strapdown"
+
+
+@pytest.mark.slow
+def test_attitudes_integrated_from_a_noisy_omega_are_named(tmp_path: Path) -> None:
+    """They follow from it to the digits of the file."""
+    _, omega = solved(T_S)
+    omega += 0.01 * np.random.default_rng(1).standard_normal(omega.shape)
+    attitudes = [Rotation.identity()]
+    for angle in 0.5 * 0.05 * (omega[:-1] + omega[1:]):
+        attitudes.append(attitudes[-1] * Rotation.from_rotvec(angle))
+    quaternions = Rotation.concatenate(attitudes).as_quat(scalar_first=True)
+    ranking = judged(write(tmp_path / "sim.csv", T_S, (quaternions, omega)))
+    found = explained_motion(ranking.motions[0], None).diagnosis
+    assert found is not None
+    assert found.base == "mean-rate exponential"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", ["attitude", "omega"])
+def test_a_wrong_first_row_is_not_taken_for_the_motion(what: str, tmp_path: Path) -> None:
+    """From its second row on, the motion is the true one; a wrong motion is not."""
+    q, w = solved(T_S)
+    if what == "omega":
+        w[0] = 0.0
+    else:
+        q[0] = q[1]
+    ranking = judged(write(tmp_path / "sim.csv", T_S, (q, w), "%.9f"))
+    assert "Only the first row is wrong" in told(ranking)
+    assert not ranking.motions[0].is_true
+    damped, slowed = stepped(T_S, 5, 0.05)
+    slowed[0] = 0.0
+    assert "first row is wrong" not in told(judged(write(tmp_path / "damped.csv", T_S, (damped, slowed))))
 
 
 def test_an_error_that_grows_up_to_the_last_row_is_one_of_the_motion(tmp_path: Path) -> None:
@@ -393,7 +441,7 @@ def test_omega_is_derived_where_a_file_has_attitudes_alone(
     attitude, omega = solved(T_S)
     ranking = judged(attitudes_alone(tmp_path / "sim.csv", attitude))
     (motion,) = ranking.motions
-    assert is_true(motion)
+    assert motion.is_true
     derived = motion.case.trajectory
     assert derived is not None
     off = np.max(np.abs(derived.omega_body - omega))

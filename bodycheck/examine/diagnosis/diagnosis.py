@@ -168,7 +168,7 @@ class Diagnosis:
                 return f"no fault but {_SINGLE}: the motion is that of {self.base_words}{order}"
             return f"no fault: the motion is that of {self.base_words}{order}{within}{equal}"
         if self.verdict == "strapdown":
-            omega = "omega is that of the exact motion"
+            omega = "omega is that of the exact motion" + (f", to {self.within}" if self.within else "")
             return f"no fault in omega: {omega}; the attitude is integrated from it: {self.base_words}"
         if self.verdict == "lower-order":
             return f"the method is{self._of_order}, not {self.order}: the motion is that of {self.base_words}"

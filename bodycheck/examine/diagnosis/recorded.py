@@ -103,10 +103,10 @@ def diagnosed_recording(
         found, made_by = _without_fault(search, known, resolution)
         noisy = None if found is not None or search.fine is None else with_noise(search.fine)
         if noisy is not None:
-            resolution = noisy
+            resolution, noiseless = noisy, search
             start = start_difference(scene, trajectory, known, noisy, {}) if at_start else None
             search = searched(noisy, from_rows=True, faults=faults) or search
-            found, made_by = _without_fault(search, known, noisy)
+            found, made_by = _without_fault(search, known, noisy, noiseless=noiseless)
         if found is None and dt_s is None:
             found, made_by = _of_several_steps(search, known, resolution)
         if found is None:
@@ -176,11 +176,17 @@ def _undone(one: WrongReading, trajectory: Trajectory) -> Trajectory:
 
 
 def _without_fault(
-    search: Search, known: frozenset[str], resolution: Resolution
+    search: Search, known: frozenset[str], resolution: Resolution, noiseless: Search | None = None
 ) -> tuple[Diagnosis | None, Base | None]:
-    """Return the diagnosis of a motion without a fault, and the map that made it."""
+    """Return the diagnosis of a motion without a fault, and the map that made it.
+
+    noiseless: the search with the digits of the file, where `search` has its noise: an attitude follows to
+    these digits from the omega that it is integrated from, however noisy that is.
+    """
     some = search.own or search.fine
+    exactly = some if noiseless is None else noiseless.own or noiseless.fine
     assert some is not None
+    assert exactly is not None
     within = resolution.text(known) if some.is_coarse else ""
     is_exact = search.fine is not None and search.is_healthy(EXACT)
     # the noise of a recording hides the differences between most maps
@@ -194,7 +200,7 @@ def _without_fault(
         return replace(healthy, is_within_noise=bool(resolution.noise)), first
     if search.fine is not None and search.fine.scene.pivot is None:
         omega = search.fine.of_quantities(frozenset({"omega"}))
-        rules = strapdown_rules(some) if "attitude" in known else []
+        rules = strapdown_rules(exactly) if "attitude" in known else []
         if rules and Search(None, omega).is_healthy(EXACT) and _translates_as_stated(search, known):
             words = f"{rules[0].name}, {rules[0].formula}, of order {rules[0].order}"
             names = tuple(rule.name for rule in rules[1:])

@@ -221,8 +221,14 @@ def _parameter_table(found: Diagnosis, of: str) -> Table:
         Column("value", "number"),
         Column("95 % interval"),
     )
+    is_whole = found.verdict != "nearest"  # the interval is that of a fault which explains all of the error
     rows = tuple(
-        (fault.name, " ".join(filter(None, (p.name, p.unit))), number(p.value, 6), _interval(p))
+        (
+            fault.name,
+            " ".join(filter(None, (p.name, p.unit))),
+            number(p.value, 6),
+            _interval(p) if is_whole else "not known, as some error is left",
+        )
         for fault in found.faults
         for p in fault.parameters
     )
