@@ -47,7 +47,10 @@ def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Senten
     distance, cause = [*_distance(motion)], [] if case is None else [*_cause(motion, case)]
     if motion.from_second_row is not None:
         later = next(_distance(motion.from_second_row))
-        parts = [*distance, f"Only the first row is wrong. From the second row on: {later}"]
+        parts = [
+            *distance,
+            f"Only the first row, or the step from it, is wrong. From the second row on: {later}",
+        ]
     elif few := [*_few_rows(motion)]:  # which are neither noise nor a motion
         parts = [*distance, *few, *(() if is_noisy else cause)]
     elif is_noisy:  # which alone changes what is conserved
