@@ -32,25 +32,22 @@ def invalid_state(trajectory: Trajectory) -> str | None:
     if found := _first_not_finite(trajectory):
         sample, name = found
         return f"{name} is not finite from t = {trajectory.t_s[sample]:.6g} s on"
+    checks: list[tuple[Array, str]] = []
     if trajectory.rotation is not None:
         with np.errstate(over="ignore", invalid="ignore"):
             determinants = np.linalg.det(trajectory.rotation)
-        if np.any(reflected := determinants <= 0.0):
-            return f"det R <= 0 {_first(reflected, trajectory.t_s)}"
-        if np.any(lost := ~np.isfinite(determinants)):
-            return f"det R is not finite {_first(lost, trajectory.t_s)}"
+        checks += [(determinants <= 0.0, "det R <= 0"), (~np.isfinite(determinants), "det R is not finite")]
     if trajectory.quaternion is not None:
         with np.errstate(over="ignore"):
             norms = np.linalg.norm(trajectory.quaternion, axis=-1)
-        if np.any(zero := norms == 0.0):
-            return f"the quaternion is zero {_first(zero, trajectory.t_s)}"
-        if np.any(lost := ~np.isfinite(norms)):
-            return f"the norm of the quaternion is not finite {_first(lost, trajectory.t_s)}"
+        checks += [
+            (norms == 0.0, "the quaternion is zero"),
+            (~np.isfinite(norms), "the norm of the quaternion is not finite"),
+        ]
+    for invalid, what in checks:
+        if np.any(invalid):
+            return f"{what} at t = {trajectory.t_s[_first_sample(invalid)]:.6g} s"
     return None
-
-
-def _first(invalid: Array, t_s: Array) -> str:
-    return f"at t = {t_s[np.argmax(invalid.reshape(len(t_s), -1).any(axis=1))]:.6g} s"
 
 
 def kinetic_limit(true_kinetic: Array) -> float:
@@ -86,9 +83,13 @@ def _first_not_finite(trajectory: Trajectory) -> tuple[int, str] | None:
     ):
         value = getattr(trajectory, name)
         if value is not None and not np.all(np.isfinite(value)):
-            finite = np.isfinite(value.reshape(len(value), -1)).all(axis=1)
-            found.append((int(np.argmin(finite)), name))
+            found.append((_first_sample(~np.isfinite(value)), name))
     return min(found, key=lambda lost: lost[0], default=None)
+
+
+def _first_sample(invalid: Array) -> int:
+    """Return the first sample in which a component (n, ...) is invalid."""
+    return int(np.argmax(invalid.reshape(len(invalid), -1).any(axis=1)))
 
 
 _RATIO = 1.1  # of successive steps of the scan

@@ -293,11 +293,10 @@ class Audit:
             for name, one in link.held.items():
                 if one.state in ("differs", "absent"):
                     found.append((link, name, "; ".join(one.causes)))
-                elif one.state in ("agrees", "rounded") and name in link.spins:
-                    spin = link.spins[name]
-                    if spin.follows(spin.held_rad) is not False and spin.deviates:
+                elif one.state in ("agrees", "rounded") and name in link.spins and link.spins[name].deviates:
+                    if link.spins[name].follows(link.spins[name].held_rad) is not False:
                         found.append((link, name, "turns otherwise where it is imported alone"))
-                    elif spin.deviates and one.state == "agrees":
+                    elif one.state == "agrees":
                         found.append((link, name, "the numbers agree, but the motion deviates"))
         return found
 

@@ -20,6 +20,7 @@ from bodycheck.examine.explanation.explain import ExplainedCase
 from bodycheck.recordings.column_map import ColumnMap
 from bodycheck.recordings.conversion import RecordedMotion, recorded_motion
 from bodycheck.recordings.judged_motion import (
+    TURNING,
     JudgedMotion,
     Start,
     is_free,
@@ -162,8 +163,7 @@ def _judged(
     Many programs log a first row before the first step, without the velocities.
     """
     motion = judged_motion(path, name, recorded, problem, cache, start)
-    measures = (ORIENTATION, "omega_error")
-    is_off = any(motion.row.get(one, 0.0) > _FAR * motion.floor(one) for one in measures)
+    is_off = any(motion.row.get(one, 0.0) > _FAR * motion.floor(one) for one in TURNING)
     if start != "first-sample" or not is_off or not is_free(problem.of_body.scene):
         return motion
     rest = recorded.from_second_row() if len(recorded.arrays["t_s"]) > _FEWEST_ROWS else None

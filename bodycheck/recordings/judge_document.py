@@ -94,7 +94,7 @@ def _few_rows(motion: JudgedMotion) -> Iterator[str]:
 
     Those of omega where the attitude is the true one or is not in the file.
     """
-    measures = {ORIENTATION: (" ", "rad"), "omega_error": (" in omega ", "rad/s")}
+    measures = {ORIENTATION: ("", "rad"), "omega_error": (" in omega", "rad/s")}
     wrong = (name for name in measures if name in motion.case.series and not motion.is_at_floor(name))
     if (name := next(wrong, None)) is None:
         return
@@ -107,7 +107,7 @@ def _few_rows(motion: JudgedMotion) -> Iterator[str]:
         t_s = motion.problem.times
         after = f"{number(float(t_s[off[0]] - t_s[0]), 4)} s after the first row"
         verb, where = ("is", after) if len(off) == 1 else ("are", f"the first {after}")
-        beyond = f"off{of}by more than {number(limit, 2)} {unit}, {where}"
+        beyond = f"off{of} by more than {number(limit, 2)} {unit}, {where}"
         others = f"the others by at most {number(rest, 2)} {unit}"
         yield f"Only {len(off)} of {len(errors)} rows {verb} {beyond}; {others}."
 
@@ -178,7 +178,7 @@ def _distance(motion: JudgedMotion) -> Iterator[str]:
         if motion.is_at_floor(ORIENTATION):
             error = _resolved(largest, motion.floors[ORIENTATION])
             if motion.floors[ORIENTATION] > VAGUE:
-                open_rad = number(min(FLOOR_BOUNDS * motion.floors[ORIENTATION], math.pi), 2)
+                open_rad = number(min(motion.floor(ORIENTATION), math.pi), 2)
                 yield (
                     "The file does not show whether the attitude is the true one: its rows leave the truth "
                     f"open to {open_rad} rad after {until} s."

@@ -46,6 +46,9 @@ Start: TypeAlias = Literal["scenario", "first-sample"]
 FROM_START = "_from_start"
 """Suffix of an energy drift relative to the first sample of the file, instead of relative to the truth."""
 
+TURNING = (ORIENTATION, "omega_error")
+"""The errors by which a turning motion is the true one."""
+
 VAGUE = 0.1
 """In rad, or relative: what a file resolves no better says nothing about the motion."""
 
@@ -97,7 +100,7 @@ class JudgedMotion:
     @property
     def is_true(self) -> bool:
         """Whether attitude and omega are the true ones, to what the file and the truth resolve."""
-        compared = [name for name in (ORIENTATION, "omega_error") if name in self.row]
+        compared = [name for name in TURNING if name in self.row]
         return bool(compared) and all(
             self.is_at_floor(name) and self.floors.get(name, 0.0) <= VAGUE for name in compared
         )
