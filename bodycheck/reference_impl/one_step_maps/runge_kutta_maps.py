@@ -119,11 +119,12 @@ class _Formulation:
 
 @dataclass(frozen=True)
 class _Explicit:
-    """y+ = y + dt sum b_i k_i, the attitude then kept, or normalised or projected."""
+    """y+ = y + dt sum b_i k_i, the attitude then kept or projected, in every stage too if every_stage."""
 
     tableau: NamedTableau
     formulation: _Formulation
     projected: bool = False
+    every_stage: bool = False
 
     def __call__(self, solid: Solid, motion: Motion, dt: Array, loads: Loads) -> Motion:
         h = np.asarray(dt)
@@ -131,6 +132,8 @@ class _Explicit:
         stages: list[Array] = []
         for row, c in zip(self.tableau.a, self.tableau.c, strict=True):
             at = y + h[..., None] * weighted_sum(row, stages, y)
+            if self.every_stage:
+                at = _projected(self.formulation, at)
             stages.append(self.formulation.rates(solid, motion.t + c * h, at, loads))
         end = y + h[..., None] * weighted_sum(self.tableau.b, stages, y)
         return _finished(self.formulation, self.projected, solid, motion, h, end)
@@ -139,14 +142,17 @@ class _Explicit:
 def _finished(
     formulation: _Formulation, projected: bool, solid: Solid, motion: Motion, h: Array, end: Array
 ) -> Motion:
-    if not projected:
-        return formulation.motion(solid, motion, h, end)
-    attitude = end[..., _ATTITUDE]
+    return formulation.motion(solid, motion, h, _projected(formulation, end) if projected else end)
+
+
+def _projected(formulation: _Formulation, y: Array) -> Array:
+    """Return y with a unit quaternion, or with the nearest rotation matrix."""
+    attitude = y[..., _ATTITUDE]
     if formulation.matrix:
         normal = project_to_so3(attitude.reshape(*attitude.shape[:-1], 3, 3)).reshape(attitude.shape)
     else:
         normal = normalised(attitude)
-    return formulation.motion(solid, motion, h, np.concatenate([end[..., :9], normal], axis=-1))
+    return np.concatenate([y[..., :9], normal], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -211,16 +217,20 @@ class _Implicit:
 
 _QUATERNION = {False: ", additive quaternion", True: ", additive quaternion renormalised"}
 _MATRIX = {False: ", additive matrix", True: ", additive matrix projected"}
+_EVERY_STAGE = ", additive quaternion renormalised in every stage"
 
 
 def runge_kutta_maps() -> Iterator[OneStepMap]:
     """Yield every tableau on every formulation."""
     for tableau in (*EXPLICIT, DOP853):
         for carried, axes in CARRIED.items():
-            for matrix, suffixes in ((False, _QUATERNION), (True, _MATRIX)):
-                for projected, suffix in suffixes.items():
-                    step = _Explicit(tableau, _Formulation(carried, matrix), projected)
-                    yield _map(tableau, axes + suffix, step)
+            for projected, suffix in _QUATERNION.items():
+                yield _map(tableau, axes + suffix, _Explicit(tableau, _Formulation(carried), projected))
+            step = _Explicit(tableau, _Formulation(carried), projected=True, every_stage=True)
+            yield _map(tableau, axes + _EVERY_STAGE, step)
+            for projected, suffix in _MATRIX.items():
+                step = _Explicit(tableau, _Formulation(carried, matrix=True), projected)
+                yield _map(tableau, axes + suffix, step)
     for tableau in IMPLICIT:
         for carried, axes in CARRIED.items():
             for projected, suffix in _QUATERNION.items():
@@ -239,6 +249,8 @@ def _map(tableau: NamedTableau, what: str, step: _Explicit | _Implicit) -> OneSt
     projected = (
         "" if not step.projected else ", R projected onto SO(3)" if step.formulation.matrix else ", q / |q|"
     )
+    if isinstance(step, _Explicit) and step.every_stage:
+        projected += " in every stage and at the end"
     return OneStepMap(
         tableau.name + what,
         f"y+ = y + dt sum b_i k_i, y = (x, v, {spins[step.formulation.carried]}, {symbol}){projected}",

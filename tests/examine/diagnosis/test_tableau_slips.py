@@ -40,9 +40,10 @@ def diagnosis_of(
     *,
     order: int | None,
     matrix: bool = False,
+    every_stage: bool = False,
     dt_s: float = 0.02,
 ) -> Diagnosis:
-    """Return the diagnosis of a motion that is stepped by a tableau."""
+    """Return the diagnosis of a motion that is stepped by a tableau; every_stage: normalises q in each."""
     problem = Problem.of(load_scenario("intermediate-axis"), "intermediate-axis")
     scene = problem.of_body.scene
     start = scene.initial
@@ -54,6 +55,8 @@ def diagnosis_of(
         slopes: list[Array] = []
         for row in a:
             at = y + dt_s * sum((weight * k for weight, k in zip(row, slopes, strict=True)), 0.0 * y)
+            if every_stage:
+                at[9:] /= np.linalg.norm(at[9:])
             slopes.append(rate_of(scene, at))
         y = y + dt_s * sum((weight * k for weight, k in zip(b, slopes, strict=True)), 0.0 * y)
         if not matrix:
@@ -146,6 +149,36 @@ def test_a_last_stage_at_half_of_the_step_is_named_without_an_order(matrix: bool
     found = diagnosis_of((*A[:3], (0.0, 0.0, 0.5)), B, order=None, matrix=matrix)
     assert [fault.name for fault in found.faults] == ["stage-4-misplaced"]
     assert found.base == ("RK4, additive matrix" if matrix else "rk4")
+
+
+EVERY_STAGE = "RK4, additive quaternion renormalised in every stage"
+
+
+@pytest.mark.parametrize("order", [None, 4])
+def test_a_right_tableau_that_normalises_in_every_stage_is_healthy(order: int | None) -> None:
+    """Without an order, the map is named."""
+    found = diagnosis_of(A, B, order=order, every_stage=True)
+    assert (found.verdict, found.faults) == ("healthy", ())
+    if order is None:
+        assert found.base == EVERY_STAGE
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "order", "name"),
+    [
+        (A, (1 / 6, 1 / 6, 1 / 6, 1 / 6), 4, "weights-1-6-each"),
+        pytest.param(A, (1 / 3, 1 / 6, 1 / 6, 1 / 3), None, "weights-exchanged", marks=pytest.mark.slow),
+        pytest.param((*A[:3], (0.0, 0.0, 0.5)), B, None, "stage-4-misplaced", marks=pytest.mark.slow),
+        pytest.param((*A[:2], (0.0, 1.0), A[3]), B, 4, "stage-3-misplaced", marks=pytest.mark.slow),
+    ],
+)
+def test_a_slip_in_a_method_that_normalises_in_every_stage_is_named(
+    a: Sequence[Sequence[float]], b: Sequence[float], order: int | None, name: str
+) -> None:
+    """A wrong weight is not taken for a wrong stage."""
+    found = diagnosis_of(a, b, order=order, every_stage=True)
+    assert (found.verdict, found.base) == ("explained", EVERY_STAGE)
+    assert [fault.name for fault in found.faults] == [name]
 
 
 @pytest.mark.nightly
