@@ -82,14 +82,12 @@ LONG = tuple(
     f"docs/{name}.md"
     for name in (
         "add-an-engine",
-        "audit",
         "clusters",
         "course",
         "diagnosis",
         "ensembles",
         "gates",
         "nightly",
-        "questions",
         "recordings",
         "report",
         "start",

@@ -26,6 +26,7 @@ _FEWEST_STEPS = 4
 _AS_RESOLVED = ", as far as the file resolves it"
 _OFF = 0.1  # of the largest error, above which a row is off
 _FEW = 0.01  # of the rows
+_ENOUGH = 5  # rows: of fewer, one that is off is no exception
 _JUMP = 1e-2  # of what is off: an error that grows up to the last row comes nearer to it
 _FARTHER = 100.0  # of the error of omega, relative, to that of the attitude, where the latter is no cause
 _NOT_NORMAL = {
@@ -103,7 +104,7 @@ def _few_rows(motion: JudgedMotion) -> Iterator[str]:
     off = np.flatnonzero(errors > limit)
     rest = float(np.delete(errors, off).max(initial=0.0))
     is_growth = off[-1] == len(errors) - 1 and rest > _JUMP * limit
-    if len(off) <= max(1.0, _FEW * len(errors)) and not is_growth:
+    if len(errors) >= _ENOUGH and len(off) <= max(1.0, _FEW * len(errors)) and not is_growth:
         t_s = motion.problem.times
         after = f"{number(float(t_s[off[0]] - t_s[0]), 4)} s after the first row"
         verb, where = ("is", after) if len(off) == 1 else ("are", f"the first {after}")

@@ -149,6 +149,15 @@ def test_one_wrong_row_is_not_taken_for_the_motion(first: int, rows: int, said: 
     assert "noise" not in text
 
 
+@pytest.mark.parametrize(("rows", "said"), [(2, False), (4, False), (5, True)])
+def test_one_of_few_rows_that_is_off_is_no_exception(rows: int, said: bool, tmp_path: Path) -> None:
+    """A body that stands still where the truth has turned by the last row, once there are few rows."""
+    q, w = solved(T_S[:rows])
+    q[-1] = solved(T_S)[0][60]
+    text = told(judged(write(tmp_path / "sim.csv", T_S[:rows], (q, w))))
+    assert ("rows is off by more than " in text) == said
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("off", [0.05, 2.5])
 def test_one_wrong_omega_beside_right_attitudes_is_no_fault_of_integration(
