@@ -179,14 +179,14 @@ def _tensor_cause(
 ) -> str:
     if np.array_equal(imported.inertia_kg_m2, np.eye(3)):
         return "replaced by the identity"
+    if discarded:
+        return f"{DISCARDED}: {discarded}"
     size = max(float(np.max(np.abs(expected.inertia_kg_m2))), float(np.max(np.abs(imported.inertia_kg_m2))))
     for fault, tensor in _faults_of(members):
         other = float(np.max(np.abs(tensor - expected.inertia_kg_m2)))
         if other > SINGLE * size and float(np.max(np.abs(tensor - imported.inertia_kg_m2))) <= SINGLE * size:
             turned = _turned(expected, imported)
             return f"{fault}, {turned} degrees off" if turned else fault
-    if discarded:
-        return f"{DISCARDED}: {discarded}"
     if imported.mass_kg > 0.0 and imported.mass_kg != expected.mass_kg > 0.0:
         scaled = expected.inertia_kg_m2 * (imported.mass_kg / expected.mass_kg)
         if float(np.max(np.abs(scaled - imported.inertia_kg_m2))) <= SINGLE * size:

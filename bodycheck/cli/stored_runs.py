@@ -237,8 +237,9 @@ def advise(
 ) -> None:
     """Print the cheapest engine, method and step size that meet an error tolerance.
 
-    Settings between and beyond the measured steps are predicted from the order. With --dt
-    instead of --error, prints the error of each method at that step.
+    Settings between and beyond the measured steps are predicted from the order. bodycheck's own
+    reference comes after all engines. With --dt instead of --error, prints the error of each
+    method at that step.
     """
     from bodycheck.reports.document import answer
     from bodycheck.reports.summary.advice_document import advice_document

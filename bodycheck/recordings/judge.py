@@ -44,6 +44,7 @@ from bodycheck.scenarios.model import Scenario
 _TOO_MANY_STEPS = "omega turns the body too far between two samples, as where times are not in s"
 _FAR = 10.0  # times what the file and the truth leave open
 _FEWEST_ROWS = 10  # of a file whose first row can be told from its motion
+_LEFT = 1e-3  # of the largest error, without the first row, where that row alone is wrong
 _SAME = 1e-9  # relative difference of two times that count as equal
 _PREFERRED = (ORIENTATION, "omega_error", "position_error", "velocity_error")
 
@@ -168,9 +169,10 @@ def _judged(
         return motion
     rest = recorded.from_second_row() if len(recorded.arrays["t_s"]) > _FEWEST_ROWS else None
     later = None if rest is None else judged_motion(path, name, rest, problem, None, start)
-    if later is None or later.row["outcome"] != "ok" or not later.is_true:
+    if later is None or later.row["outcome"] != "ok":
         return motion
-    return replace(motion, from_second_row=later)
+    whole, left = (max(one.row.get(name, 0.0) for name in TURNING) for one in (motion, later))
+    return replace(motion, from_second_row=later) if later.is_true or left <= _LEFT * whole else motion
 
 
 def _file_names(paths: Sequence[Path]) -> list[str]:

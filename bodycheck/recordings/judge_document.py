@@ -53,7 +53,8 @@ def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Senten
             f"Only the first row, or the step from it, is wrong. From the second row on: {later}",
         ]
     elif few := [*_few_rows(motion)]:  # which are neither noise nor a motion
-        parts = [*distance, *few, *(() if is_noisy else cause)]
+        unexplained = diagnosis is not None and diagnosis.verdict == "unexplained" and _is_of_omega(motion)
+        parts = [*distance, *few, *(() if is_noisy or unexplained else cause)]
     elif is_noisy:  # which alone changes what is conserved
         of_noise = [_of_noise(motion)] if motion.start == "first-sample" else []
         parts = [*cause[::-1], *distance[::-1], *of_noise]
@@ -91,26 +92,24 @@ def _of_noise(motion: JudgedMotion) -> str:
 
 
 def _few_rows(motion: JudgedMotion) -> Iterator[str]:
-    """Yield which rows are off, where the others are within a tenth of their error.
-
-    Those of omega where the attitude is the true one or is not in the file.
-    """
+    """Yield which rows are off, in attitude or else in omega, where the others are within a tenth of it."""
     measures = {ORIENTATION: ("", "rad"), "omega_error": (" in omega", "rad/s")}
-    wrong = (name for name in measures if name in motion.case.series and not motion.is_at_floor(name))
-    if (name := next(wrong, None)) is None:
-        return
-    (of, unit), errors = measures[name], motion.case.series[name]
-    limit = _OFF * float(errors.max())
-    off = np.flatnonzero(errors > limit)
-    rest = float(np.delete(errors, off).max(initial=0.0))
-    is_growth = off[-1] == len(errors) - 1 and rest > _JUMP * limit
-    if len(errors) >= _ENOUGH and len(off) <= max(1.0, _FEW * len(errors)) and not is_growth:
-        t_s = motion.problem.times
-        after = f"{number(float(t_s[off[0]] - t_s[0]), 4)} s after the first row"
-        verb, where = ("is", after) if len(off) == 1 else ("are", f"the first {after}")
-        beyond = f"off{of} by more than {number(limit, 2)} {unit}, {where}"
-        others = f"the others by at most {number(rest, 2)} {unit}"
-        yield f"Only {len(off)} of {len(errors)} rows {verb} {beyond}; {others}."
+    for name, (of, unit) in measures.items():
+        if name not in motion.row or motion.is_at_floor(name):
+            continue
+        errors = motion.case.series[name]
+        limit = _OFF * float(errors.max())
+        off = np.flatnonzero(errors > limit)
+        rest = float(np.delete(errors, off).max(initial=0.0))
+        is_growth = off[-1] == len(errors) - 1 and rest > _JUMP * limit
+        if len(errors) >= _ENOUGH and len(off) <= max(1.0, _FEW * len(errors)) and not is_growth:
+            t_s = motion.problem.times
+            after = f"{number(float(t_s[off[0]] - t_s[0]), 4)} s after the first row"
+            verb, where = ("is", after) if len(off) == 1 else ("are", f"the first {after}")
+            beyond = f"off{of} by more than {number(limit, 2)} {unit}, {where}"
+            others = f"the others by at most {number(rest, 2)} {unit}"
+            yield f"Only {len(off)} of {len(errors)} rows {verb} {beyond}; {others}."
+            return
 
 
 def _norms(motion: JudgedMotion) -> Iterator[str]:
@@ -189,7 +188,7 @@ def _distance(motion: JudgedMotion) -> Iterator[str]:
             return
         before = "" if final > 0.9 * largest else f", {number(largest, _DIGITS)} rad at most before"
         yield f"The attitude is {_angle(final)} from the truth after {until} s{before}."
-        if row.get("omega_error", 0.0) > max(_CONSERVED, _FARTHER * largest):
+        if _is_of_omega(motion):
             yield f"Omega is up to {_share(row['omega_error'])} of |omega| from the truth."
     elif "omega_error" in row:
         if motion.is_at_floor("omega_error"):
@@ -201,6 +200,12 @@ def _distance(motion: JudgedMotion) -> Iterator[str]:
         yield f"The position is {number(row['position_error_abs'], _DIGITS)} m from the truth."
     elif "velocity_error_abs" in row:
         yield f"The velocity is {number(row['velocity_error_abs'], _DIGITS)} m/s from the truth."
+
+
+def _is_of_omega(motion: JudgedMotion) -> bool:
+    """Whether omega is wrong, and too far off for the error of the attitude to be its cause."""
+    error = motion.row.get("omega_error", 0.0)
+    return bool(error > max(_CONSERVED, _FARTHER * motion.row.get(ORIENTATION, 0.0)))
 
 
 def _angle(rad: float) -> str:

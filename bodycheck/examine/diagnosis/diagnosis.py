@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import combinations, product
+from itertools import combinations, islice, product
 
 import numpy as np
 
@@ -431,6 +431,8 @@ class Search:
         few = self._subset(nearest, _FIRST_LOOK)
         limit, whole = few.limit, few if few.whole is None else few.whole
         maps = [one for one in LIBRARY.values() if not _is_below(one, order)]
+        if (formulation := self._with_weights(maps, few)) is not None:
+            return formulation
         sound = whole.weighted(whole.gaps_after(whole.after(maps)))
         base, tried, lowest = nearest, {nearest.name}, math.inf
         starts: list[Start] | None = None
@@ -463,6 +465,13 @@ class Search:
                 return None
             tried.add(base.name)
         return None
+
+    def _with_weights(self, maps: Sequence[Base], few: Transitions) -> Base | None:
+        """Return the first map of which a tableau with other weights leaves round-off."""
+        flexible = [fault for fault in self.faults if fault.is_flexible]
+        able = ((one, starts) for one in maps if (starts := _starts(flexible, self._context(one, few))))
+        tried = islice(able, _FORMULATIONS)
+        return next((one for one, starts in tried if self._first_look(one, starts, general=True)), None)
 
     def _subset(self, base: Base, max_count: int) -> Transitions:
         transitions = self.on(base)

@@ -168,6 +168,8 @@ def test_a_right_tableau_that_normalises_in_every_stage_is_healthy(order: int | 
     [
         (A, (1 / 6, 1 / 6, 1 / 6, 1 / 6), 4, "weights-1-6-each"),
         pytest.param(A, (1 / 3, 1 / 6, 1 / 6, 1 / 3), None, "weights-exchanged", marks=pytest.mark.slow),
+        pytest.param(A, (1 / 8, 3 / 8, 3 / 8, 1 / 8), None, "weights", marks=pytest.mark.slow),
+        pytest.param(A, (1 / 6, 1 / 3, 1 / 6, 1 / 3), None, "weights", marks=pytest.mark.slow),
         pytest.param((*A[:3], (0.0, 0.0, 0.5)), B, None, "stage-4-misplaced", marks=pytest.mark.slow),
         pytest.param((*A[:2], (0.0, 1.0), A[3]), B, 4, "stage-3-misplaced", marks=pytest.mark.slow),
     ],
