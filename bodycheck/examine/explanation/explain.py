@@ -14,7 +14,7 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import setting, suggestion
 from bodycheck.examine.diagnosis.candidate_maps import BASES, Base
 from bodycheck.examine.diagnosis.consistency import is_refuted
-from bodycheck.examine.diagnosis.diagnosis import Diagnosis, diagnosed
+from bodycheck.examine.diagnosis.diagnosis import ALL, LIBRARY_STEPS, Diagnosis, diagnosed
 from bodycheck.examine.diagnosis.fit import Fit
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reports.cache.disk_cache import Cache
@@ -61,6 +61,12 @@ class ExplainedCase:
         return f"{self.problem.scenario.name}, {':'.join(self.key)}{fineness}"
 
     @property
+    def explains_all(self) -> bool:
+        """Whether the faults that the diagnosis names leave no error."""
+        found = self.diagnosis
+        return found is not None and found.verdict == "explained" and found.share > ALL
+
+    @property
     def names_a_fault(self) -> bool:
         """Whether the diagnosis names faults, or a map of a lower order."""
         found = self.diagnosis
@@ -87,8 +93,7 @@ def diagnosed_cases(
     then that of the finding, in which a fault may act that this one does not show. interval_s: between two
     samples. wrong: the findings, the most severe first.
     """
-    ended = [case for case in cases if case.ok and case.trajectory is not None]
-    by_step = sorted(ended, key=lambda case: case.setting.fineness or 0.0)
+    by_step = _by_step(cases)
 
     def within(stride: int) -> list[CaseResult]:
         return [case for case in by_step if case.dt_s is None or interval_s / case.dt_s <= stride]
@@ -98,6 +103,12 @@ def diagnosed_cases(
         return found
     first = (within(_FINEST_STRIDE) or by_step[-1:])[:1]
     return [*first, *(case for case in found if case not in first)]
+
+
+def _by_step(cases: Iterable[CaseResult]) -> list[CaseResult]:
+    """Return the cases that ended well, the finest first."""
+    ended = [case for case in cases if case.ok and case.trajectory is not None]
+    return sorted(ended, key=lambda case: case.setting.fineness or 0.0)
 
 
 def explained(
@@ -160,9 +171,10 @@ def explained_cases(
             names = known.setdefault(key, [])
             one = None
             for case in diagnosed_cases(own, scene.sample_interval_s, verdicts):
-                again = explained(
+                again = _explained(
                     problem,
                     case,
+                    own,
                     order=orders.get(key),
                     wrong=verdicts,
                     known_faults=names,
@@ -189,6 +201,26 @@ def explained_cases(
     separated = [_separated(one, certain.get(one.key, ())) for one in found]
     diagnoses = {(one.problem.scenario.name, one.key): one.diagnosis for one in separated}
     return [_tested(one, of_bodies, by_method, diagnoses) for one in separated]
+
+
+def _explained(
+    problem: Problem, case: CaseResult, cases: Iterable[CaseResult], **facts: Any
+) -> ExplainedCase:
+    """Return a case with its diagnosis, or that of another step if all of the error is explained there only.
+
+    The finest one with few steps between two samples, as all maps of the library are tried for them.
+    """
+    one, scene = explained(problem, case, **facts), problem.scenario.scene
+    found = one.diagnosis
+    leaves_error = found is not None and found.verdict in ("explained", "nearest", "unexplained")
+    if not leaves_error or one.explains_all or isinstance(scene, TreeScene):
+        return one
+    finest_s = scene.sample_interval_s / LIBRARY_STEPS * (1.0 - _SAME_STEP)
+    few = [other for other in _by_step(cases) if other.dt_s is not None and other.dt_s >= finest_s]
+    if not few or few[0].dt_s == case.dt_s:
+        return one
+    again = explained(problem, few[0], **facts)
+    return again if again.explains_all else one
 
 
 def _fingerprints(method_rows: Iterable[Mapping[str, Any]]) -> dict[MethodKey, str]:
@@ -396,4 +428,5 @@ def _named(run: Run) -> Iterator[ExplainedCase]:
             for chosen in diagnosed_cases(cases, problem.scenario.scene.sample_interval_s)[:1]:
                 verdicts = wrong.get((name, key), ())
                 known = maps.get(key, "")
-                yield explained(problem, chosen, order=orders.get(key), wrong=verdicts, known_map=known)
+                order = orders.get(key)
+                yield _explained(problem, chosen, cases, order=order, wrong=verdicts, known_map=known)

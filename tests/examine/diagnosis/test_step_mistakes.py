@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import bodycheck
 from bodycheck import StepState
 from bodycheck.adapters.contract import Setting
 from bodycheck.adapters.execution import Case, record
+from bodycheck.adapters.registry import registered
 from bodycheck.adapters.step_function import StepFunction
 from bodycheck.examine.diagnosis.diagnosis import Diagnosis, diagnosed
+from bodycheck.examine.explanation.explain import explain_run
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_acceleration
 from bodycheck.reference_impl.rotations import exp_quaternion, quaternion_product
 from bodycheck.reports.measurement.problem import Problem
+from bodycheck.runs.directory import write_run
 from bodycheck.scenarios.library import load_scenario
 
 DT_S = 0.01
@@ -104,6 +109,27 @@ def diagnosis_of(scenario: str, mistake: str, *, unit: bool = False) -> Diagnosi
     return found
 
 
+def with_weights(weights: Sequence[float]) -> Callable[[StepState, float], StepState]:
+    """Return a free step of Runge-Kutta 4 with these weights, the quaternion normalised in every stage."""
+
+    def normal(y: Array) -> Array:
+        return np.concatenate([y[:4] / np.linalg.norm(y[:4]), y[4:]])
+
+    def step(state: StepState, dt: float) -> StepState:
+        def rate(y: Array) -> Array:
+            spun = angular_acceleration(state.body.inertia, y[4:], np.zeros(3))
+            return np.concatenate([turned(y[:4], y[4:]), spun])
+
+        y = np.concatenate([state.quaternion, state.omega_body])
+        slopes = [rate(y)]
+        for share in (0.5, 0.5, 1.0):
+            slopes.append(rate(normal(y + share * dt * slopes[-1])))
+        y = normal(y + dt * sum(b * k for b, k in zip(weights, slopes, strict=True)))
+        return replace(state, quaternion=y[:4], omega_body=y[4:])
+
+    return step
+
+
 OF_LOADS = (
     "acceleration",
     "total-force-in-body-axes",
@@ -145,3 +171,22 @@ def test_no_mistake_is_healthy(scenario: str) -> None:
     """Without one, the method is what it is."""
     found = diagnosis_of(scenario, "")
     assert (found.verdict, found.faults) == ("healthy", ())
+
+
+@pytest.mark.slow
+def test_a_cause_that_shows_with_few_steps_per_sample_alone_is_named(tmp_path: Path) -> None:
+    """With 20 steps, not all maps are tried, and those that are leave a part of the error."""
+    weights = (1 / 6, 1 / 6, 1 / 3, 1 / 3)
+    engine = StepFunction(with_weights(weights))
+    with registered(engine):
+        run = bodycheck.run(
+            ["intermediate-axis"], engines=[engine.name], dt_s=[2e-2, 1e-2, 5e-3], speed=False
+        )
+    write_run(run, tmp_path / "run")
+    (one,) = explain_run(tmp_path / "run", "intermediate-axis")
+    assert one.case.dt_s == 1e-2
+    assert one.explains_all
+    assert one.diagnosis is not None
+    (fault,) = one.diagnosis.faults
+    assert fault.name == "weights"
+    assert [p.value for p in fault.parameters] == pytest.approx(weights, abs=1e-6)
