@@ -79,7 +79,7 @@ class JudgedMotion:
     the rotational energy since the first row, with its sign, over the largest of the truth, None without
     omega. floors: measure -> what the truth and the digits of the file leave open, relative as the
     measure is. start: where the truth starts. has_derived_omega, has_unused_position, assumed: of the
-    recording. from_second_row: the same without the first row, where that alone makes it the true motion.
+    recording. from_second_row: the same without the first row, where that row alone is wrong.
     """
 
     name: str
