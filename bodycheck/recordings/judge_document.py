@@ -88,7 +88,7 @@ def _of_noise(motion: JudgedMotion) -> str:
     largest, final = (motion.row.get(name, 0.0) for name in (ORIENTATION, "orientation_error_final_rad"))
     if final < _OFF * largest:
         return "The truth starts at the first row, and the last one agrees with it: rows in between are off."
-    return "The truth starts at the first row, whose noise makes that difference."
+    return "The truth starts at the first row: its noise, or the errors of a solver, make that difference."
 
 
 def _few_rows(motion: JudgedMotion) -> Iterator[str]:

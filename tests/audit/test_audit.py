@@ -66,18 +66,21 @@ def _file(folder: Path, inertia: str = _GOOD, mass: str = "2.0", name: str = "ar
     return path
 
 
-def _causes(model: ModelFile, tensor: np.ndarray) -> tuple[str, ...]:
-    return _causes_of(model, lambda expected: replace(expected, inertia_kg_m2=tensor))
+def _causes(model: ModelFile, tensor: np.ndarray, discarded: str = "") -> tuple[str, ...]:
+    return _causes_of(model, lambda expected: replace(expected, inertia_kg_m2=tensor), discarded)
 
 
-def _causes_of(model: ModelFile, fault: Callable[[Body], Body]) -> tuple[str, ...]:
-    """Return the causes named where an engine holds the body of the file with this fault."""
+def _causes_of(model: ModelFile, fault: Callable[[Body], Body], discarded: str = "") -> tuple[str, ...]:
+    """Return the causes named where an engine holds the body of the file with this fault.
+
+    discarded: what a second import showed the tensor to come from.
+    """
     link = model.links[0]
     assert link.stated is not None
     expected = Body.of(link.stated.in_link)
     held = fault(expected)
     difference = Difference.between(expected, held)
-    return body_causes(model, [(link, Frame.of())], expected, held, difference, "")
+    return body_causes(model, [(link, Frame.of())], expected, held, difference, discarded)
 
 
 def test_tensor_faults_are_named(tmp_path: Path) -> None:
@@ -103,6 +106,18 @@ def test_tensor_faults_are_named(tmp_path: Path) -> None:
             Body.of(link.stated.in_link), Body(2.0, np.array([0.1, 0.2, -0.1]), R @ J @ R.T)
         ).largest
         < 1e-15
+    )
+
+
+def test_a_tensor_that_is_proved_to_come_from_elsewhere_is_discarded(tmp_path: Path) -> None:
+    """Whatever fault of the file's own tensor makes the same numbers."""
+    model = read_model(_file(tmp_path))
+    link = model.links[0]
+    assert link.stated is not None
+    alike = doubles(link.stated.inertia.tensor)
+    assert _causes(model, alike)[0].startswith("rotation of the inertial frame ignored")
+    assert _causes(model, alike, "recomputed from the only shape") == (
+        "tensor discarded: recomputed from the only shape",
     )
 
 

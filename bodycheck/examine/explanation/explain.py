@@ -17,6 +17,7 @@ from bodycheck.examine.diagnosis.consistency import is_refuted
 from bodycheck.examine.diagnosis.diagnosis import ALL, LIBRARY_STEPS, Diagnosis, diagnosed
 from bodycheck.examine.diagnosis.fit import Fit
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
+from bodycheck.reference_impl.wrench import steps_per_sample
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measures import IDENTITY
@@ -96,7 +97,8 @@ def diagnosed_cases(
     by_step = _by_step(cases)
 
     def within(stride: int) -> list[CaseResult]:
-        return [case for case in by_step if case.dt_s is None or interval_s / case.dt_s <= stride]
+        steps = ((one, 0 if one.dt_s is None else steps_per_sample(interval_s, one.dt_s)) for one in by_step)
+        return [one for one, count in steps if count <= stride]
 
     found = [c for one in wrong[:1] for c in within(_MAX_STRIDE) if c.setting.fineness == one.fineness]
     if found and wrong[0].ratio is not None:
@@ -215,11 +217,10 @@ def _explained(
     leaves_error = found is not None and found.verdict in ("explained", "nearest", "unexplained")
     if not leaves_error or one.explains_all or isinstance(scene, TreeScene):
         return one
-    finest_s = scene.sample_interval_s / LIBRARY_STEPS * (1.0 - _SAME_STEP)
-    few = [other for other in _by_step(cases) if other.dt_s is not None and other.dt_s >= finest_s]
-    if not few or few[0].dt_s == case.dt_s:
-        return one
-    again = explained(problem, few[0], **facts)
+    stepped = ((other, other.dt_s) for other in _by_step(cases) if other.dt_s is not None)
+    few = (c for c, dt_s in stepped if steps_per_sample(scene.sample_interval_s, dt_s) <= LIBRARY_STEPS)
+    coarser = next(few, case)
+    again = one if coarser is case else explained(problem, coarser, **facts)
     return again if again.explains_all else one
 
 

@@ -25,6 +25,15 @@ function choose(m, s, q) {
 // Values of consecutive equal runs are stored once.
 const points = one => one.v.flatMap(([first, count, value]) => Array.from({ length: count }, (_, k) => [first + k, value]));
 
+// Values near each other have a linear axis: a logarithmic one would have no tick beside them.
+function valueAxis(title, values) {
+  const [least, most] = [Math.min(...values), Math.max(...values)];
+  if (!(least > 0) || measure.value === "order") return axis(title);
+  if (most > 2 * least) return logAxis(title, values);
+  const margin = Math.max(0.1 * (most - least), 0.005 * least); // so that rounding errors look like none
+  return axis(title, { range: [least - margin, most + margin] });
+}
+
 function draw(chosen) {
   const engine = method.value.split(":").slice(0, -1).join(":");
   const traces = chosen.flatMap((one, index) => {
@@ -55,7 +64,6 @@ function draw(chosen) {
   const marks = releases.map(([run]) => ({
     type: "line", yref: "paper", y0: 0, y1: 1, x0: data.dates[run], x1: data.dates[run], line: { color: colour("--faint"), width: 1, dash: "dot" },
   }));
-  const positive = measure.value !== "order" && chosen.every(one => one.v.every(([, , value]) => value > 0));
   const title = data.labels[measure.value];
   const state = worse.length ? `worse than its level in ${worse.length} of ${data.runs.length} nightly runs` : "never worse than its level";
   caption.textContent = `${title} of ${method.value} on ${scenario.value}: ${chosen.some(one => one.l) ? state : "without a level"}`;
@@ -65,7 +73,7 @@ function draw(chosen) {
     margin: { l: 60, r: 16, t: 24, b: 40 }, hovermode: "closest", dragmode: "zoom",
     legend: { orientation: "h", y: -0.18 }, showlegend: true,
     xaxis: { type: "date", gridcolor: colour("--grid"), linecolor: colour("--line") },
-    yaxis: positive ? logAxis(title, chosen.flatMap(one => one.v.map(([, , value]) => value))) : axis(title),
+    yaxis: valueAxis(title, chosen.flatMap(one => [...one.v.map(([, , value]) => value), ...(one.l ?? []).map(([, level]) => level)])),
     shapes: [...shaded, ...marks],
     annotations: releases.map(([run, version]) => ({
       text: version, x: data.dates[run], xanchor: "left", yref: "paper", y: 1, yanchor: "bottom", showarrow: false, font: { size: 11 },

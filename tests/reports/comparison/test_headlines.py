@@ -220,6 +220,15 @@ def test_improvements_of_a_method_that_no_longer_converges_do_not_count(
     assert not any("improved" in sentence for sentence in sentences(found))
 
 
+def test_a_method_that_converges_again_is_said_to_do_so_now() -> None:
+    """The verdict before is beside it."""
+    sound = {**of_order(2.0), "verdict": "converges"}
+    found = compare(
+        run({ERROR: 1e-2}, methods=[{**sound, "verdict": "unstable"}]), run({ERROR: 1e-4}, methods=[sound])
+    )
+    assert sentences(found)[0].startswith("mujoco:rk4 improved: now converges (unstable before)")
+
+
 @pytest.mark.parametrize(("factor", "named"), [(5.0, False), (1e3, True)])
 def test_a_measure_that_is_far_worse_than_the_orientation_is_named(factor: float, named: bool) -> None:
     """A measure that is more than a decade worse is named; the orientation comes first in any case."""

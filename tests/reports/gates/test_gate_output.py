@@ -142,12 +142,16 @@ def test_the_terminal_has_the_count_then_lines_then_failures_then_reasons(
 def test_on_a_terminal_the_status_alone_is_coloured_and_no_character_is_lost(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """`passed` is green, any other status red; a line longer than the terminal is wrapped between words."""
+    """`passed` is green, any other status red; a line longer than the terminal is wrapped between words.
+
+    The count, which is read first, is bold.
+    """
     shown = StringIO()
     narrow = Console(file=shown, width=60, force_terminal=True, color_system="standard", highlight=False)
     monkeypatch.setattr(document, "console", lambda: narrow)
     print_document(results_document(results()))
     words = " ".join(shown.getvalue().split())
+    assert words.startswith("\x1b[1m4 gates: 1 passed, 2 failed, 1 measured nothing\x1b[0m")
     colours = ("\x1b[32mpassed", "\x1b[31mfailed", "\x1b[31mfailed", "\x1b[31mnothing")
     for place, colour in enumerate(colours):
         assert f"{colour}\x1b[0m [{place}] {LINES[place]}" in words
