@@ -98,7 +98,8 @@ def _few_rows(motion: JudgedMotion) -> Iterator[str]:
         if name not in motion.row or motion.is_at_floor(name):
             continue
         errors = motion.case.series[name]
-        limit = _OFF * float(errors.max())
+        largest = float(errors.max())
+        limit = _OFF * largest
         off = np.flatnonzero(errors > limit)
         rest = float(np.delete(errors, off).max(initial=0.0))
         is_growth = off[-1] == len(errors) - 1 and rest > _JUMP * limit
@@ -106,9 +107,9 @@ def _few_rows(motion: JudgedMotion) -> Iterator[str]:
             t_s = motion.problem.times
             after = f"{number(float(t_s[off[0]] - t_s[0]), 4)} s after the first row"
             verb, where = ("is", after) if len(off) == 1 else ("are", f"the first {after}")
-            beyond = f"off{of} by more than {number(limit, 2)} {unit}, {where}"
+            size = f"{'' if len(off) == 1 else 'up to '}{number(largest, 2)} {unit}"
             others = f"the others by at most {number(rest, 2)} {unit}"
-            yield f"Only {len(off)} of {len(errors)} rows {verb} {beyond}; {others}."
+            yield f"Only {len(off)} of {len(errors)} rows {verb} off{of}, by {size}, {where}; {others}."
             return
 
 
