@@ -295,7 +295,9 @@ class Audit:
                     found.append((link, name, "; ".join(one.causes)))
                 elif one.state in ("agrees", "rounded") and name in link.spins and link.spins[name].deviates:
                     if link.spins[name].follows(link.spins[name].held_rad) is not False:
-                        found.append((link, name, "turns otherwise where it is imported alone"))
+                        found.append(
+                            (link, name, "turns otherwise where it is imported alone, as by damping")
+                        )
                     elif one.state == "agrees":
                         found.append((link, name, "the numbers agree, but the motion deviates"))
         return found

@@ -164,8 +164,8 @@ def _of_bodies(audit: Audit, column: ImporterColumn) -> tuple[str, bool]:
         return _compared(audit, len(differing), total, single=bool(states["rounded"]))
     if differing:
         causes = Counter(why.partition(":")[0].partition(" (")[0] for _, why in differing)
-        found = "; ".join(cause for cause, _ in causes.most_common())
-        return f"changes {len(differing)} of {count(total, 'link')} ({found})", False
+        parts = (cause if len(causes) == 1 else f"{cause}: {n}" for cause, n in causes.most_common())
+        return f"changes {len(differing)} of {count(total, 'link')} ({'; '.join(parts)})", False
     if not total:
         return "reads it", True
     if _merges_all(audit, column.name):

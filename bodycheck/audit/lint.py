@@ -91,16 +91,14 @@ def _mass(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
             "negative-mass", "error", "certain", link, f"mass is {number(body.mass_kg)} kg", "a positive mass"
         )
     elif body.mass_kg == 0.0 and body.inertia_kg_m2.any():
-        yield _finding(
-            "zero-mass", "error", "certain", link, "mass is 0, but the tensor is not", "a positive mass"
-        )
+        yield _finding("zero-mass", "error", "certain", link, "has no mass, but a tensor", "a positive mass")
     elif body.mass_kg == 0.0 and _moves(link, model):
         yield _finding(
             "zero-mass",
             "warning",
             "certain",
             link,
-            "mass is 0 and the link moves: engines fix it, clamp its mass or fail",
+            "has no mass, but moves: engines fix it, clamp its mass or fail",
             "a positive mass",
         )
 

@@ -155,13 +155,14 @@ def _outside(shaped: Shaped) -> LintFinding | None:
 def _density(shaped: Shaped) -> LintFinding | None:
     """Find a mass and a tensor that agree, at a density that is far from that of any material."""
     density = shaped.density_kg_m3
-    if DENSITIES[0] / _FAR <= density <= _FAR * DENSITIES[1]:
+    beyond = max(DENSITIES[0] / density, density / DENSITIES[1])
+    if beyond <= _NOTED:
         return None
     message = (
         f"{number(shaped.body.mass_kg)} kg need {number(density, 2)} kg/m^3 in its shapes, "
         "of which the tensor is"
     )
-    found = shaped.finding("unit-slip", "warning", message)
+    found = shaped.finding("unit-slip", "warning" if beyond > _FAR else "note", message)
     return _without_numbers(found, "a mass in kg, and shapes in m")
 
 

@@ -64,7 +64,7 @@ class RecordedMotion:
     (4,) for a quaternion, (3, 3) for a matrix. computed: the arrays that the file has in another form.
     has_derived_omega: whether omega is the derivative of the attitudes, as the file has none.
     has_unused_position: whether a position was left out, as the file has no velocity with which it starts.
-    assumed: the option with the map that was not given, but is confirmed by the file; "" if there is none.
+    assumed: the option with the map that was not given, and why it is assumed; "" if there is none.
     """
 
     arrays: dict[str, Array]
@@ -102,8 +102,8 @@ def recorded_motion(path: Path, column_map: ColumnMap, dt_s: float | None = None
     """Return the quantities of a recording, and their resolution.
 
     dt_s: the interval between two rows of a file without times. A map that is missing is assumed if the file
-    confirms it. Raises InputError with one line that names the file and the fault, and the map that would do,
-    if one is found.
+    confirms it, or names axes and unit of omega. Raises InputError with one line that names the file and the
+    fault, and the map that would do, if one is found.
     """
     recording = read_recording(path, column_map.topic)
     try:
@@ -115,7 +115,7 @@ def recorded_motion(path: Path, column_map: ColumnMap, dt_s: float | None = None
 
         option, confirmed, why = proposal(recording, column_map, arrays)
         if confirmed is not None:
-            return replace(_converted(recording, confirmed, dt_s), assumed=option)
+            return replace(_converted(recording, confirmed, dt_s), assumed=f"{option} ({why})")
         remedy = f"try {option}" if option else "" if why else "--map 'NAME=COLUMN, ...' tells which is which"
         raise InputError("; ".join(filter(None, (str(error), why, remedy)))) from None
 

@@ -53,7 +53,7 @@ def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Senten
             f"Only the first row, or the step from it, is wrong. From the second row on: {later}",
         ]
     elif few := [*_few_rows(motion)]:  # which are neither noise nor a motion
-        unexplained = diagnosis is not None and diagnosis.verdict == "unexplained" and _is_of_omega(motion)
+        unexplained = diagnosis is not None and diagnosis.verdict == "unexplained"
         parts = [*distance, *few, *(() if is_noisy or unexplained else cause)]
     elif is_noisy:  # which alone changes what is conserved
         of_noise = [_of_noise(motion)] if motion.start == "first-sample" else []
@@ -65,7 +65,7 @@ def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Senten
     if motion.has_unused_position:
         parts.append("The position is not compared, as the file has no velocity with which it starts.")
     if motion.assumed:
-        parts.append(f"Read with {motion.assumed}: under this map omega is the rate of the attitude.")
+        parts.append(f"Read with {motion.assumed}.")
     is_wrong = diagnosis is not None and diagnosis.verdict == "explained"
     tint = "bad" if is_wrong else "good" if is_noisy or motion.is_true else "open"
     return [Sentence(text, tint if k == 0 else "none", strong=k == 0) for k, text in enumerate(parts)]

@@ -1,6 +1,7 @@
 """The map that is proposed for a file, guessed from names and values; it is tried before it is printed.
 
-A map under which omega is the rate of the attitude is confirmed by the file itself.
+A map under which omega is the rate of the attitude is confirmed by the file itself; names of omega that state
+its axes and its unit need not be, as what they state may be the fault that is looked for.
 """
 
 from __future__ import annotations
@@ -76,6 +77,7 @@ _DEGREES = (20.0, 160.0)  # a rate in degrees is 57 times that of the attitude i
 _CONFIRMED = 0.02  # of omega
 _KITTI_DT_S = 0.1
 _UNIT_ERROR = 0.01
+_RATES = VECTORS["omega_body_rad_s"]
 _FEWEST_COLUMNS = 4  # of a known source: a time and a vector
 
 Trial = Callable[[ColumnMap, float | None], Mapping[str, Array]]
@@ -83,7 +85,7 @@ Trial = Callable[[ColumnMap, float | None], Mapping[str, Array]]
 
 
 def proposal(recording: Recording, known: ColumnMap, trial: Trial) -> tuple[str, ColumnMap | None, str]:
-    """Return "--map ..." or "--like ..." for a file, the map where the file confirms it, or why it does not.
+    """Return "--map ..." or "--like ..." for a file, the map where it can be assumed, and why it can or not.
 
     The option is "" where nothing that was tried works. known: the map that was given, whose keys are not
     proposed again.
@@ -95,9 +97,16 @@ def proposal(recording: Recording, known: ColumnMap, trial: Trial) -> tuple[str,
                 return f"--like {name}{dt}", None, ""
     pairs = _pairs(recording, known)
     arrays = _tried(known, pairs, trial)
-    if arrays is not None and (scale := _rate_over_attitude(arrays)) and _DEGREES[0] < scale < _DEGREES[1]:
-        rates = VECTORS["omega_body_rad_s"]
-        pairs = {target: text + "*deg" * (target in rates) for target, text in pairs.items()}
+    is_stated = any(target in _RATES for target in pairs) and all(
+        _states(text) for target, text in pairs.items() if target in _RATES
+    )
+    if (
+        arrays is not None
+        and not is_stated
+        and (scale := _rate_over_attitude(arrays))
+        and _DEGREES[0] < scale < _DEGREES[1]
+    ):
+        pairs = {target: text + "*deg" * (target in _RATES) for target, text in pairs.items()}
         arrays = _tried(known, pairs, trial)
     if arrays is None:
         return "", None, ""
@@ -105,7 +114,10 @@ def proposal(recording: Recording, known: ColumnMap, trial: Trial) -> tuple[str,
     option = f"--map {shell_quote(text)}"
     off = _off_rate(arrays)
     if off is None or off < _CONFIRMED:
-        return option, None if off is None else changed_map(known, [text]), ""
+        why = "" if off is None else "omega is then the rate of the attitude"
+        return option, None if off is None else changed_map(known, [text]), why
+    if is_stated:
+        return option, changed_map(known, [text]), "as its columns are named"
     in_world = {target.replace("_body_rad_s", "_world_rad_s"): product for target, product in pairs.items()}
     off = _off_rate(_tried(known, in_world, trial) or {})
     if off is None or off >= _CONFIRMED:
@@ -201,9 +213,19 @@ def _pairs(recording: Recording, known: ColumnMap) -> dict[str, str]:
     return pairs
 
 
+def _words(name: str) -> list[str]:
+    return [word.lower() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+", name)]
+
+
+def _states(product: str) -> bool:
+    """Whether the name of a column of omega has its axes, the body's, and its unit."""
+    words = _words(product)
+    return "body" in words and words[-2:] == ["rad", "s"]
+
+
 def _guess(column: str) -> tuple[str | None, str]:
     """Return the target that a column's name resembles, and the unit in the name, as a factor."""
-    words = [word.lower() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+", column)]
+    words = _words(column)
     units: list[str] = []
     while len(words) > 1 and _SPELLINGS.get(words[-1], words[-1]) in UNITS:
         word = words.pop()

@@ -406,6 +406,11 @@ def test_what_an_importer_always_does_is_said_once() -> None:
         ([discarded, discarded, agrees], "discards the tensors of 2 of 3 links", 1),
         ([discarded, agrees, agrees], "changes 1 of 3 links (tensor discarded)", 1),
         ([other] * 3, "changes 3 of 3 links (off-diagonals dropped)", 3),
+        (
+            [other, other, discarded],
+            "changes 3 of 3 links (off-diagonals dropped: 2; tensor discarded: 1)",
+            3,
+        ),
     ):
         links = [LinkAudit(str(k), 2, _HELD, "", "", {column.name: one}) for k, one in enumerate(some)]
         found = Audit("robot.urdf", "urdf", "", [column], links, [])
@@ -464,8 +469,8 @@ def test_a_discarded_tensor_says_how_far_the_link_turns_off() -> None:
     [
         ("agrees", 1e-6, 1e-6, ""),
         ("agrees", 0.5, 0.5, "the numbers agree, but the motion deviates"),
-        ("agrees", 1e-6, 0.5, "turns otherwise where it is imported alone"),
-        ("rounded", 1e-6, 0.5, "turns otherwise where it is imported alone"),
+        ("agrees", 1e-6, 0.5, "turns otherwise where it is imported alone, as by damping"),
+        ("rounded", 1e-6, 0.5, "turns otherwise where it is imported alone, as by damping"),
         ("rounded", 1e-6, None, ""),
     ],
 )

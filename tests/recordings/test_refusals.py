@@ -266,6 +266,22 @@ def test_a_map_that_the_file_confirms_is_assumed(
     assert all(np.array_equal(given.arrays[name], array) for name, array in found.arrays.items())
 
 
+@pytest.mark.parametrize(("name", "is_read"), [("omega_body_{}_rad_s", True), ("omega_{}", False)])
+def test_columns_that_state_axes_and_unit_are_read_as_they_are_named(
+    name: str, is_read: bool, tmp_path: Path
+) -> None:
+    """Degrees under a name with rad/s are not converted: they may be the fault that is looked for."""
+    path = tmp_path / "log.csv"
+    rows = "".join(
+        f"{t},{np.cos(t / 2)},0,0,{np.sin(t / 2)},0,0,{np.rad2deg(1.0)}\n" for t in (0.0, 0.1, 0.2)
+    )
+    path.write_text(f"t_s,qw,qx,qy,qz,{','.join(name.format(axis) for axis in 'xyz')}\n{rows}")
+    found = recorded_motion(path, read_map([]))
+    stated = np.rad2deg(1.0) if is_read else 1.0
+    np.testing.assert_allclose(found.arrays["omega_body_rad_s"][:, 2], stated, rtol=1e-15)
+    assert ("as its columns are named" in found.assumed) == is_read
+
+
 def test_the_sensors_of_a_stored_motion_are_not_compared(tmp_path: Path) -> None:
     """The npz of a case has what an engine's accelerometer and gyro read besides the motion."""
     n = np.zeros((3, 3))

@@ -14,7 +14,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.one_step_maps import EXACT
 from bodycheck.reports.run_files.method_words import map_in_words
 
-_SCREENED = 6  # transitions
+_SCREENED, _DECIDED = 6, 2000  # transitions: of a longer log these are as many as tell maps apart
 _NEAR = 1.4  # multiples of the limit, within which a map is whitened by its own derivatives
 _NEAR_BY_LOADS = 100.0  # multiples of the nearest map, within which other treatments of loads are tried
 _SAME_NORM = 3.0  # multiples of the resolution
@@ -62,8 +62,8 @@ REPRESENTATIVES = {
 def maps_of(transitions: Transitions) -> list[Base]:
     """Return every map of the library that could have made a trajectory, in the order of the library.
 
-    transitions: all of them. A map that evaluates loads more than once is also tried with loads that are held
-    over the step.
+    transitions: all of them, of which those of a long log are tried in a subset. A map that evaluates loads
+    more than once is also tried with loads that are held over the step.
     """
     every = replace(transitions, from_rows=True)
     few = every.alone().subset(_SCREENED)
@@ -78,9 +78,10 @@ def maps_of(transitions: Transitions) -> list[Base]:
         for one, off, after in [(base, cost, state), *held]:
             if off <= few.limit and _has_norm(few, one, after):
                 possible.append(one)
-    return [
-        base for base, cost, _ in _with_costs(every, possible) if _settled(every, base, cost) <= every.limit
-    ]
+    many = every if every.whitening is not None else every.subset(_DECIDED)
+    found = _fitting(many, possible)
+    is_whole = many is every or bool(_fitting(every, found[:1]))  # one wrong row may not be among the many
+    return found if is_whole else _fitting(every, found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,6 +152,12 @@ def _with_costs(transitions: Transitions, maps: Sequence[Base]) -> list[tuple[Ba
     after = transitions.after(maps)
     costs = map(transitions.cost_of, transitions.weighted(transitions.gaps_after(after)))
     return list(zip(maps, costs, after, strict=True))
+
+
+def _fitting(transitions: Transitions, maps: Sequence[Base]) -> list[Base]:
+    """Return the maps that could have made the transitions."""
+    costs = _with_costs(transitions, maps)
+    return [one for one, cost, _ in costs if _settled(transitions, one, cost) <= transitions.limit]
 
 
 def _settled(transitions: Transitions, base: Base, cost: float) -> float:

@@ -25,7 +25,7 @@ function choose(m, s, q) {
 // Values of consecutive equal runs are stored once.
 const points = one => one.v.flatMap(([first, count, value]) => Array.from({ length: count }, (_, k) => [first + k, value]));
 
-// Values near each other have a linear axis: a logarithmic one would have no tick beside them.
+// Values near each other have a linear axis: a logarithmic one would have no tick between them.
 function valueAxis(title, values) {
   const [least, most] = [Math.min(...values), Math.max(...values)];
   if (!(least > 0) || measure.value === "order") return axis(title);

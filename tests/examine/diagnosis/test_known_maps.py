@@ -7,6 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bodycheck.adapters.contract import Setting
+from bodycheck.adapters.execution import Case, record
+from bodycheck.adapters.reference import Reference
+from bodycheck.examine.diagnosis.diagnosis import Search
 from bodycheck.examine.diagnosis.known_maps import FARTHER, HELD_ALIKE, REPRESENTATIVES
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.one_step_maps import EXACT, MAPS
@@ -20,6 +24,8 @@ from bodycheck.reference_impl.one_step_maps.one_step_map import (
     zero_order_hold,
 )
 from bodycheck.reference_impl.rotations import conjugate, log_quaternion, normalised, quaternion_product
+from bodycheck.reports.measurement.scales import scene_scales
+from bodycheck.scenarios.library import load_scenario
 
 _STATES = 6
 _ROUND_OFF = 1e-13
@@ -51,6 +57,22 @@ def _departures(
     turned = quaternion_product(conjugate(normalised(exact.quaternion)), normalised(end.quaternion))
     moved, pushed = end.position - exact.position, end.velocity - exact.velocity
     return [moved, pushed, log_quaternion(turned), end.omega - exact.omega]
+
+
+@pytest.mark.parametrize(("wrong", "maps"), [(0.0, {"M1", "M1, step angle at most pi/4"}), (1e-3, set())])
+def test_a_long_log_has_the_maps_of_its_rows_and_no_row_is_left_out(wrong: float, maps: set[str]) -> None:
+    """Most maps are tried in 2000 of 5000 steps, but what is left is tried in all of them."""
+    scene = load_scenario("free-flight").scene
+    scene = replace(scene, duration_s=20.0, samples=5001)
+    made = record(Reference(), Case(scene, "m1", Setting(0.004, None))).trajectory
+    assert made is not None
+    rates = made.omega_world.copy()
+    rates[1002] *= 1.0 + wrong
+    made = replace(made, omega_world_rad_s=rates, omega_body_rad_s=None)
+    known = frozenset({"position", "velocity", "attitude", "omega"})
+    search = Search.of(scene, made, scene_scales(scene, made), 0.004, known)
+    assert search is not None
+    assert {one.name for one in search.matches} == maps
 
 
 @pytest.mark.slow
