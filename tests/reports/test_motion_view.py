@@ -13,15 +13,19 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reference_impl.scene import RigidBody
-from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion
+from bodycheck.reports.measurement.measures import ORIENTATION
+from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.render.body_surface import box_corners, surface_of
 from bodycheck.reports.render.page.played_motions import (
     FRAMES,
     frame_numbers,
     played_cases,
+    played_motions,
     shown_cases,
 )
-from bodycheck.reports.run_files.run_tables import Run, coarsest_shared_step
+from bodycheck.reports.run_files.run_tables import Run, coarsest_shared_step, key_of
+from bodycheck.scenarios.library import load_scenario
 from tests.helpers.html_page import Page
 
 
@@ -56,6 +60,21 @@ def test_frames_reach_from_the_first_sample_to_the_last(samples: int) -> None:
     assert frames[-1] == samples - 1
     assert len(frames) == min(samples, FRAMES)
     assert np.ptp(np.diff(frames)) <= 1
+
+
+def test_the_view_opens_at_the_sample_that_is_farthest_from_the_truth() -> None:
+    """Also where it is not one of the evenly spread ones, as a single wrong row of a recording."""
+    scenario = load_scenario("intermediate-axis").model_copy(update={"samples": 201})
+    problem = Problem.of(scenario, scenario.name, None)
+    errors = np.zeros(problem.compared)
+    (wrong, *_) = {*range(problem.compared)} - {*frame_numbers(problem.compared).tolist()}
+    errors[wrong] = 1.4
+    columns = {"engine": "a", "method": "b", "scenario": "intermediate-axis", "dt_s": 0.1, "outcome": "ok"}
+    off = CaseResult(columns, MeasuredMotion(problem.truth.trajectory, {ORIENTATION: errors}))
+    view = played_motions(problem, [off], {key_of(columns): 0}, 0.1)
+    assert view["farthest"] == {"m": 0, "t": pytest.approx(problem.times[wrong]), "error": 1.4}
+    assert view["farthest"]["t"] in view["t"]
+    assert view["t"] == sorted(view["t"])
 
 
 def case(engine: str, dt_s: float, error: float, outcome: str = "ok") -> CaseResult:

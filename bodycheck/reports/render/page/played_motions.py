@@ -24,7 +24,7 @@ from bodycheck.reports.run_files.run_tables import MethodKey, coarsest_shared_st
 from bodycheck.scenarios.body import Body
 
 FRAMES = 101
-"""The largest number of states per motion in the page; they dominate its size."""
+"""The largest number of evenly spread states per motion in the page; they dominate its size."""
 
 TRACKS = 16
 """The largest number of cases per scenario whose motions are in the page."""
@@ -59,7 +59,11 @@ def played_motions(
     of cases.
     """
     shown = played[:most]
-    frames = frame_numbers(problem.compared)
+    errors = [shown_errors(problem, case) for case in shown]
+    opened = {case.columns["engine"]: k for k, case in reversed([*enumerate(shown)])}.values()
+    worst = max(opened, key=lambda k: float(errors[k].max()))
+    farthest = int(errors[worst].argmax())
+    frames = np.union1d(frame_numbers(problem.compared), [farthest])
     if isinstance(problem.scenario.scene, TreeScene):
         scene, true = problem.scenario.scene, problem.truth.trajectory.position_m[frames]
         centres = _centres(scene, true)
@@ -70,16 +74,13 @@ def played_motions(
         bodies = {"moments": moments.tolist(), "body": _body(problem.of_body.body, axes)}
         track = partial(_track, axes=axes, frames=frames)
     times = [float(f"{t:.6g}") for t in problem.times[frames]]
-    errors = [shown_errors(problem, case)[frames] for case in shown]
-    opened = {case.columns["engine"]: k for k, case in reversed([*enumerate(shown)])}.values()
-    worst = max(opened, key=lambda k: float(errors[k].max()))
     return {
         "dt": at_s,
         "t": times,
         "farthest": {
             "m": numbers[key_of(shown[worst].columns)],
-            "t": times[errors[worst].argmax()],
-            "error": float(errors[worst].max()),
+            "t": times[np.searchsorted(frames, farthest)],
+            "error": float(errors[worst][farthest]),
         },
         **bodies,
         "truth": track(problem.truth.trajectory),
@@ -87,7 +88,7 @@ def played_motions(
             {
                 "m": numbers[key_of(case.columns)],
                 "dt": case.dt_s,
-                "error": packed_line(error),
+                "error": packed_line(error[frames]),
                 **track(case.trajectory),
             }
             for case, error in zip(shown, errors, strict=True)
