@@ -12,7 +12,9 @@ import pandas as pd
 import pytest
 
 from bodycheck.reports.measurement.case import MeasuredMotion
+from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.scenarios.serialization import deserialized, serialized
 from tests.helpers.copied_scenarios import with_scenarios
 from tests.helpers.gate_tables import with_tables
 from tests.helpers.html_page import Page, report_page
@@ -80,20 +82,22 @@ def test_colours_have_contrast(html: str, scheme: str) -> None:
 
 def test_a_large_run_stays_light(run: Run) -> None:
     """Twelve scenarios, seventeen methods and six steps take at most 6 MB and 5 s of processor time."""
-    free = run.problems[0]
-    sound = [case for case in run.cases if case.ok and case.columns["scenario"] == free.scenario.name]
+    scenario, spec = run.problems[0].scenario, run.problems[0].scenario_spec
+    sound = [case for case in run.cases if case.ok and case.columns["scenario"] == scenario.name]
     copies = 12 * 17 * 6 // len(sound) + 1
     samples = 101  # as many as most scenarios have
+    longer = {**serialized(scenario), "duration_s": 10.0, "samples": samples}
+    free = Problem.of(deserialized(longer, spec), spec)
     truth = replace(free.truth, bound_rad=np.zeros(samples))
     problems, cases, methods = [], [], []
     for copy in range(copies):
         name = f"copy-{copy}"
-        scenario = free.scenario.model_copy(update={"name": name})
-        problems.append(replace(free, scenario=scenario, truth=truth))
+        named = free.scenario.model_copy(update={"name": name})
+        problems.append(replace(free, scenario=named, truth=truth))
         cases += [replace(case, columns={**case.columns, "scenario": name}) for case in sound]
-        methods.append(run.methods[run.methods["scenario"] == free.scenario.name].assign(scenario=name))
+        methods.append(run.methods[run.methods["scenario"] == scenario.name].assign(scenario=name))
     noise = np.random.default_rng(0).lognormal(size=samples)
-    drawn = [MeasuredMotion(case.trajectory, dict.fromkeys(case.series, noise)) for case in cases]
+    drawn = [MeasuredMotion(truth.trajectory, dict.fromkeys(case.series, noise)) for case in cases]
     cases = [replace(case, motion=motion) for case, motion in zip(cases, drawn, strict=True)]
     begin = time.process_time()
     html = report_page(
