@@ -174,6 +174,40 @@ def test_a_method_has_not_recovered_while_one_of_its_values_is_worse(monkeypatch
     assert recovered == [set(), set(), {"accuracy", "verdict"}]
 
 
+@pytest.mark.parametrize(("order", "is_open"), [(None, True), (4.0, False)])
+def test_a_lower_order_stays_open_until_an_order_is_measured(
+    monkeypatch: pytest.MonkeyPatch, order: float | None, is_open: bool
+) -> None:
+    """An undecided verdict closes it with an order as before, and does not without one."""
+    orders = [(4.0, "converges"), (1.0, "converges"), (order, "undecided")]
+    runs = [
+        with_tables(
+            tables(k),
+            methods=[METHOD | {"order": p, "order_low": p, "order_high": p, "verdict": verdict}],
+        )
+        for k, (p, verdict) in enumerate(orders)
+    ]
+    found = judgement_of(*runs, monkeypatch=monkeypatch).open
+    assert ("order" in {one.change.kind for one in found}) == is_open
+
+
+def test_another_map_is_new_until_the_next_night(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A map that differs from that of the night before is new, one that stays is not."""
+    method = {name: METHOD[name] for name in ("engine", "method")}
+    runs = [
+        with_tables(tables(k), fingerprints=[method | {"fingerprint": name}])
+        for k, name in enumerate(("M1", "M2", "M2", "M3"))
+    ]
+    found = [
+        judgement_of(*runs[: place + 1], monkeypatch=monkeypatch).other_maps for place in range(1, len(runs))
+    ]
+    assert [[(one.runs, one.newly) for one in maps] for maps in found] == [
+        [(1, True)],
+        [(2, False)],
+        [(3, True)],
+    ]
+
+
 def test_the_cause_of_an_open_regression_is_that_of_the_night(monkeypatch: pytest.MonkeyPatch) -> None:
     """A fault that another one replaces is no longer named, although the same value stays worse."""
     study = {name: METHOD[name] for name in ("scenario", "engine", "method")}

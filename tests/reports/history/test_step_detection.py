@@ -164,6 +164,14 @@ def test_creep_to_a_faster_level_has_its_sign() -> None:
     assert [(step.creeps, step.size < -LEAST) for step in found] == [(True, True)]
 
 
+def test_a_level_is_that_of_the_undisturbed_runs() -> None:
+    """No creep where eleven of the latest fifteen runs are 30 % slower, and the other four as before."""
+    series = noise(8, 40)
+    series[25:, 0] += math.log10(1.3)
+    series[[26, 30, 34, 38], 0] -= math.log10(1.3)
+    assert not any(detect_steps(series))
+
+
 @pytest.mark.slow
 def test_a_speed_that_creeps_more_slowly_than_the_latest_runs_show_is_reported() -> None:
     """By 0.05 % in each of 200 runs, of which the last sixty and the first twenty are judged."""
