@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from bodycheck.reference_impl.rotations import exp_quaternion, quaternion_produc
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.trees.tree_scene import Joint, TreeBody, TreeScene
 from bodycheck.reports.measurement.joint_errors import JointErrors, joint_errors, worst_body
+from bodycheck.reports.measurement.measures import MEASURES
 
 START = exp_quaternion(np.array([0.4, -1.0, 0.2]))
 
@@ -48,8 +51,10 @@ def test_errors_are_angles_lengths_and_rates_of_each_joint(sign: float) -> None:
     assert np.linalg.norm(found.angles[0, :4]) == pytest.approx(5e-3, rel=1e-5)
     assert found.angles[0, 4] == pytest.approx(-2e-3, rel=1e-9)
     assert found.lengths[0] == pytest.approx([-1e-4], rel=1e-9)
-    for unit, largest in (("rad", 5e-3), ("m", 1e-4)):
-        assert found.largest(unit) == pytest.approx([largest], rel=1e-9)
+    of_all: Any = SimpleNamespace(joints=found)
+    for unit, departures, largest in (("rad", found.angles, 5e-3), ("m", found.lengths, 1e-4)):
+        measured = MEASURES[f"joint_error_{unit}"].over_time(of_all, departures)
+        assert measured == pytest.approx([largest], rel=1e-9)
 
 
 def test_the_worst_body_is_that_of_the_largest_angle_or_else_length() -> None:
