@@ -14,8 +14,9 @@ from bodycheck.adapters.contract import Engine, Setting
 from bodycheck.adapters.execution import Answer, Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl.rotations import geodesic_angle
+from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.measurement.study import restored, stored_form, study
+from bodycheck.reports.measurement.study import limit, restored, stored_form, study
 from bodycheck.scenarios.library import load_scenario
 
 STEPS = (0.05, 0.02, 0.01, 0.005)
@@ -98,3 +99,21 @@ def test_study_of_another_motion_is_not_restored(
     changed = replace(answers[STEPS[1]], trajectory=replace(motion, velocity_m_s=velocity))
     others = carried_out({**answers, STEPS[1]: changed})
     assert restored(stored_form(first), problem, ENGINE, METHOD, **others) is None
+
+
+def test_arithmetic_of_single_precision_raises_the_floor(
+    problem: Problem, answers: dict[float | None, Answer]
+) -> None:
+    """Of a method that chooses its steps the floor is that of the truth in doubles, and higher in singles."""
+    given = {1e-3: replace(answers[STEPS[0]], steps=10**8), 1e-6: replace(answers[STEPS[-1]], steps=10**9)}
+    how = carried_out({}) | {"ask": lambda _, case: given[case.setting.tolerance]}
+    floors = []
+    for precision in ("float64", "float32"):
+        method = replace(
+            METHOD, control="tolerance", order=None, tolerances=tuple(given), precision=precision
+        )
+        engine = Engine("reference", "1", {method.name: method})
+        rows = study(problem, engine, method, [Setting(None, one) for one in given], **how).method_rows
+        floors += [row["floor"] for row in rows if row["quantity"] == ORIENTATION]
+    assert floors[0] == limit(problem, ORIENTATION)
+    assert floors[1] > 1e3 * floors[0]
