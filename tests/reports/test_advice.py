@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from bodycheck._util.errors import InputError
-from bodycheck.reports.document import Sentence, print_document
+from bodycheck.reports.document import Sentence, Table, print_document
 from bodycheck.reports.measurement.case import SWITCH_NOTE, CaseResult
 from bodycheck.reports.summary.advice import (
     Advice,
@@ -362,6 +362,16 @@ def test_the_error_of_a_step_is_measured_or_predicted_for_each_method() -> None:
     (answer,) = errors_at(curves(cases), 0.03, ["free"])
     assert [one.basis for one in answer.options] == ["predicted", "predicted"]
     assert 9e-4 <= answer.options[0].error < 1.1e-3
+
+
+@pytest.mark.parametrize("scenarios", [["free"], ["free", "forced"]])
+def test_of_several_scenarios_each_has_a_row(scenarios: list[str]) -> None:
+    """The first column of the last table names them; the answer for one scenario has no such table."""
+    cases = [found for name in scenarios for found in sequence("rk4", [1e-6, 1e-8], scenario=name)]
+    parts = advice_document(Advice(ERROR, 1e-3, None, "there", tuple(advise(cases, 1e-3, scenarios)))).parts
+    tables = [part for part in parts if isinstance(part, Table) and part.columns[0].head == "scenario"]
+    rows = [row[0] for table in tables for row in table.rows]
+    assert rows == (scenarios if len(scenarios) > 1 else [])
 
 
 @pytest.mark.parametrize("only", [False, True])
