@@ -24,6 +24,11 @@ from bodycheck.reports.summary.sentences import (
 from bodycheck.reports.summary.worst_results import worst_results
 from tests.helpers.gate_tables import make_tables, with_tables
 
+UNKNOWN = {"scenarios": {}, "run_s": None, "compile_s": None} | dict.fromkeys(
+    ("bodycheck", "python", "cpu", "cores", "platform", "run_id", "created"), ""
+)
+"""The other entries of a manifest that the document of a run needs."""
+
 
 @pytest.mark.slow
 def test_the_verdict_names_what_is_sound_and_what_is_open(run: Run) -> None:
@@ -55,11 +60,8 @@ def test_many_methods_have_one_line_per_engine_on_a_console() -> None:
     run = make_tables(
         [{**row, **(invalid if row["method"] == "broken" else {})} for row in rows],
         [{**{key: row[key] for key in keys}, "verdict": "pre-asymptotic"} for row in rows],
-        scenarios={},
         outcomes={"ok": len(rows)},
-        run_s=None,
-        compile_s=None,
-        **dict.fromkeys(("bodycheck", "python", "cpu", "cores", "platform", "run_id", "created"), ""),
+        **UNKNOWN,
     )
     parts = run_document(run).on("console")
     assert parts[0] == Sentence(
@@ -73,6 +75,22 @@ def test_many_methods_have_one_line_per_engine_on_a_console() -> None:
     ]
     assert "Methods" not in tables
     assert "Methods" in {part.title for part in run_document(run).on("markdown") if isinstance(part, Table)}
+
+
+def test_a_console_has_the_reasons_of_methods_that_ran_nowhere() -> None:
+    """Why a method is refused in some scenarios only is left to the other media."""
+    cases: list[dict[str, str]] = [
+        {"scenario": "free", "method": "partly"},
+        {"scenario": "forced", "method": "partly", "outcome": "unsupported", "message": "no forces"},
+        {"scenario": "free", "method": "never", "outcome": "unsupported", "message": "no tensor"},
+        {"scenario": "forced", "method": "never", "outcome": "unsupported", "message": "no tensor"},
+    ]
+    methods = [{"scenario": "free", "method": "partly", "verdict": "at-floor"}]
+    document = run_document(make_tables(cases, methods, outcomes={"ok": 1, "unsupported": 3}, **UNKNOWN))
+    for medium, expected in (("console", {"no tensor"}), ("markdown", {"no tensor", "no forces"})):
+        tables = [part for part in document.on(medium) if isinstance(part, Table)]
+        rows = [row for table in tables if table.title == "Not measured" for row in table.rows]
+        assert {row[-1] for row in rows} == expected
 
 
 def test_no_finding_of_a_method_that_is_far_off_at_every_step_states_how_far() -> None:
