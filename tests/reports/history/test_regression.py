@@ -54,13 +54,19 @@ def tables(number: int, *cases: dict[str, Any], **parts: Any) -> Tables:
     return replace(made, run_id=f"night {number}")
 
 
+def judgements_of(*runs: Tables, monkeypatch: pytest.MonkeyPatch) -> list[Judgement]:
+    """Return the judgement of each of these runs, made when it was stored."""
+    before: list[SimpleNamespace] = []
+    judged: list[Judgement] = []
+    for newest in runs:
+        judged.append(judged_after(before, newest, monkeypatch))
+        before.insert(0, run_of(newest, judged[-1].levels, judged[-1].state))
+    return judged
+
+
 def judgement_of(*runs: Tables, monkeypatch: pytest.MonkeyPatch) -> Judgement:
     """Return the judgement of the last of these runs, after each was judged when it was stored."""
-    before: list[SimpleNamespace] = []
-    for newest in runs:
-        found = judged_after(before, newest, monkeypatch)
-        before.insert(0, run_of(newest, found.levels, found.state))
-    return found
+    return judgements_of(*runs, monkeypatch=monkeypatch)[-1]
 
 
 def run_of(found: Tables, levels: Levels, state: NightlyState = NOTHING_OPEN) -> SimpleNamespace:
@@ -166,8 +172,7 @@ def test_a_method_has_not_recovered_while_one_of_its_values_is_worse(monkeypatch
         for k, (error, order, verdict) in enumerate([SOUND, LOWER_ORDER, DIVERGENT, SOUND])
     ]
     open_kinds, recovered = [], []
-    for place in range(1, len(runs)):
-        found = judgement_of(*runs[: place + 1], monkeypatch=monkeypatch)
+    for found in judgements_of(*runs, monkeypatch=monkeypatch)[1:]:
         open_kinds.append({one.change.kind for one in found.open})
         recovered.append({one.change.kind for one in found.state.recovered})
     assert open_kinds == [{"accuracy", "order"}, {"accuracy", "verdict"}, set()]
@@ -198,9 +203,7 @@ def test_another_map_is_new_until_the_next_night(monkeypatch: pytest.MonkeyPatch
         with_tables(tables(k), fingerprints=[method | {"fingerprint": name}])
         for k, name in enumerate(("M1", "M2", "M2", "M3"))
     ]
-    found = [
-        judgement_of(*runs[: place + 1], monkeypatch=monkeypatch).other_maps for place in range(1, len(runs))
-    ]
+    found = [judged.other_maps for judged in judgements_of(*runs, monkeypatch=monkeypatch)[1:]]
     assert [[(one.runs, one.newly) for one in maps] for maps in found] == [
         [(1, True)],
         [(2, False)],
@@ -220,10 +223,8 @@ def test_the_cause_of_an_open_regression_is_that_of_the_night(monkeypatch: pytes
         return with_tables(tables(number, {ERROR: error}), diagnoses=told)
 
     runs = [night(0, 1e-9), night(1, 1e-6, "damping"), night(2, 1e-4), night(3, 1e-4, "gravity")]
-    causes = [
-        [one.cause for one in judgement_of(*runs[: place + 1], monkeypatch=monkeypatch).open]
-        for place in range(1, len(runs))
-    ]
+    found = judgements_of(*runs, monkeypatch=monkeypatch)[1:]
+    causes = [[one.cause for one in judged.open] for judged in found]
     assert causes == [["damping, explains all"], [""], ["gravity, explains all"]]
 
 
@@ -236,7 +237,7 @@ def test_a_fault_that_replaces_another_is_as_old_as_its_night(monkeypatch: pytes
         return with_tables(tables(number, {ERROR: 1e-4 if faults else 1e-9}), diagnoses=rows)
 
     runs = [night(0), night(1, "damping 0.1/s"), night(2, "damping 0.1001/s"), night(3, "gravity")]
-    found = [judgement_of(*runs[: place + 1], monkeypatch=monkeypatch).open for place in range(1, len(runs))]
+    found = [judged.open for judged in judgements_of(*runs, monkeypatch=monkeypatch)[1:]]
     assert [[(one.runs, one.newly) for one in open_now] for open_now in found] == [
         [(1, True)],
         [(2, False)],
@@ -248,8 +249,8 @@ def creeping(*errors: float | None, monkeypatch: pytest.MonkeyPatch) -> list[str
     """Return the status of the error in each run after the first; None: the case failed."""
     runs = [tables(k, FAILED if error is None else {ERROR: error}, OTHER) for k, error in enumerate(errors)]
     found = []
-    for place in range(1, len(runs)):
-        changes = judgement_of(*runs[: place + 1], monkeypatch=monkeypatch).comparison
+    for judged in judgements_of(*runs, monkeypatch=monkeypatch)[1:]:
+        changes = judged.comparison
         assert changes is not None
         found.append(" ".join(one.status for one in changes.changes if one.kind == "accuracy"))
     return found
