@@ -237,8 +237,9 @@ def test_pages_open_one_another_in_a_browser(run: Run, chromium: Browser, tmp_pa
     expect(page.locator("[data-plot=error][data-drawn]").first).to_be_attached()
     page.locator("nav.pages a[rel=prev]").click()
     expect(page.locator("h1")).to_contain_text(run.problems[0].scenario.name)
+    expect(page.locator("#error")).to_have_value("5", timeout=LONG_MS)  # its scripts have run
     page.locator("nav.pages a[rel=up]").click()
     expect(page.locator("#overall")).to_be_attached()
-    assert page.locator("#error").input_value() == "5"
+    expect(page.locator("#error")).to_have_value("5", timeout=LONG_MS)
     assert errors == []
     page.close()
