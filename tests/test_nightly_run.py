@@ -14,7 +14,7 @@ from bodycheck.reports.cache.journal import Journal
 from bodycheck.reports.document import Document, Sentence
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.history.archive import History
-from bodycheck.reports.history.baseline import SUMMARY_KEYS, check_files, read_summary
+from bodycheck.reports.history.baseline import SUMMARY_KEYS, check_files, read_summary, seal_run
 from bodycheck.runs import nightly_run
 from bodycheck.runs.nightly_run import resume_nightly, run_nightly, store_nightly
 from bodycheck.runs.request import Request
@@ -29,6 +29,7 @@ def write_told(folder: Path) -> None:
     """Write the summary of a nightly run, named after its folder."""
     reported = {**dict.fromkeys(SUMMARY_KEYS, 0), "run_id": folder.name.removeprefix(".unfinished-")}
     (folder / "night.json").write_text(json.dumps(reported))
+    seal_run(folder)
 
 
 @pytest.fixture
@@ -37,8 +38,8 @@ def history(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> History:
     for name in (EARLIER, FUTURE):
         (tmp_path / name).mkdir()
         write_told(tmp_path / name)
-    monkeypatch.setattr(nightly_run, "write_nightly_tables", lambda _, folder: write_told(folder))
-    monkeypatch.setattr(nightly_run, "write_nightly_report", lambda *_: None)
+    monkeypatch.setattr(nightly_run, "write_tables", lambda _, folder: write_told(folder))
+    monkeypatch.setattr(nightly_run, "report_pages", lambda _: ())
     monkeypatch.setattr(nightly_run, "write_trajectories", lambda *_: None)
     monkeypatch.setattr(nightly_run, "trends_page", lambda _: "the trends")
     monkeypatch.setattr(nightly_run, "read_tables", lambda folder: folder.name)

@@ -111,7 +111,7 @@ READERS: dict[str, list[str]] = {
     "out.partial/request.json": ["run", "--resume", "out"],
     "out.partial/journal": ["run", "--resume", "out"],
     "nights/0/night.json": ["history", "list", "nights"],
-    "nights/0/results.parquet": ["history", "query", "nights", "SELECT count(*) FROM results"],
+    "nights/0/results.csv": ["history", "query", "nights", "SELECT count(*) FROM results"],
 }
 """File -> the command that reads it."""
 

@@ -27,7 +27,7 @@ from trials import command
 
 import bodycheck
 from bodycheck._util.errors import BodycheckError, InputError
-from bodycheck._util.untrusted import LONGEST_LINE, printable_lines
+from bodycheck._util.untrusted import LONGEST_LINE, printable_lines, read_json
 from bodycheck.adapters.contract import Build, Setting
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
@@ -42,8 +42,8 @@ from bodycheck.reports.comparison.compare import compare
 from bodycheck.reports.document import markdown
 from bodycheck.reports.gates.gate import read_gates
 from bodycheck.reports.history.archive import History
-from bodycheck.reports.history.baseline import baseline_of, readable_runs
-from bodycheck.reports.history.queries import TABLES, query
+from bodycheck.reports.history.baseline import baseline_of, readable_runs, seal_run
+from bodycheck.reports.history.queries import CHANGES, QUERIED, query
 from bodycheck.reports.run_files.run_reader import read_run, read_tables
 from bodycheck.reports.run_files.tables import as_parquet
 from bodycheck.reports.run_files.trajectory_files import read_arrays
@@ -276,34 +276,33 @@ def _run_files(sound: Path) -> list[Reader]:
 
 
 def _night_files(sound: Path, manifest: dict[str, Any]) -> list[Reader]:
-    """Return the readers of a past nightly run with hashes, and of an older one without hashes."""
-    unsealed = sound / "unsealed"
-    shutil.copytree(sound / "history", unsealed)
-    for run in History(unsealed).runs():
-        summary = json.loads((run / "night.json").read_text())
-        (run / "night.json").write_text(
-            json.dumps({k: v for k, v in summary.items() if k not in ("sha256", "seal")})
-        )
+    """Return the readers of a past nightly run, as it was stored and sealed again after the damage."""
+    shutil.copytree(sound / "history", sound / "again")
     newest = {**manifest, "run_id": "20991231T000000Z-ffffff"}
 
     def damaged(path: Path) -> None:
         history = History(path.parents[1])
         found = baseline_of(history, newest)
-        readable, _ = readable_runs(history.runs(), TABLES)
-        query(readable, "SELECT * FROM nights, (SELECT count(*) FROM results)")
+        readable, _ = readable_runs(history.runs(), tuple(QUERIED))
+        for table in ("nights", "results", CHANGES.name):
+            query(readable, f"SELECT * FROM {table}")
         if not found.runs:
             raise AssertionError("the sound night was left out too")
 
-    name = History(unsealed).runs()[-1].name
-    parquet = Path(name, "results.parquet")
+    def sealed_again(path: Path) -> None:
+        if isinstance(read_json(path.with_name("night.json")), dict):
+            seal_run(path.parent)
+        damaged(path)
+
+    run = History(sound / "history").runs()[-1].name
+    stored, again = sound / "history" / run, sound / "again" / run
     return [
-        Reader("night.json", sound / "history" / name / "night.json", damaged, "json", json_value, 0.07),
-        Reader("results.parquet", sound / "history" / parquet, damaged, "parquet", parquet_column, 0.5),
-        Reader("night.json, no sums", unsealed / name / "night.json", damaged, "json", json_value, 0.07),
-        Reader(
-            "manifest.json, no sums", unsealed / name / "manifest.json", damaged, "json", json_value, 0.07
-        ),
-        Reader("results.parquet, no sums", unsealed / parquet, damaged, "parquet", parquet_column, 0.5),
+        Reader("night.json", stored / "night.json", damaged, "json", json_value, 0.07),
+        Reader("results.csv of a night", stored / "results.csv", damaged, "csv", csv_cell, 0.07),
+        Reader("night.json, sealed again", again / "night.json", sealed_again, "json", json_value, 0.2),
+        Reader("manifest.json, sealed again", again / "manifest.json", sealed_again, "json", json_value, 0.2),
+        Reader("results.csv, sealed again", again / "results.csv", sealed_again, "csv", csv_cell, 0.2),
+        Reader("changes.csv, sealed again", again / "changes.csv", sealed_again, "csv", csv_cell, 0.2),
     ]
 
 

@@ -201,7 +201,7 @@ def query(
     folder: _Folder,
     sql: Annotated[
         str,
-        typer.Argument(help="A SELECT from the tables nights, results, methods, stability and changes."),
+        typer.Argument(help="A SELECT from nights, changes, and the tables of a run: results, methods, stability, laws ..."),
     ],
     as_: Annotated[Literal["csv", "json", "md"], typer.Option("--format", help="Output format.")] = "csv",
 ) -> None:

@@ -143,7 +143,7 @@ def add_stored_rows(result: EnsembleResult, folder: Path, rows: range) -> None:
 
 def _columns(database: DuckDBPyConnection, path: Path, names: Sequence[str]) -> dict[str, Any]:
     try:
-        table = read_parquet(database, [path]).select(*names).df()
+        table = read_parquet(database, path).select(*names).df()
     except (duckdb().Error, OSError) as error:
         raise InputError(f"{path}: cannot be read: {error}") from None
     return {name: table[name].to_numpy() for name in names}

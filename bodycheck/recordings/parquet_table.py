@@ -28,7 +28,7 @@ _DOUBLE_BYTES = 8
 def read_parquet_table(path: Path) -> Recording:
     """Return the columns of a file; those without parts are read when they are used."""
     with _opened(path) as database:
-        table = read_parquet(database, [path])
+        table = read_parquet(database, path)
         kinds = dict(zip(table.columns, table.types, strict=True))
         nested = [name for name, kind in kinds.items() if kind.id in _NESTED]
         ((rows,),) = table.aggregate("count(*)").fetchall()
@@ -64,7 +64,7 @@ class _ParquetColumns(Mapping[str, Any]):
 
     def _column(self, name: str, kind: Any) -> Any:
         with _opened(self._path) as database:
-            table = read_parquet(database, [self._path])
+            table = read_parquet(database, self._path)
             _check_size(self._path, table, {name: kind}, self._rows)
             column = f"epoch_ns({_quoted(name)})" if kind.id.startswith("timestamp") else _quoted(name)
             rows = table.project(column).fetchall()

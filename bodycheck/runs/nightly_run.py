@@ -23,17 +23,17 @@ from bodycheck.reports.history.nightly_files import (
     remove_old_motions,
     write_feed,
     write_judgement,
-    write_nightly_report,
-    write_nightly_tables,
     write_unjudged,
 )
 from bodycheck.reports.history.open_regressions import NightlyState, open_lines, read_state
 from bodycheck.reports.history.regression import Judgement, judge_run
 from bodycheck.reports.history.trends import FILE as TRENDS
 from bodycheck.reports.history.trends import trends_page
+from bodycheck.reports.render.html import report_pages
+from bodycheck.reports.run_files.report_files import write_pages
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import FAILED_CASES, Run, failed_case, study_key
-from bodycheck.reports.run_files.writer import write_trajectories
+from bodycheck.reports.run_files.writer import write_tables, write_trajectories
 from bodycheck.runs.directory import Storage, begin, interrupted_in, proceed, remove_interrupted
 from bodycheck.runs.manifest import Identity
 from bodycheck.runs.request import Request
@@ -101,7 +101,7 @@ def store_nightly(
     """
     fault: Exception | None = None
     with history.new_run(run.run_id) as folder:
-        write_nightly_tables(run, folder)
+        write_tables(run, folder)
         try:
             judged = _judged(run, history, folder, thresholds)
         except OSError:
@@ -143,9 +143,9 @@ def _judged(run: Run, history: History, folder: Path, thresholds: Thresholds) ->
     explained = _with_causes(run, judged)
     if explained is not run:
         run = explained
-        write_nightly_tables(run, folder)
+        write_tables(run, folder)
         judged = judge_run(history, read_tables(folder), thresholds)
-    write_nightly_report(run, folder)
+    write_pages(report_pages(run), folder)
     write_judgement(judged, folder)
     (folder / "night.html").write_bytes(nightly_page(judged).encode())
     (folder / "night.md").write_bytes(markdown(nightly_document(judged)).encode())

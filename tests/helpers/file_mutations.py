@@ -348,7 +348,7 @@ def parquet_column(content: bytes, dice: random.Random) -> bytes:
     with tempfile.TemporaryDirectory() as folder, duckdb_connection() as database:
         path = Path(folder, "table.parquet")
         path.write_bytes(content)
-        table = read_parquet(database, [path])
+        table = read_parquet(database, path)
         name = dice.choice(table.columns)
         cast = f'TRY_CAST("{name}" AS {dice.choice(_TYPES)}) AS "{name}"'
         value = dice.choice(_VALUES)
@@ -453,7 +453,7 @@ def passes(kind: str, content: bytes) -> bool:
             case "parquet":
                 with tempfile.NamedTemporaryFile(suffix=".parquet") as file, duckdb_connection() as database:
                     Path(file.name).write_bytes(content)
-                    read_parquet(database, [Path(file.name)])
+                    read_parquet(database, Path(file.name))
             case "mcap":
                 from mcap.reader import make_reader
 

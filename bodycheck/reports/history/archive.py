@@ -42,7 +42,7 @@ class History:
         """Return the history in a folder, which is created when it is first needed.
 
         Call this before anything is run. Raises InputError if nothing can be stored there, UnavailableError
-        without DuckDB, which writes the tables.
+        without DuckDB, which reads the tables.
         """
         duckdb()
         check_folder(f"--history {folder}", folder)

@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.pinned_libraries import duckdb, duckdb_connection, read_parquet
-from bodycheck._util.untrusted import escaped, from_outside, open_input, printable, read_bytes, read_json
+from bodycheck._util.untrusted import escaped, from_outside, open_input, read_json
 from bodycheck.reports.comparison.environment_diff import redefined
 from bodycheck.reports.history.archive import TRAJECTORIES, History
 from bodycheck.reports.history.levels import Levels, read_levels
@@ -36,7 +35,6 @@ NOT_JUDGED = "not judged"
 """The status of a run whose judgement failed."""
 
 _SUMS, _SEAL = "sha256", "seal"
-_PARQUET = b"PAR1"  # a complete file begins and ends with it
 
 
 def seal_run(folder: Path) -> None:
@@ -60,7 +58,7 @@ def read_summary_file(folder: Path) -> dict[str, Any]:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     if not isinstance(summary, dict):
         raise InputError(f"{path}: is damaged: must be a JSON object")
-    if {_SUMS, _SEAL} & summary.keys() and summary.get(_SEAL) != _seal(summary):
+    if summary.get(_SEAL) != _seal(summary):
         raise InputError(f"{path}: is damaged: changed after it was written")
     return {name: value for name, value in escaped(summary).items() if name != _SEAL}
 
@@ -70,11 +68,7 @@ def check_files(folder: Path, summary: dict[str, Any], names: Iterable[str] | No
 
     summary: the content of its night.json. names: the files to check [default: all].
     """
-    sums = summary.get(_SUMS)
-    if sums is None:
-        for path in sorted(folder.glob("*.parquet")) if names is None else [folder / name for name in names]:
-            _check_parquet(path)
-        return
+    sums = summary[_SUMS]
     for name in sums if names is None else names:
         path = folder / name
         try:
@@ -83,21 +77,6 @@ def check_files(folder: Path, summary: dict[str, Any], names: Iterable[str] | No
             raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
         if found != sums.get(name):
             raise InputError(f"{path}: is damaged: changed after it was written")
-
-
-def _check_parquet(path: Path) -> None:
-    """Raise InputError if a Parquet file without a known sum cannot be read completely."""
-    try:
-        content = read_bytes(path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    if not (content.startswith(_PARQUET) and content.endswith(_PARQUET)):
-        raise InputError(f"{path}: is damaged")
-    try:
-        with duckdb_connection() as database:
-            read_parquet(database, [path]).fetchall()
-    except (duckdb().Error, ValueError, OverflowError) as error:
-        raise InputError(f"{path}: is damaged: {printable(' '.join(str(error).split()), 200)}") from None
 
 
 def _sum(path: Path) -> str:
@@ -116,7 +95,7 @@ _MAX_RUNS = 60
 _COUNTS = ("worse", "missing", "improved", "moved", "new", "open")
 SUMMARY_KEYS = ("run_id", "status", *_COUNTS, "cases", "engines", "machine")
 """The keys of night.json, in the order in which they are listed."""
-_NEEDED = tuple(name for name in SUMMARY_KEYS if name not in _COUNTS[1:])
+_NEEDED = (*(name for name in SUMMARY_KEYS if name not in _COUNTS[1:]), _SUMS)
 _FORMER_COUNTS = {"improved": "better", "moved": "other"}
 
 
@@ -226,8 +205,8 @@ def _check(run: NightlyRun, *, complete: bool) -> None:
 def readable_runs(runs: Sequence[Path], tables: Sequence[str] = ()) -> tuple[list[Path], list[str]]:
     """Return the readable nightly runs, and for each other one its damaged file and the fault.
 
-    runs: their folders. tables: names of tables whose Parquet files are checked too. Raises InputError if
-    none is readable.
+    runs: their folders. tables: names of tables whose files are checked too, where a run has them. Raises
+    InputError if none is readable.
     """
     readable: list[Path] = []
     left_out: list[str] = []
@@ -235,7 +214,8 @@ def readable_runs(runs: Sequence[Path], tables: Sequence[str] = ()) -> tuple[lis
         try:
             with from_outside(folder):
                 summary = read_summary(folder)
-                check_files(folder, summary, [f"{table}.parquet" for table in tables])
+                files = [f"{table}.csv" for table in tables]
+                check_files(folder, summary, [file for file in files if file in summary[_SUMS]])
                 readable.append(folder)
         except InputError as error:
             left_out.append(str(error))
@@ -251,4 +231,6 @@ def read_summary(folder: Path) -> dict[str, Any]:
         raise InputError(f"{path}: is damaged: missing key {missing[0]}")
     if invalid := [name for name in SUMMARY_KEYS if isinstance(summary.get(name), list | dict)]:
         raise InputError(f"{path}: is damaged: {invalid[0]} must be text or a number")
+    if not isinstance(summary[_SUMS], dict):
+        raise InputError(f"{path}: is damaged: {_SUMS} must be a JSON object")
     return {**{name: summary.get(_FORMER_COUNTS.get(name, name), 0) for name in _COUNTS}, **summary}

@@ -1,21 +1,18 @@
-"""Write the files of a nightly run: tables as CSV and Parquet, its report, its pages and the feed."""
+"""Write what a nightly run has beside the files of a run: its judgement, its pages and the feed."""
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from io import TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from xml.etree import ElementTree as ET
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.files import write_file
 from bodycheck._util.formatting import count
-from bodycheck._util.untrusted import open_input
 from bodycheck.reports.comparison.change import FAILING
 from bodycheck.reports.comparison.compare import unversioned
 from bodycheck.reports.comparison.comparison_document import HEADINGS
@@ -30,54 +27,27 @@ from bodycheck.reports.history.baseline import (
 from bodycheck.reports.history.headline import headline
 from bodycheck.reports.history.levels import write_levels
 from bodycheck.reports.history.open_regressions import NightlyState, open_lines, write_state
+from bodycheck.reports.history.queries import CHANGES
 from bodycheck.reports.history.regression import Judgement
-from bodycheck.reports.render.html import report_pages
-from bodycheck.reports.run_files.report_files import write_pages
 from bodycheck.reports.run_files.run_reader import read_tables
-from bodycheck.reports.run_files.run_tables import Run
-from bodycheck.reports.run_files.tables import as_csv, as_parquet
-from bodycheck.reports.run_files.writer import trajectory_file, write_tables
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-_CHANGE_COLUMNS = (
-    *("run_id", "compared_with", "kind", "status", "scenario", "engine", "method", "control", "fineness"),
-    *("quantity", "before", "after", "decades", "id", "since", "runs"),
-)
-
-
-def write_nightly_tables(run: Run, folder: Path) -> None:
-    """Write the measured tables, before the run is judged."""
-    write_tables(run, folder)
-    for name, table in {"results": run.results, "methods": run.methods, "stability": run.stability}.items():
-        (folder / f"{name}.parquet").write_bytes(as_parquet(table))
-
-
-def write_nightly_report(run: Run, folder: Path) -> None:
-    """Write report.html, and its further pages if the run is large."""
-    write_pages(report_pages(run), folder)
+from bodycheck.reports.run_files.run_tables import Run, study_key
+from bodycheck.reports.run_files.tables import Row, as_csv, as_table, read_rows
+from bodycheck.reports.run_files.writer import trajectory_file
 
 
 def write_unjudged(run: Run, folder: Path) -> None:
-    """Write night.json and empty tables of changes for a run that could not be judged."""
-    import pandas as pd
-
+    """Write night.json and an empty changes.csv for a run that could not be judged."""
     known = {"run_id": run.run_id, "status": NOT_JUDGED, "cases": len(run.cases)}
     summary = {**dict.fromkeys(SUMMARY_KEYS, 0), "engines": ", ".join(run.manifest["engines"]), **known}
     summary |= {"created": run.manifest["created"], "machine": machine_class(run.manifest)}
     (folder / SUMMARY_FILE).write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    empty = pd.DataFrame(columns=list(_CHANGE_COLUMNS))
-    (folder / "changes.csv").write_bytes(as_csv(empty))
-    (folder / "changes.parquet").write_bytes(as_parquet(empty))
+    _write_changes((), folder)
 
 
 def write_judgement(judged: Judgement, folder: Path) -> None:
-    """Write night.json, changes.csv, changes.parquet, the accepted levels and what is open."""
+    """Write night.json, changes.csv, the accepted levels and what is open."""
     (folder / "night.json").write_text(json.dumps(_summary(judged), indent=2) + "\n", encoding="utf-8")
-    changes = _changes_table(judged)
-    (folder / "changes.csv").write_bytes(as_csv(changes))
-    (folder / "changes.parquet").write_bytes(as_parquet(changes))
+    _write_changes(_change_rows(judged), folder)
     write_levels(judged.levels, folder)
     write_state(judged.state, folder)
 
@@ -107,14 +77,10 @@ def remove_old_motions(runs: Sequence[Path]) -> None:
 
 def _changed_motions(folder: Path) -> Iterator[Path]:
     """Yield the files of the cases that became worse, and those of methods that did, in trajectories/."""
-    with TextIOWrapper(open_input(folder / "changes.csv"), encoding="utf-8", newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["status"] in FAILING]
-    studies = {(row["scenario"], row["engine"], row["method"]) for row in rows if not row["fineness"]}
-    cases = {
-        (row["scenario"], row["engine"], row["method"], float(row["fineness"]))
-        for row in rows
-        if row["fineness"]
-    }
+    changes = read_rows(folder / f"{CHANGES.name}.csv", CHANGES)
+    rows = [row for row in changes if row["status"] in FAILING and "scenario" in row]
+    studies = {study_key(row) for row in rows if "fineness" not in row}
+    cases = {(*study_key(row), row["fineness"]) for row in rows if "fineness" in row}
     tables = read_tables(folder)
     names = unversioned(tables.manifest["engines"])
     for case in tables.cases:
@@ -152,23 +118,21 @@ def _summary(judged: Judgement) -> dict[str, Any]:
     }
 
 
-def _changes_table(judged: Judgement) -> pd.DataFrame:
-    import pandas as pd
+def _write_changes(rows: Iterable[Row], folder: Path) -> None:
+    (folder / f"{CHANGES.name}.csv").write_bytes(as_csv(as_table(rows, CHANGES)))
 
+
+def _change_rows(judged: Judgement) -> Iterator[Row]:
     compared_with = judged.comparison.before.run_id if judged.comparison else None
     open_now = {one.id: one for one in judged.open}
-    rows = []
     for change in judged.changes:
-        row: dict[str, Any] = {"run_id": judged.newest.run_id, "compared_with": compared_with}
-        row |= {name: getattr(change, name) for name in _CHANGE_COLUMNS if hasattr(change, name)}
-        # before and after may be words or numbers, so both are stored as text
+        row: Row = {"run_id": judged.newest.run_id, "compared_with": compared_with}
+        row |= {name: getattr(change, name) for name in CHANGES.columns if hasattr(change, name)}
         row |= {name: None if row[name] is None else str(row[name]) for name in ("before", "after")}
         row["id"] = change.key.id
         if (one := open_now.get(change.key.id)) is not None:
             row |= {"since": one.since, "runs": one.runs}
-        rows.append(row)
-    table = pd.DataFrame(rows, columns=list(_CHANGE_COLUMNS))
-    return table.astype(dict.fromkeys(("fineness", "decades", "runs"), "float64"))
+        yield row
 
 
 _FEED_FILE = "feed.xml"

@@ -1,4 +1,4 @@
-"""Query a history in SQL: DuckDB over the Parquet files of its nightly runs."""
+"""Query a history in SQL: DuckDB over the tables of its nightly runs."""
 
 from __future__ import annotations
 
@@ -8,16 +8,32 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.pinned_libraries import duckdb, duckdb_connection, read_parquet
+from bodycheck._util.pinned_libraries import duckdb, duckdb_connection, read_csv
 from bodycheck._util.untrusted import escaped
 from bodycheck.reports.history.baseline import read_summary
+from bodycheck.reports.run_files.tables import EMPTY, TABLES, TableKind, as_table, column_type, open_csv
 
 if TYPE_CHECKING:
     import pandas as pd
-    from duckdb import DuckDBPyConnection
+    from duckdb import DuckDBPyConnection, DuckDBPyRelation
 
-TABLES = ("results", "methods", "stability", "changes")
-"""The tables of each nightly run, as Parquet and CSV; with `nights`, the views of a query."""
+CHANGES = TableKind(
+    name="changes",
+    columns=(
+        *("run_id", "compared_with", "kind", "status", "scenario", "engine", "method", "control", "fineness"),
+        *("quantity", "before", "after", "decades", "id", "since", "runs"),
+    ),
+    needed=("run_id", "kind", "status"),
+    # before and after may be words or numbers
+    words=("compared_with", "kind", "status", "before", "after", "id", "since"),
+)
+"""The changes of a nightly run from its levels."""
+
+QUERIED = {**TABLES, CHANGES.name: CHANGES}
+"""The tables of a nightly run, by name; with `nights`, the views of a query."""
+
+_TEXT = "VARCHAR"
+_SQL_TYPES = {"integer": "BIGINT", "boolean": "BOOLEAN", "number": "DOUBLE", "string": _TEXT}
 
 _CASE = (
     "scenario",
@@ -43,7 +59,7 @@ def recorded_cases(runs: Sequence[Path], measures: Iterable[str] = ()) -> pd.Dat
     if not runs:
         return pd.DataFrame(columns=["run", *columns])
     with _connection() as database:
-        results = read_parquet(database, _files(runs, "results"), union_by_name=True)
+        results = _rows(database, runs, "results")
         present = [name for name in columns if name in results.columns]
         found = results.filter("outcome = 'ok'").project(f"run_id AS run, {', '.join(present)}").df()
     return found.reindex(columns=["run", *columns])
@@ -52,17 +68,16 @@ def recorded_cases(runs: Sequence[Path], measures: Iterable[str] = ()) -> pd.Dat
 def recorded(runs: Sequence[Path], table: str) -> pd.DataFrame:
     """Return the rows of a table of each run, with its run; raises InputError if a file cannot be read."""
     with _connection() as database:
-        rows = read_parquet(database, _files(runs, table), union_by_name=True)
-        return rows.project("*, run_id AS run").df()
+        return _rows(database, runs, table).project("*, run_id AS run").df()
 
 
 def tables_in(sql: str) -> list[str]:
     """Return the tables that a statement may name: of thousands of runs, reading all takes seconds."""
-    return [table for table in TABLES if table in sql.lower()]
+    return [table for table in QUERIED if table in sql.lower()]
 
 
 def query(runs: Sequence[Path], sql: str) -> pd.DataFrame:
-    """Run one SELECT over the views nights, results, methods, stability and changes.
+    """Run one SELECT over the views of QUERIED, and `nights`.
 
     runs: folders of nightly runs. Raises InputError if the statement is invalid or a file cannot be read.
     """
@@ -74,7 +89,7 @@ def query(runs: Sequence[Path], sql: str) -> pd.DataFrame:
         if "nights" in sql.lower():
             database.register("nights", history_table(runs))
         for table in tables_in(sql):
-            read_parquet(database, _files(runs, table), union_by_name=True).create_view(table)
+            _rows(database, runs, table).create_view(table)
         table = database.sql(sql).df()
     for name in table.columns:
         if table[name].dtype == object or str(table[name].dtype) in ("str", "string"):
@@ -89,8 +104,32 @@ def history_table(runs: Sequence[Path]) -> pd.DataFrame:
     return pd.DataFrame([read_summary(run) for run in runs])
 
 
-def _files(runs: Sequence[Path], table: str) -> list[Path]:
-    return [run / f"{table}.parquet" for run in runs]
+def _rows(database: DuckDBPyConnection, runs: Sequence[Path], table: str) -> DuckDBPyRelation:
+    """Return the rows of a table of all runs that have it; columns that some of them lack are empty there."""
+    kind = QUERIED[table]
+    files: dict[tuple[str, ...], list[Path]] = {}
+    for path in (run / f"{table}.csv" for run in runs):
+        if path.exists():
+            files.setdefault(_head(path), []).append(path)
+    if not files:
+        return database.from_df(as_table((), kind))
+    # union_by_name of DuckDB finds the columns of each file itself, which takes ten times longer
+    views = [f"{table}_{number}" for number in range(len(files))]
+    for view, (columns, those) in zip(views, files.items(), strict=True):
+        types = {name: _sql_type(name, kind) for name in columns}
+        empty = [name for name in columns if types[name] == _TEXT and name in EMPTY]
+        read_csv(database, those, types, empty).create_view(view)
+    return database.sql(" UNION ALL BY NAME ".join(f"FROM {view}" for view in views))
+
+
+def _head(path: Path) -> tuple[str, ...]:
+    with open_csv(path) as lines:
+        return tuple(next(lines, ()))
+
+
+def _sql_type(column: str, kind: TableKind) -> str:
+    """Return the type of a column in a query; that of a version with other columns is text."""
+    return _SQL_TYPES[column_type(column, kind)] if column in kind.columns else _TEXT
 
 
 @contextmanager

@@ -6,7 +6,6 @@ import csv
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,11 +13,12 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import setting
-from bodycheck._util.untrusted import escaped, no_formula, open_input
+from bodycheck._util.untrusted import escaped, no_formula
 from bodycheck.adapters.contract import Build, Engine, Method, Setting
 from bodycheck.adapters.execution import Answer
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.run_files.tables import open_csv
 from bodycheck.reports.run_files.trajectory_files import npz, read_arrays, stored_arrays
 
 _COLUMNS = (
@@ -92,13 +92,10 @@ def write_sentinels(sentinels: Sequence[Sentinel], folder: Path) -> None:
 def read_sentinels(folder: Path) -> tuple[Sentinel, ...]:
     """Read the sentinels of a run; none where it has no sentinels.csv. Raises InputError if damaged."""
     path = folder / _TABLE
-    try:
-        with TextIOWrapper(open_input(path), encoding="utf-8", newline="") as file:
-            head, *rows = csv.reader(file, strict=True)
-    except FileNotFoundError:
+    if not path.exists():
         return ()
-    except (OSError, ValueError, csv.Error) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from None
+    with open_csv(path) as lines:
+        head, rows = next(lines, []), list(lines)
     if tuple(head) != _COLUMNS or any(len(row) != len(_COLUMNS) for row in rows):
         raise InputError(f"{path}: not a table of sentinels (expected the columns {', '.join(_COLUMNS)})")
     return tuple(_sentinel(folder, row) for row in rows)

@@ -6,7 +6,8 @@ import csv
 import json
 import sys
 import tempfile
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from io import TextIOWrapper
 from pathlib import Path
@@ -82,7 +83,7 @@ class MeasuredTables:
 
 @dataclass(frozen=True, kw_only=True)
 class TableKind:
-    """A table of a run: the file NAME.csv, and an attribute of `Run` and of `Tables` of that name.
+    """A table: the file NAME.csv, and for one of TABLES an attribute of `Run` and of `Tables` of that name.
 
     columns: in order. needed: those that every row has. words: those of words that other tables lack; the
     others are numbers. choices: the words that a column may have. intervals: estimates, each with an end _low
@@ -250,7 +251,8 @@ TABLES: dict[str, TableKind] = {kind.name: kind for kind in _ALL}
 command `table` follow from it."""
 
 _YES_OR_NO = ("reused",)
-_EMPTY = {"reused": False, "message": ""}  # what an absent cell stands for, where it is known
+EMPTY = {"reused": False, "message": ""}
+"""What an empty cell stands for, where it is known."""
 _WHOLE_NUMBERS = ("steps", "rhs_evaluations", "points")
 _LARGEST_WHOLE = 2**63 - 1
 _TEXTS = frozenset(
@@ -268,7 +270,7 @@ def as_table(rows: Iterable[Mapping[str, Any]], kind: TableKind) -> pd.DataFrame
 
     rows = list(rows)
     known = set(kind.columns)
-    cells: dict[str, list[Any]] = {column: [_EMPTY.get(column)] * len(rows) for column in kind.columns}
+    cells: dict[str, list[Any]] = {column: [EMPTY.get(column)] * len(rows) for column in kind.columns}
     for index, row in enumerate(rows):
         if not row.keys() <= known:
             raise ValueError(f"unknown column {', '.join(sorted(row.keys() - known))}")
@@ -304,25 +306,31 @@ def _yes_or_no(cell: str) -> bool:
     return cell == "True"
 
 
+@contextmanager
+def open_csv(path: Path) -> Iterator[Iterator[list[str]]]:
+    """Give the lines of a CSV file as their cells; InputError names it where it cannot be read."""
+    try:
+        with TextIOWrapper(open_input(path), encoding="utf-8", newline="") as file:
+            yield csv.reader(file, strict=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not a CSV file: {error}") from None
+
+
 def read_rows(path: Path, kind: TableKind) -> list[Row]:
     """Read the rows of a table of a run, with the types they were written with; empty cells are left out.
 
     Raises InputError with one line that names the file and the fault.
     """
-    try:
-        with TextIOWrapper(open_input(path), encoding="utf-8", newline="") as file:
-            lines = csv.reader(file, strict=True)
-            head = next(lines, [])
-            if missing := [name for name in kind.needed if name not in head]:
-                raise InputError(f"{path}: not a table of a run: missing column {', '.join(missing)}")
-            if unknown := [name for name in head if name not in kind.columns]:
-                raise InputError(f"{path}: this version of bodycheck has no column {', '.join(unknown)}")
-            readers = [(name, _reader_of(name, kind)) for name in head]
-            return [_row(path, number, readers, line, kind.needed) for number, line in enumerate(lines, 1)]
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (csv.Error, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not a CSV file: {error}") from None
+    with open_csv(path) as lines:
+        head = next(lines, [])
+        if missing := [name for name in kind.needed if name not in head]:
+            raise InputError(f"{path}: not a table of a run: missing column {', '.join(missing)}")
+        if unknown := [name for name in head if name not in kind.columns]:
+            raise InputError(f"{path}: this version of bodycheck has no column {', '.join(unknown)}")
+        readers = [(name, _reader_of(name, kind)) for name in head]
+        return [_row(path, number, readers, line, kind.needed) for number, line in enumerate(lines, 1)]
 
 
 def _reader_of(column: str, kind: TableKind) -> Callable[[str], Any]:
@@ -389,7 +397,7 @@ def as_markdown(table: pd.DataFrame) -> bytes:
 def as_parquet(table: pd.DataFrame) -> bytes:
     """Return a Parquet file with the table's own types; what was not measured is null.
 
-    It is written by DuckDB, which also reads and queries a history, so pyarrow is not required.
+    It is written by DuckDB, which also queries a history, so pyarrow is not required.
     """
     # the type of an empty text column cannot be inferred
     texts = {name: "string" for name in table.columns if table[name].dtype == object}

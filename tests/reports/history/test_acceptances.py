@@ -164,7 +164,7 @@ def test_history_of_an_earlier_version_is_continued(tmp_path: Path, monkeypatch:
     before = history.runs()
     statuses = ["insufficient history", "no regression", "regression", "no regression"]
     assert [read_summary(run)["status"] for run in before] == statuses
-    monkeypatch.setattr(nightly_run_module, "write_nightly_report", lambda *_: None)  # needs the motions
+    monkeypatch.setattr(nightly_run_module, "report_pages", lambda _: ())  # needs the motions
     run = as_run(before[-1])
     same, worse, still = judged_nightly_runs(
         run, tmp_path, [unchanged, scaled(2.0, "euler", scenario="tumble"), unchanged]

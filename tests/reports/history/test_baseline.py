@@ -7,7 +7,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 import pytest
 
 from bodycheck._util.errors import InputError
@@ -22,7 +21,6 @@ from bodycheck.reports.history.baseline import (
     read_summary_file,
     seal_run,
 )
-from bodycheck.reports.run_files.tables import as_parquet
 from tests.helpers.expected_messages import ExpectedMessage
 
 MANIFEST: dict[str, Any] = {
@@ -107,41 +105,16 @@ def test_report_with_nested_data_is_damaged(
 ) -> None:
     """An entry that is listed is text or a number."""
     (tmp_path / "night.json").write_text(json.dumps({**SUMMARY, name: value}))
+    seal_run(tmp_path)
     with expected_message.raises(InputError):
         read_summary(tmp_path)
 
 
-SOUND = as_parquet(pd.DataFrame({"x": [1.0, 2.0]}))
-TORN = {
-    "empty": b"",
-    "cut off": SOUND[:-4],
-    "without its beginning": SOUND[4:],
-    "without its footer": b"PAR1",
-    "without a table": b"PAR1PAR1",
-    "with another footer": SOUND[:-200] + bytes(100) + SOUND[-100:],
-}
-
-
-@pytest.mark.parametrize("names", [None, ["results.parquet"]])
-@pytest.mark.parametrize("what", TORN)
-def test_torn_table_of_a_run_without_sums_is_named(
-    what: str, names: list[str] | None, tmp_path: Path, expected_message: ExpectedMessage
-) -> None:
-    """Runs that were stored before there were sums are read completely."""
-    (tmp_path / "results.parquet").write_bytes(SOUND)
-    check_files(tmp_path, {}, names)
-    (tmp_path / "results.parquet").write_bytes(TORN[what])
-    with expected_message.raises(InputError):
-        check_files(tmp_path, {}, names)
-
-
-@pytest.mark.parametrize("sums", [{}, {"sha256": {"results.parquet": "0"}}])
-def test_table_that_is_gone_cannot_be_read(
-    sums: dict[str, Any], tmp_path: Path, expected_message: ExpectedMessage
-) -> None:
+def test_table_that_is_gone_cannot_be_read(tmp_path: Path, expected_message: ExpectedMessage) -> None:
     """The line names it and the reason; files that are not requested are not read."""
+    sums = {"sha256": {"results.csv": "0"}}
     with expected_message.raises(InputError):
-        check_files(tmp_path, sums, ["results.parquet"])
+        check_files(tmp_path, sums, ["results.csv"])
     check_files(tmp_path, sums, [])
 
 
@@ -173,6 +146,7 @@ def test_report_without_a_needed_key_is_damaged(
 ) -> None:
     """The other counts are 0 where they are missing."""
     (tmp_path / "night.json").write_text(json.dumps({key: SUMMARY[key] for key in SUMMARY if key != name}))
+    seal_run(tmp_path)
     with expected_message.raises(InputError):
         read_summary(tmp_path)
 
@@ -182,6 +156,7 @@ def test_counts_of_former_releases_are_read(tmp_path: Path) -> None:
     now = ("improved", "moved", "new")
     former = {key: value for key, value in SUMMARY.items() if key not in now}
     (tmp_path / "night.json").write_text(json.dumps({**former, "better": 6, "other": 7}))
+    seal_run(tmp_path)
     summary = read_summary(tmp_path)
     assert [summary[name] for name in now] == [6, 7, 0]
 

@@ -3,26 +3,18 @@
 from __future__ import annotations
 
 import json
-from functools import cache
 from pathlib import Path
 
-import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
 from bodycheck._util.errors import InputError
 from bodycheck.cli import commands
-from bodycheck.reports.history.baseline import SUMMARY_KEYS
-from bodycheck.reports.history.queries import TABLES
-from bodycheck.reports.run_files.tables import as_parquet
+from bodycheck.reports.history.baseline import SUMMARY_KEYS, seal_run
+from bodycheck.reports.history.queries import QUERIED
 
+WHY = "is damaged: changed after it was written"
 NAMES = [f"2026010{day}T000000Z-00000{day}" for day in (1, 2, 3)]
-
-
-@cache
-def table_of(run: str) -> bytes:
-    """Return a table of one row, as Parquet."""
-    return as_parquet(pd.DataFrame({"run_id": [run]}))
 
 
 @pytest.fixture
@@ -32,8 +24,9 @@ def history(tmp_path: Path) -> Path:
         (tmp_path / name).mkdir()
         summary = {**dict.fromkeys(SUMMARY_KEYS, 0), "run_id": name, "status": "no regression"}
         (tmp_path / name / "night.json").write_text(json.dumps(summary))
-        for table in TABLES:
-            (tmp_path / name / f"{table}.parquet").write_bytes(table_of(name))
+        for table in QUERIED:
+            (tmp_path / name / f"{table}.csv").write_text(f"run_id\n{name}\n")
+        seal_run(tmp_path / name)
     return tmp_path
 
 
@@ -60,15 +53,18 @@ def test_damaged_run_is_named_and_the_others_are_listed(
     assert [name in done.stdout for name in NAMES] == [True, False, True]
 
 
-@pytest.mark.parametrize("table", TABLES)
+@pytest.mark.parametrize("table", QUERIED)
 def test_query_omits_a_run_with_a_truncated_table(history: Path, table: str) -> None:
     """Whichever table is truncated or queried, the run is in no result, and is named."""
-    torn = history / NAMES[2] / f"{table}.parquet"
-    torn.write_bytes(torn.read_bytes()[:-10])
-    sql = " UNION ALL ".join(f"SELECT run_id FROM {name}" for name in ("nights", *TABLES))
+    torn = history / NAMES[2] / f"{table}.csv"
+    torn.write_bytes(torn.read_bytes()[:-1])
+    sql = " UNION ALL ".join(f"SELECT run_id FROM {name}" for name in ("nights", *QUERIED))
     done = requested("query", history, sql)
-    assert (done.exit_code, done.stderr) == (1, f"{torn}: is damaged; this nightly run is excluded\n")
-    assert [done.stdout.count(name) for name in NAMES] == [5, 5, 0]
+    assert (done.exit_code, done.stderr) == (
+        1,
+        f"{torn}: is damaged: changed after it was written; this nightly run is excluded\n",
+    )
+    assert [done.stdout.count(name) for name in NAMES] == [1 + len(QUERIED)] * 2 + [0]
 
 
 def test_history_of_damaged_runs_only_is_refused(history: Path) -> None:

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import json
+import math
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.pinned_libraries import duckdb_connection, read_parquet
 from bodycheck.reports.history.archive import History
-from bodycheck.reports.history.baseline import read_summary
+from bodycheck.reports.history.baseline import read_summary, seal_run
 from bodycheck.reports.history.queries import query
 from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.run_files.tables import TABLES
 from bodycheck.runs.nightly_run import store_nightly
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.nightly_runs import as_nightly_run, judged_nightly_runs, store_nightly_runs, unchanged
@@ -65,37 +64,26 @@ def _text(old: str, new: str) -> Callable[[Path], None]:
     return damage
 
 
-def _footer(path: Path) -> None:
-    content = bytearray(path.read_bytes())
-    for place in range(len(content) - 200, len(content) - 100):
-        content[place] ^= 0xFF
-    path.write_bytes(content)
-
-
-def _unsealed(damage: Callable[[Path], None]) -> Callable[[Path], None]:
-    """Return the same damage of a run that was stored before there were sums."""
+def _sealed_again(damage: Callable[[Path], None]) -> Callable[[Path], None]:
+    """Return the same damage by somebody who writes the sums anew."""
 
     def damage_both(path: Path) -> None:
         damage(path)
-        summary = json.loads((path.parent / "night.json").read_text())
-        del summary["sha256"], summary["seal"]
-        (path.parent / "night.json").write_text(json.dumps(summary))
+        seal_run(path.parent)
 
     return damage_both
 
 
 DAMAGES: dict[str, tuple[str, Callable[[Path], None]]] = {
     "no libraries": ("manifest.json", _text('"libraries": {', '"libraries": [], "were": {')),
-    "no libraries, before sums": (
+    "no libraries, sealed again": (
         "manifest.json",
-        _unsealed(_text('"libraries": {', '"libraries": [], "were": {')),
+        _sealed_again(_text('"libraries": {', '"libraries": [], "were": {')),
     ),
     "nested without end": ("manifest.json", lambda path: path.write_text("[" * 200_000)),
     "another number": ("results.csv", _text("0.05", "0.06")),
-    "an unknown verdict": ("methods.csv", _unsealed(_text("converges", "convulses"))),
-    "an open quotation mark": ("results.csv", _unsealed(_text("bodycheck run", "bodycheck 'run"))),
-    "a footer": ("results.parquet", _footer),
-    "a footer, before sums": ("results.parquet", _unsealed(_footer)),
+    "an unknown verdict": ("methods.csv", _sealed_again(_text("converges", "convulses"))),
+    "an open quotation mark": ("results.csv", _sealed_again(_text("bodycheck run", "bodycheck 'run"))),
     "a page": ("report.html", lambda path: path.unlink()),
     "a status": ("night.json", _text("no regression", "no repression")),
     "a number in place of the run": ("night.json", lambda path: path.write_text("3")),
@@ -146,22 +134,30 @@ def test_run_dated_in_the_future_is_reported_and_not_a_baseline(
     assert [run.name for run in History(history).runs()] == [judged.newest.run_id, coming.name]
 
 
-@pytest.mark.parametrize(
-    ("others", "columns", "rows"),
-    [
-        ([], ["a", "b"], [(1, "x"), (2, "z")]),
-        (["1.5 AS a, 'w' AS b"], ["a", "b"], [(1, "x"), (2, "z"), (1.5, "w")]),
-        (["4 AS a, 'y' AS b, 3 AS c"], ["a", "b", "c"], [(1, "x", None), (2, "z", None), (4, "y", 3)]),
-    ],
-)
-def test_files_of_equal_and_of_other_columns_are_read_together(
-    others: list[str], columns: list[str], rows: list[tuple[Any, ...]], tmp_path: Path
-) -> None:
-    """Columns that some files lack are empty there, and numbers of two types are all kept."""
-    tables = ["1 AS a, 'x' AS b", "2 AS a, 'z' AS b", *others]
-    paths = [tmp_path / f"{number}.parquet" for number in range(len(tables))]
-    with duckdb_connection() as database:
-        for table, path in zip(tables, paths, strict=True):
-            database.sql(f"SELECT {table}").write_parquet(str(path))
-        found = read_parquet(database, paths, union_by_name=True)
-        assert (found.columns, found.fetchall()) == (columns, rows)
+def test_tables_of_runs_with_other_columns_are_read_together(tmp_path: Path) -> None:
+    """What a version did not write is empty, a text that was empty is not, and every cell keeps its type."""
+    texts = {
+        "old": 'run_id,engine,steps,message\nold,a,3,\nold,"b, c",4,"two\nlines"\n',
+        "new": "run_id,engine,dt_s,reused,message\nnew,a,0.1,True,\nnew,b,inf,False,x\n",
+        "later": "run_id,engine,unheard_of\nlater,a,1e-3\n",
+        "without": None,
+    }
+    for name, text in texts.items():
+        (tmp_path / name).mkdir()
+        if text is not None:
+            (tmp_path / name / "results.csv").write_text(text)
+    sql = "SELECT run_id, engine, steps, dt_s, reused, message, unheard_of FROM results ORDER BY ALL"
+    found = query([tmp_path / name for name in texts], sql).astype(object)
+    assert found.where(found.notna(), None).to_numpy().tolist() == [
+        ["later", "a", None, None, None, None, "1e-3"],
+        ["new", "a", None, 0.1, True, "", None],
+        ["new", "b", None, math.inf, False, "x", None],
+        ["old", "a", 3, None, None, "", None],
+        ["old", "b, c", 4, None, None, "two\nlines", None],
+    ]
+
+
+def test_table_of_no_run_has_its_columns_and_no_row(tmp_path: Path) -> None:
+    """A query of a table that came later answers, in an old history too."""
+    found = query([tmp_path], "SELECT * FROM joints")
+    assert (list(found.columns), len(found)) == (list(TABLES["joints"].columns), 0)

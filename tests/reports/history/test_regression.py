@@ -823,7 +823,6 @@ def slower_all(results: pd.DataFrame) -> pd.DataFrame:
     [
         "manifest.json",
         "results.csv",
-        "results.parquet",
         "night.json",
         "methods.csv",
         "accepted/results.csv",
@@ -844,7 +843,7 @@ def test_damaged_run_is_left_out_and_named(nightly_run: Run, two_runs: Path, fil
 
 @pytest.mark.slow
 def test_stored_run_is_complete(nightly_run: Run, one_worse: History) -> None:
-    """Its folder can be read as a run; CSV and Parquet are equal; night.json counts the changes."""
+    """Its folder can be read as a run; night.json counts the changes."""
     run = one_worse.runs()[-1]
     assert len(read_tables(run).cases) == len(nightly_run.results)
     found = json.loads((run / "night.json").read_text())

@@ -63,7 +63,7 @@ def test_level_of_a_time_is_the_median_of_its_runs(
     nightly_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Once speeds are judged; a slower engine is shaded, and its level stays until somebody accepts it."""
-    monkeypatch.setattr(nightly_run_module, "write_nightly_report", lambda *_: None)
+    monkeypatch.setattr(nightly_run_module, "report_pages", lambda _: ())
 
     def half_slower(results: pd.DataFrame) -> pd.DataFrame:
         mine = results["method"] == "rk4"
