@@ -201,7 +201,9 @@ def query(
     folder: _Folder,
     sql: Annotated[
         str,
-        typer.Argument(help="A SELECT from nights, changes, and the tables of a run: results, methods, stability, laws ..."),
+        typer.Argument(
+            help="A SELECT from nights, changes and the tables of a run, such as results or laws."
+        ),
     ],
     as_: Annotated[Literal["csv", "json", "md"], typer.Option("--format", help="Output format.")] = "csv",
 ) -> None:

@@ -95,7 +95,7 @@ def _few_rows(motion: JudgedMotion) -> Iterator[str]:
     """Yield which rows are off, in attitude or else in omega, where the others are within a tenth of it."""
     measures = {ORIENTATION: ("", "rad"), "omega_error": (" in omega", "rad/s")}
     for name, (of, unit) in measures.items():
-        if name not in motion.row or motion.is_at_floor(name):
+        if name not in motion.case.series or motion.is_at_floor(name):
             continue
         errors = motion.case.series[name]
         largest = float(errors.max())
@@ -323,6 +323,8 @@ def _ranking_parts(ranking: Ranking) -> Iterator[Part]:
     )
     yield Sentence(_ranking_sentence(ranking), strong=True)
     yield Sentence(_order_sentence(ranking))
+    for motion in ranking.motions:  # an exception, which no order shows
+        yield from (Sentence(f"{motion.name}: {text}") for text in _few_rows(motion))
     yield Table(columns, rows, title="Files by their distance from the truth")
     yield Table(
         (Column("measure", "fixed"), Column("verdict"), Column("order", "number"), Column("95 %", "fixed")),

@@ -426,6 +426,16 @@ def test_several_files_are_ranked_with_their_order_or_the_reason(tmp_path: Path)
         assert texts[1].startswith("No order: ")
 
 
+def test_a_wrong_row_of_one_of_several_files_is_stated(tmp_path: Path) -> None:
+    """The errors of the attitude, by which files are ranked and orders fitted, do not show a wrong omega."""
+    right, wrong = solved(T_S), solved(T_S)
+    wrong[1][77] *= 1.01
+    files = [write(tmp_path / f"{name}.csv", T_S, motion) for name, motion in (("a", right), ("b", wrong))]
+    document = judgement_document(rank(files, body=BODY))
+    said = [part.text for part in document.parts if isinstance(part, Sentence) and "rows is off" in part.text]
+    assert [text.partition(" of 201")[0] for text in said] == ["b.csv: Only 1"]
+
+
 def test_files_of_the_same_name_are_told_apart_by_their_folders(tmp_path: Path) -> None:
     """Every sentence and every line of a figure names one file."""
     paths = []
