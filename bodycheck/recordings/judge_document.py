@@ -95,7 +95,7 @@ def _few_rows(motion: JudgedMotion) -> Iterator[str]:
     """Yield which rows are off, in attitude or else in omega, where the others are within a tenth of it."""
     measures = {ORIENTATION: ("", "rad"), "omega_error": (" in omega", "rad/s")}
     for name, (of, unit) in measures.items():
-        if name not in motion.case.series or motion.is_at_floor(name):
+        if name not in motion.row or motion.is_at_floor(name):
             continue
         errors = motion.case.series[name]
         largest = float(errors.max())
