@@ -97,6 +97,18 @@ class RecordedMotion:
         del arrays["omega_body_rad_s"]
         return replace(self, arrays=arrays).with_omega()
 
+    def moved(self, quantity: str, rows: int) -> RecordedMotion:
+        """Return the recording with attitude or omega moved by one row, 1 to the row before, -1 to the next.
+
+        The row that has no other quantity any more is left out.
+        """
+        own, other = (slice(1, None), slice(None, -1))[::rows]
+        names = ("quaternion", "rotation") if quantity == "attitude" else quantity
+        arrays = {
+            name: values[own if name.startswith(names) else other] for name, values in self.arrays.items()
+        }
+        return replace(self, arrays=arrays)
+
 
 def recorded_motion(path: Path, column_map: ColumnMap, dt_s: float | None = None) -> RecordedMotion:
     """Return the quantities of a recording, and their resolution.

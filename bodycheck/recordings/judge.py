@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -159,20 +159,44 @@ def judge_files(
 def _judged(
     path: Path, name: str, recorded: RecordedMotion, problem: Problem, cache: Cache | None, start: Start
 ) -> JudgedMotion:
-    """Measure a recording, also from its second row if the truth starts at a first row that is off.
-
-    Many programs log a first row before the first step, without the velocities.
-    """
+    """Measure a recording, also without what many programs log wrongly, if that alone may be wrong."""
     motion = judged_motion(path, name, recorded, problem, cache, start)
     is_off = any(motion.row.get(one, 0.0) > _FAR * motion.floor(one) for one in TURNING)
-    if start != "first-sample" or not is_off or not is_free(problem.of_body.scene):
+    if not is_off or len(recorded.arrays["t_s"]) <= _FEWEST_ROWS:
         return motion
-    rest = recorded.from_second_row() if len(recorded.arrays["t_s"]) > _FEWEST_ROWS else None
-    later = None if rest is None else judged_motion(path, name, rest, problem, None, start)
-    if later is None or later.row["outcome"] != "ok":
-        return motion
-    whole, left = (max(one.row.get(name, 0.0) for name in TURNING) for one in (motion, later))
-    return replace(motion, from_second_row=later) if later.is_true or left <= _LEFT * whole else motion
+    whole = max(motion.row.get(name, 0.0) for name in TURNING)
+    for wrong, repaired in _repairs(recorded, problem.of_body.scene, start):
+        later = judged_motion(path, name, repaired, problem, None, start)
+        left = max(later.row.get(name, 0.0) for name in TURNING)
+        if later.row["outcome"] == "ok" and (later.is_true or left <= _LEFT * whole):
+            return replace(motion, repaired=(wrong, later))
+    return motion
+
+
+_OMEGA_LATE, _ATTITUDE_LATE = "Omega is one row behind the attitude", "The attitude is one row behind omega"
+_APART = (
+    ("omega", 1, _OMEGA_LATE),
+    ("attitude", 1, _ATTITUDE_LATE),
+    ("omega", -1, _ATTITUDE_LATE),
+    ("attitude", -1, _OMEGA_LATE),
+)
+"""A quantity, the rows by which it is moved, and what is wrong if the motion is the true one then."""
+
+
+def _repairs(recorded: RecordedMotion, scene: Scene, start: Start) -> Iterator[tuple[str, RecordedMotion]]:
+    """Yield what may be wrong with a recording, and the recording without it.
+
+    Many programs log a first row before the first step, without the velocities, or one quantity before a
+    step and the other after it.
+    """
+    from_first, arrays = start == "first-sample", recorded.arrays
+    if from_first and is_free(scene) and (rest := recorded.from_second_row()) is not None:
+        yield "Only the first row, or the step from it, is wrong. From the second row on", rest
+    has_one_omega = ("omega_body_rad_s" in arrays) != ("omega_world_rad_s" in arrays)
+    if has_one_omega and "attitude" in quantities_of(arrays) and not recorded.has_derived_omega:
+        # of a motion that starts at its first row, the other two differ in the times alone
+        for quantity, rows, wrong in _APART[:2] if from_first else _APART:
+            yield f"{wrong}. Moved by one row", recorded.moved(quantity, rows)
 
 
 def _file_names(paths: Sequence[Path]) -> list[str]:
@@ -245,7 +269,7 @@ def explained_motion(
     if motion.has_derived_omega:  # it follows from the attitudes, so they alone are examined
         known = known - {"omega"}
         found = _of_attitudes(motion, scene, trajectory)
-    elif is_finite and motion.from_second_row is None:
+    elif is_finite and motion.repaired is None:
         truth = problem.truth.trajectory
         found = diagnosed_recording(
             scene,

@@ -46,12 +46,9 @@ def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Senten
         return [Sentence(f"{motion.name} is unstable: {motion.row['message']}.", "bad", strong=True)]
     is_noisy = diagnosis is not None and diagnosis.is_within_noise
     distance, cause = [*_distance(motion)], [] if case is None else [*_cause(motion, case)]
-    if motion.from_second_row is not None:
-        later = next(_distance(motion.from_second_row))
-        parts = [
-            *distance,
-            f"Only the first row, or the step from it, is wrong. From the second row on: {later}",
-        ]
+    if motion.repaired is not None:
+        wrong, repaired = motion.repaired
+        parts = [*distance, f"{wrong}: {next(_distance(repaired))}"]
     elif few := [*_few_rows(motion)]:  # which are neither noise nor a motion
         unexplained = diagnosis is not None and diagnosis.verdict == "unexplained"
         parts = [*distance, *few, *(() if is_noisy or unexplained else cause)]
@@ -176,6 +173,8 @@ def _distance(motion: JudgedMotion) -> Iterator[str]:
     row, until = motion.row, number(motion.row["compared_until_s"], 4)
     if ORIENTATION in row:
         largest, final = row[ORIENTATION], row["orientation_error_final_rad"]
+        if _is_of_omega(motion):
+            yield f"Omega is up to {_share(row['omega_error'])} of |omega| from the truth."
         if motion.is_at_floor(ORIENTATION):
             error = _resolved(largest, motion.floors[ORIENTATION])
             if motion.floors[ORIENTATION] > VAGUE:
@@ -189,8 +188,6 @@ def _distance(motion: JudgedMotion) -> Iterator[str]:
             return
         before = "" if final > 0.9 * largest else f", {number(largest, _DIGITS)} rad at most before"
         yield f"The attitude is {_angle(final)} from the truth after {until} s{before}."
-        if _is_of_omega(motion):
-            yield f"Omega is up to {_share(row['omega_error'])} of |omega| from the truth."
     elif "omega_error" in row:
         if motion.is_at_floor("omega_error"):
             error = _resolved(row["omega_error"], motion.floors["omega_error"])
@@ -206,7 +203,8 @@ def _distance(motion: JudgedMotion) -> Iterator[str]:
 def _is_of_omega(motion: JudgedMotion) -> bool:
     """Whether omega is wrong, and too far off for the error of the attitude to be its cause."""
     error = motion.row.get("omega_error", 0.0)
-    return bool(error > max(_CONSERVED, _FARTHER * motion.row.get(ORIENTATION, 0.0)))
+    limit = max(_CONSERVED, _FARTHER * motion.row.get(ORIENTATION, 0.0), motion.floor("omega_error"))
+    return bool(error > limit)
 
 
 def _angle(rad: float) -> str:
@@ -215,7 +213,7 @@ def _angle(rad: float) -> str:
 
 def _cause(motion: JudgedMotion, case: ExplainedCase) -> Iterator[str]:
     found, dt_s = case.diagnosis, case.case.dt_s
-    is_right = ORIENTATION in motion.row and motion.is_at_floor(ORIENTATION)
+    is_right = ORIENTATION in motion.row and motion.is_at_floor(ORIENTATION) and not _is_of_omega(motion)
     if found is None or (motion.has_derived_omega and found.verdict == "healthy" and not is_right):
         if motion.has_derived_omega and not is_right:
             yield (

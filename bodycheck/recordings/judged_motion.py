@@ -79,7 +79,7 @@ class JudgedMotion:
     the rotational energy since the first row, with its sign, over the largest of the truth, None without
     omega. floors: measure -> what the truth and the digits of the file leave open, relative as the
     measure is. start: where the truth starts. has_derived_omega, has_unused_position, assumed: of the
-    recording. from_second_row: the same without the first row, where that row alone is wrong.
+    recording. repaired: what is wrong with some rows, and the same without it, where nothing else is wrong.
     """
 
     name: str
@@ -95,7 +95,7 @@ class JudgedMotion:
     has_derived_omega: bool = False
     has_unused_position: bool = False
     assumed: str = ""
-    from_second_row: JudgedMotion | None = None
+    repaired: tuple[str, JudgedMotion] | None = None
 
     @property
     def is_true(self) -> bool:

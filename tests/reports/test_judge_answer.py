@@ -19,6 +19,7 @@ from bodycheck.recordings import judge
 from bodycheck.recordings.judge import Ranking, explained_motion
 from bodycheck.recordings.judge_document import conclusion, conclusions, judgement_document
 from bodycheck.recordings.judge_page import judgement_page
+from bodycheck.recordings.judged_motion import Start
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.document import Sentence
 from bodycheck.runs.runner import rank
@@ -130,13 +131,50 @@ def test_a_quaternion_that_is_not_normalised_is_said_to_be(factor: float, said: 
     assert ("not normalised: |q| differs from 1 by up to 2 %" in text) == said
 
 
-def test_a_wrong_omega_beside_a_right_attitude_is_stated(tmp_path: Path) -> None:
-    """Omega one row late: the attitude alone would be called right, to 1e-12 rad."""
+@pytest.mark.parametrize("digits", ["%.17g", "%.6f"])
+def test_a_wrong_omega_beside_a_right_attitude_is_stated_first(digits: str, tmp_path: Path) -> None:
+    """The attitude alone would be called right, to 1e-12 rad or to the digits of the file."""
     q, w = solved(T_S)
-    late = np.concatenate([w[:1], w[:-1]])
-    text = told(judged(write(tmp_path / "sim.csv", T_S, (q, late))), 0.05)
-    assert re.search(r"Omega is up to \S+ % of \|omega\| from the truth\.", text)
+    off = w + 0.01 * np.outer(np.sin(T_S), [1.0, 2.0, 3.0])
+    text = told(judged(write(tmp_path / "sim.csv", T_S, (q, off), digits)), 0.05)
+    assert re.match(r"Omega is up to \S+ % of \|omega\| from the truth\. The attitude is ", text)
     assert "No known fault" in text
+
+
+@pytest.mark.parametrize("start", ["scenario", "first-sample"])
+@pytest.mark.parametrize("digits", ["%.17g", "%.6f"])
+@pytest.mark.parametrize(("of_omega", "rows"), [(True, 1), (False, 1), (True, -1), (False, -1)])
+def test_attitude_and_omega_of_different_rows_are_said_to_be(
+    of_omega: bool, rows: int, digits: str, start: Start, tmp_path: Path
+) -> None:
+    """One is logged before a step and the other after it; a torque makes the time matter."""
+    scenario = tmp_path / "turned.toml"
+    scenario.write_text(
+        'name = "turned"\nduration_s = 10.0\nsamples = 201\n[body]\nmass_kg = 1.0\n'
+        f"inertia_kg_m2 = {list(INERTIA)}\n[initial]\nomega_body_rad_s = {list(OMEGA)}\n"
+        '[[forcing]]\nkind = "torque"\naxes = "body"\nvalue_n_m = [2.0, 0.0, 1.0]\n'
+    )
+    right = solved(T_S, torque=np.array([2.0, 0.0, 1.0]))
+    places = np.clip(np.arange(len(T_S)) - rows, 0, len(T_S) - 1)
+    moved = [values[places] if k == of_omega else values for k, values in enumerate(right)]
+    path = write(tmp_path / "sim.csv", T_S, (moved[0], moved[1]), digits)
+    # of the last row or two, one quantity is there twice
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[:-2]))
+    (motion,) = rank([path], scenario, start=start).motions
+    explained = explained_motion(motion, None)
+    said = (
+        "Omega is one row behind the attitude" if of_omega == (rows > 0) else "The attitude is one row behind"
+    )
+    assert said in conclusion(motion, explained)
+    assert not motion.is_true
+    assert explained.diagnosis is None
+
+
+def test_a_wrong_motion_is_not_called_right_but_for_a_row(tmp_path: Path) -> None:
+    """Damped, with an omega that is one row late as well: both are wrong."""
+    q, w = stepped(T_S, 5, 0.05)
+    late = np.concatenate([w[:1], w[:-1]])
+    assert "one row behind" not in told(judged(write(tmp_path / "sim.csv", T_S, (q, late))))
 
 
 @pytest.mark.parametrize(("first", "rows", "said"), [(50, 1, True), (200, 1, True), (50, 3, False)])
