@@ -90,7 +90,14 @@ def query(runs: Sequence[Path], sql: str) -> pd.DataFrame:
             database.register("nights", history_table(runs))
         for table in tables_in(sql):
             _rows(database, runs, table).create_view(table)
-        table = database.sql(sql).df()
+        try:
+            table = database.sql(sql).df()
+        except duckdb().CatalogException as error:
+            unknown = str(error).partition("!")[0]
+            if "Table with name" not in unknown:
+                raise
+            available = ", ".join(("nights", *QUERIED))
+            raise InputError(f"{unknown} (available: {available})") from None
     for name in table.columns:
         if table[name].dtype == object or str(table[name].dtype) in ("str", "string"):
             table[name] = table[name].map(escaped, na_action="ignore")

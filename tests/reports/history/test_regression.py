@@ -886,6 +886,7 @@ def test_history_is_queried_in_sql(nightly_run: Run, one_worse: History) -> None
     "sql",
     [
         "SELECT * FROM absent",
+        "SELECT lacking(1)",
         "SELEC",
         "",
         "COPY (SELECT 1) TO '{file}' (FORMAT parquet)",
@@ -899,4 +900,5 @@ def test_wrong_query_is_refused_in_one_line(one_worse: History, sql: str, tmp_pa
     with pytest.raises(InputError) as refused:
         query(one_worse.runs(), sql.format(file=tmp_path / "written"))
     assert "\n" not in str(refused.value)
+    assert ("(available: nights, results, methods, " in str(refused.value)) == ("absent" in sql)
     assert not any(tmp_path.iterdir())
