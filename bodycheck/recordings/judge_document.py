@@ -232,7 +232,9 @@ def _cause(motion: JudgedMotion, case: ExplainedCase) -> Iterator[str]:
     elif found.per_sample is not None:
         off = number(found.per_sample, 2)
         hint = "" if dt_s is not None else "; --dt, the step of the program, tells them apart"
-        if not is_right:
+        if _is_of_omega(motion):  # which no solver makes: the attitude is far better than its omega
+            yield "Omega is not the rate of this attitude, and no known fault of a reading explains it."
+        elif not is_right:
             yield (
                 f"Each row is within a relative {off} of the exact motion from the row before, as of a "
                 f"solver with that tolerance, or of a fault as small{hint}."

@@ -136,9 +136,22 @@ def test_a_wrong_omega_beside_a_right_attitude_is_stated_first(digits: str, tmp_
     """The attitude alone would be called right, to 1e-12 rad or to the digits of the file."""
     q, w = solved(T_S)
     off = w + 0.01 * np.outer(np.sin(T_S), [1.0, 2.0, 3.0])
-    text = told(judged(write(tmp_path / "sim.csv", T_S, (q, off), digits)), 0.05)
-    assert re.match(r"Omega is up to \S+ % of \|omega\| from the truth\. The attitude is ", text)
-    assert "No known fault" in text
+    path = write(tmp_path / "sim.csv", T_S, (q, off), digits)
+    for dt_s in (0.05, None):
+        text = told(judged(path), dt_s)
+        assert re.match(r"Omega is up to \S+ % of \|omega\| from the truth\. The attitude is ", text)
+        assert ("o known fault" in text, "of a solver" in text) == (True, False)
+
+
+@pytest.mark.slow
+def test_a_smooth_error_of_omega_is_not_that_of_a_solver(tmp_path: Path) -> None:
+    """At close rows it is small in each of them, but the attitude would show an error of a solver."""
+    t_s = np.arange(1001) * 0.01
+    q, w = solved(t_s)
+    w *= 1.0 + 0.01 * np.sin(t_s)[:, None]
+    text = told(judged(write(tmp_path / "sim.csv", t_s, (q, w), "%.6f")))
+    assert "Omega is not the rate of this attitude" in text
+    assert "of a solver" not in text
 
 
 @pytest.mark.parametrize("start", ["scenario", "first-sample"])
