@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,14 +19,8 @@ from bodycheck.examine.diagnosis.recorded import diagnosed_recording
 from bodycheck.examine.explanation.explain import ExplainedCase
 from bodycheck.recordings.column_map import ColumnMap
 from bodycheck.recordings.conversion import RecordedMotion, recorded_motion
-from bodycheck.recordings.judged_motion import (
-    TURNING,
-    JudgedMotion,
-    Start,
-    is_free,
-    judged_motion,
-    quantities_of,
-)
+from bodycheck.recordings.judged_motion import JudgedMotion, Start, is_free, quantities_of
+from bodycheck.recordings.wrong_rows import is_right_elsewhere, with_repair
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
@@ -42,9 +36,7 @@ from bodycheck.scenarios.given_motion import GivenMotion
 from bodycheck.scenarios.model import Scenario
 
 _TOO_MANY_STEPS = "omega turns the body too far between two samples, as where times are not in s"
-_FAR = 10.0  # times what the file and the truth leave open
-_FEWEST_ROWS = 10  # of a file whose first row can be told from its motion
-_LEFT = 1e-3  # of the largest error, without the first row, where that row alone is wrong
+_WRONG_ROWS = "all that is wrong is some rows"
 _SAME = 1e-9  # relative difference of two times that count as equal
 _PREFERRED = (ORIENTATION, "omega_error", "position_error", "velocity_error")
 
@@ -138,7 +130,7 @@ def judge_files(
         raise InputError(f"--dt: the step {twice[0]!r} is given twice")
     problem = Problem.of(scenario, scenario_spec, cache)
     motions = [
-        _judged(path, name, recorded, problem, cache, start)
+        with_repair(path, name, recorded, problem, cache, start)
         for path, name, recorded in zip(paths, _file_names(paths), recordings, strict=True)
     ]
     steps = [{}] * len(motions) if steps_s is None else [{"dt_s": dt_s} for dt_s in steps_s]
@@ -154,49 +146,6 @@ def judge_files(
     rows, ranked = zip(*judged, strict=True)
     orders = {} if steps_s is None or len(paths) < 2 else _orders(rows, common, ranked[0].problem)
     return Ranking(rows, quantity, orders, ranked)
-
-
-def _judged(
-    path: Path, name: str, recorded: RecordedMotion, problem: Problem, cache: Cache | None, start: Start
-) -> JudgedMotion:
-    """Measure a recording, also without what many programs log wrongly, if that alone may be wrong."""
-    motion = judged_motion(path, name, recorded, problem, cache, start)
-    is_off = any(motion.row.get(one, 0.0) > _FAR * motion.floor(one) for one in TURNING)
-    if not is_off or len(recorded.arrays["t_s"]) <= _FEWEST_ROWS:
-        return motion
-    whole = max(motion.row.get(name, 0.0) for name in TURNING)
-    for wrong, repaired in _repairs(recorded, problem.of_body.scene, start):
-        later = judged_motion(path, name, repaired, problem, None, start)
-        left = max(later.row.get(name, 0.0) for name in TURNING)
-        if later.row["outcome"] == "ok" and (later.is_true or left <= _LEFT * whole):
-            return replace(motion, repaired=(wrong, later))
-    return motion
-
-
-_OMEGA_LATE, _ATTITUDE_LATE = "Omega is one row behind the attitude", "The attitude is one row behind omega"
-_APART = (
-    ("omega", 1, _OMEGA_LATE),
-    ("attitude", 1, _ATTITUDE_LATE),
-    ("omega", -1, _ATTITUDE_LATE),
-    ("attitude", -1, _OMEGA_LATE),
-)
-"""A quantity, the rows by which it is moved, and what is wrong if the motion is the true one then."""
-
-
-def _repairs(recorded: RecordedMotion, scene: Scene, start: Start) -> Iterator[tuple[str, RecordedMotion]]:
-    """Yield what may be wrong with a recording, and the recording without it.
-
-    Many programs log a first row before the first step, without the velocities, or one quantity before a
-    step and the other after it.
-    """
-    from_first, arrays = start == "first-sample", recorded.arrays
-    if from_first and is_free(scene) and (rest := recorded.from_second_row()) is not None:
-        yield "Only the first row, or the step from it, is wrong. From the second row on", rest
-    has_one_omega = ("omega_body_rad_s" in arrays) != ("omega_world_rad_s" in arrays)
-    if has_one_omega and "attitude" in quantities_of(arrays) and not recorded.has_derived_omega:
-        # of a motion that starts at its first row, the other two differ in the times alone
-        for quantity, rows, wrong in _APART[:2] if from_first else _APART:
-            yield f"{wrong}. Moved by one row", recorded.moved(quantity, rows)
 
 
 def _file_names(paths: Sequence[Path]) -> list[str]:
@@ -266,10 +215,11 @@ def explained_motion(
     known, found, reason = motion.known, None, "the motion is not finite"
     states = (trajectory.position_m, trajectory.velocity_m_s, trajectory.attitude, trajectory.omega_body)
     is_finite = all(np.isfinite(values).all() for values in states)
+    has_only_wrong_rows = is_right_elsewhere(motion)
     if motion.has_derived_omega:  # it follows from the attitudes, so they alone are examined
         known = known - {"omega"}
         found = _of_attitudes(motion, scene, trajectory)
-    elif is_finite and motion.repaired is None:
+    elif is_finite and not has_only_wrong_rows:
         truth = problem.truth.trajectory
         found = diagnosed_recording(
             scene,
@@ -281,8 +231,11 @@ def explained_motion(
             resolution=resolution,
             from_first_row=motion.start == "first-sample",
         )
-    if is_finite:
-        reason = "" if found is not None else obstacle(scene, trajectory, known) or _TOO_MANY_STEPS
+    if found is not None:
+        reason = ""
+    elif is_finite:
+        of_motion = obstacle(scene, trajectory, known) or _TOO_MANY_STEPS
+        reason = _WRONG_ROWS if has_only_wrong_rows else of_motion
     setting = {"control": "none" if dt_s is None else "dt", "dt_s": dt_s}
     case = CaseResult({**motion.case.columns, **setting}, MeasuredMotion(trajectory))
     return ExplainedCase(problem, (motion.name,), case, (), found, reason)

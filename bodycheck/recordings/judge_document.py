@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-
 from bodycheck._util.formatting import count, names, number, scientific, step
 from bodycheck.examine.diagnosis.candidate_maps import EXACT
 from bodycheck.examine.explanation.explain import ExplainedCase
 from bodycheck.examine.explanation.explanation_document import explanation_parts
 from bodycheck.recordings.judge import Ranking
 from bodycheck.recordings.judged_motion import FROM_START, VAGUE, JudgedMotion, MomentumChange, is_free
+from bodycheck.recordings.wrong_rows import exceptions_of, is_right_elsewhere
 from bodycheck.reports.document import Column, Document, Part, Sentence, Table
 from bodycheck.reports.measurement.convergence import Convergence
 from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS
@@ -24,10 +23,7 @@ _CONSERVED = 1e-6  # relative: a smaller change of a conserved quantity is no se
 _PER_CENT = 1e-4  # relative: from there on in per cent
 _FEWEST_STEPS = 4
 _AS_RESOLVED = ", as far as the file resolves it"
-_OFF = 0.1  # of the largest error, above which a row is off
-_FEW = 0.01  # of the rows
-_ENOUGH = 5  # rows: of fewer, one that is off is no exception
-_JUMP = 1e-2  # of what is off: an error that grows up to the last row comes nearer to it
+_BACK = 0.1  # of the largest error: a last row that is nearer agrees again
 _FARTHER = 100.0  # of the error of omega, relative, to that of the attitude, where the latter is no cause
 _NOT_NORMAL = {
     "quaternion_norm_error": "The quaternions are not normalised: |q| differs from 1",
@@ -46,12 +42,10 @@ def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Senten
         return [Sentence(f"{motion.name} is unstable: {motion.row['message']}.", "bad", strong=True)]
     is_noisy = diagnosis is not None and diagnosis.is_within_noise
     distance, cause = [*_distance(motion)], [] if case is None else [*_cause(motion, case)]
-    if motion.repaired is not None:
-        wrong, repaired = motion.repaired
-        parts = [*distance, f"{wrong}: {next(_distance(repaired))}"]
-    elif few := [*_few_rows(motion)]:  # which are neither noise nor a motion
+    if wrong := [*_wrong_rows(motion)]:  # which are neither noise nor a motion
         unexplained = diagnosis is not None and diagnosis.verdict == "unexplained"
-        parts = [*distance, *few, *(() if is_noisy or unexplained else cause)]
+        is_cause = not (is_noisy or unexplained or is_right_elsewhere(motion))
+        parts = [*distance, *wrong, *(cause if is_cause else ())]
     elif is_noisy:  # which alone changes what is conserved
         of_noise = [_of_noise(motion)] if motion.start == "first-sample" else []
         parts = [*cause[::-1], *distance[::-1], *of_noise]
@@ -83,31 +77,26 @@ def _derived(motion: JudgedMotion) -> Iterator[str]:
 def _of_noise(motion: JudgedMotion) -> str:
     """Return where the difference from the truth comes from, which starts at a noisy first row."""
     largest, final = (motion.row.get(name, 0.0) for name in (ORIENTATION, "orientation_error_final_rad"))
-    if final < _OFF * largest:
+    if final < _BACK * largest:
         return "The truth starts at the first row, and the last one agrees with it: rows in between are off."
     return "The truth starts at the first row: its noise, or the errors of a solver, make that difference."
 
 
-def _few_rows(motion: JudgedMotion) -> Iterator[str]:
-    """Yield which rows are off, in attitude or else in omega, where the others are within a tenth of it."""
-    measures = {ORIENTATION: ("", "rad"), "omega_error": (" in omega", "rad/s")}
-    for name, (of, unit) in measures.items():
-        if name not in motion.row or motion.is_at_floor(name):
-            continue
-        errors = motion.case.series[name]
-        largest = float(errors.max())
-        limit = _OFF * largest
-        off = np.flatnonzero(errors > limit)
-        rest = float(np.delete(errors, off).max(initial=0.0))
-        is_growth = off[-1] == len(errors) - 1 and rest > _JUMP * limit
-        if len(errors) >= _ENOUGH and len(off) <= max(1.0, _FEW * len(errors)) and not is_growth:
-            t_s = motion.problem.times
-            after = f"{number(float(t_s[off[0]] - t_s[0]), 4)} s after the first row"
-            verb, where = ("is", after) if len(off) == 1 else ("are", f"the first {after}")
-            size = f"{'' if len(off) == 1 else 'up to '}{number(largest, 2)} {unit}"
-            others = f"the others by at most {number(rest, 2)} {unit}"
-            yield f"Only {len(off)} of {len(errors)} rows {verb} off{of}, by {size}, {where}; {others}."
-            return
+def _wrong_rows(motion: JudgedMotion) -> Iterator[str]:
+    """Yield which rows are off, or late, where the others are within a tenth of it."""
+    if motion.repaired is not None:
+        wrong, repaired = motion.repaired
+        yield f"{wrong}: {next(_distance(repaired))}"
+        return
+    for name, found in exceptions_of(motion).items():
+        of, unit = ("", "rad") if name == ORIENTATION else (" in omega", "rad/s")
+        t_s, off = motion.problem.times, found.off
+        after = f"{number(float(t_s[off[0]] - t_s[0]), 4)} s after the first row"
+        verb, where = ("is", after) if len(off) == 1 else ("are", f"the first {after}")
+        size = f"{'' if len(off) == 1 else 'up to '}{number(found.largest, 2)} {unit}"
+        others = f"the others by at most {number(found.rest, 2)} {unit}"
+        yield f"Only {len(off)} of {found.rows} rows {verb} off{of}, by {size}, {where}; {others}."
+        return
 
 
 def _norms(motion: JudgedMotion) -> Iterator[str]:
@@ -323,8 +312,8 @@ def _ranking_parts(ranking: Ranking) -> Iterator[Part]:
     )
     yield Sentence(_ranking_sentence(ranking), strong=True)
     yield Sentence(_order_sentence(ranking))
-    for motion in ranking.motions:  # an exception, which no order shows
-        yield from (Sentence(f"{motion.name}: {text}") for text in _few_rows(motion))
+    for motion in ranking.motions:  # which no order shows
+        yield from (Sentence(f"{motion.name}: {text}") for text in _wrong_rows(motion))
     yield Table(columns, rows, title="Files by their distance from the truth")
     yield Table(
         (Column("measure", "fixed"), Column("verdict"), Column("order", "number"), Column("95 %", "fixed")),

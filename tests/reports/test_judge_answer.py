@@ -209,7 +209,6 @@ def test_one_of_few_rows_that_is_off_is_no_exception(rows: int, said: bool, tmp_
     assert ("rows is off, by " in text) == said
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("off", "digits"), [(0.05, "%.9f"), (2.5, "%.9f"), (0.05, "%.17g")])
 def test_one_wrong_omega_beside_right_attitudes_is_no_fault_of_integration(
     off: float, digits: str, tmp_path: Path
@@ -227,8 +226,7 @@ def test_one_wrong_omega_beside_right_attitudes_is_no_fault_of_integration(
     assert "Only 1 of 201 rows is off in omega, by " in text
     assert "3.85 s after the first row" in text
     assert "No known fault" not in text
-    assert explained.diagnosis is not None
-    assert explained.diagnosis.verdict != "strapdown"
+    assert explained.diagnosis is None  # where the search, which takes minutes, could only end at this row
 
 
 @pytest.mark.slow
@@ -477,14 +475,20 @@ def test_several_files_are_ranked_with_their_order_or_the_reason(tmp_path: Path)
         assert texts[1].startswith("No order: ")
 
 
-def test_a_wrong_row_of_one_of_several_files_is_stated(tmp_path: Path) -> None:
+def test_wrong_rows_of_one_of_several_files_are_stated(tmp_path: Path) -> None:
     """The errors of the attitude, by which files are ranked and orders fitted, do not show a wrong omega."""
-    right, wrong = solved(T_S), solved(T_S)
+    right, wrong, late = solved(T_S), solved(T_S), solved(T_S)
     wrong[1][77] *= 1.01
-    files = [write(tmp_path / f"{name}.csv", T_S, motion) for name, motion in (("a", right), ("b", wrong))]
+    late[1][1:] = solved(T_S)[1][:-1]
+    motions = {"a.csv": right, "b.csv": wrong, "c.csv": late}
+    files = [write(tmp_path / name, T_S, motion) for name, motion in motions.items()]
     document = judgement_document(rank(files, body=BODY))
-    said = [part.text for part in document.parts if isinstance(part, Sentence) and "rows is off" in part.text]
-    assert [text.partition(" of 201")[0] for text in said] == ["b.csv: Only 1"]
+    texts = [part.text for part in document.parts if isinstance(part, Sentence)]
+    said = sorted(text for text in texts if text.startswith(tuple(f"{name}: " for name in motions)))
+    assert [text.partition(" of 201")[0].partition(" behind")[0] for text in said] == [
+        "b.csv: Only 1",
+        "c.csv: Omega is one row",
+    ]
 
 
 def test_files_of_the_same_name_are_told_apart_by_their_folders(tmp_path: Path) -> None:
