@@ -118,6 +118,7 @@ def _places(file: str, text: str) -> Iterator[tuple[str, str, str]]:
     yield from visit(tree, ())
 
 
+@pytest.mark.slow
 def test_every_place_that_starts_or_imports_is_listed() -> None:
     """A new place fails this test until PLACES states why no text of a stranger gets there."""
     sources = {path.relative_to(PACKAGE).as_posix(): path.read_text() for path in PACKAGE.rglob("*.py")}
@@ -268,6 +269,7 @@ CASES: dict[str, Callable[[Path], list[str]]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_data_starts_nothing_without_permission(
     case: str, folder: Path, stored_run: Path, expected_message: ExpectedMessage

@@ -62,6 +62,7 @@ def test_fast_tests_run_unless_others_are_named(
     assert reported == run
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("processes", ["0", "2"])
 def test_the_session_ends_with_what_it_left_out(
     processes: str, project: pytest.Pytester, monkeypatch: pytest.MonkeyPatch

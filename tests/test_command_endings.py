@@ -102,6 +102,7 @@ def test_wrong_usage_is_printed_escaped(tmp_path: Path) -> None:
     assert all(line.isprintable() for line in done.stderr.split("\n"))
 
 
+@pytest.mark.slow
 @given(st.text())
 def test_printable_line_is_printable_and_short(text: str) -> None:
     """Any text becomes one line of at most 500 characters; printable text is unchanged."""

@@ -360,6 +360,7 @@ def inline_commands() -> list[str]:
     return sorted(within | {line for line in NOT_RUN if "&&" not in line and line.startswith("body")})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", [line for line in inline_commands() if line.startswith("bodycheck ")])
 def test_command_within_the_text_has_existing_options(line: str) -> None:
     """The command and its options exist; values may be omitted or written in capitals."""
@@ -481,6 +482,7 @@ def test_formula_that_a_page_states_is_the_map_that_was_measured(engine: str) ->
         assert found.startswith(expected) or (not found and named_map(expected) is None), name
 
 
+@pytest.mark.slow
 def test_pages_of_engines_are_written_from_a_run() -> None:
     """The tables have the orders, floors, refusals and faults of a run; a second writing changes nothing."""
     write = runpy.run_path(str(ROOT / "docs/engine_results.py"))

@@ -50,6 +50,7 @@ def test_unwritable_output_is_refused_before_the_run(
     assert [path.name for path in tmp_path.iterdir()] == ["gates.toml"]
 
 
+@pytest.mark.slow
 def test_unwritable_tolerance_file_is_refused_before_the_run(tmp_path: Path) -> None:
     """A file in a read-only folder gives one line and status 2 and is left unchanged."""
     (tmp_path / "gates.toml").write_text(GATES)

@@ -339,6 +339,7 @@ def test_failing_step_function_fails_its_test(inner: pytest.Pytester, body: str,
     )
 
 
+@pytest.mark.slow
 def test_step_function_does_not_run_a_body_with_a_pivot(inner: pytest.Pytester) -> None:
     """It gets no force of the pivot, so even a correct function would not follow the truth."""
     inner.makepyfile(
@@ -441,6 +442,7 @@ def test_markers_of_module_class_and_function_are_combined(inner: pytest.Pyteste
     run(inner, "--bodycheck-engines", "mujoco:euler").assert_outcomes(passed=2)
 
 
+@pytest.mark.slow
 def test_marked_method_runs_on_each_engine_of_the_option(inner: pytest.Pytester) -> None:
     """The method of the marker takes precedence over those of the option."""
     inner.makepyfile(
@@ -536,6 +538,7 @@ reason = "starts a program"
 """
 
 
+@pytest.mark.slow
 def test_program_of_a_gate_starts_only_if_allowed(
     inner: pytest.Pytester, expected_message: ExpectedMessage
 ) -> None:

@@ -209,6 +209,7 @@ def test_run_that_cannot_be_resumed_is_refused(command: Command, tmp_path: Path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.toml", "out.partial", "package"]
 
 
+@pytest.mark.slow
 def test_run_whose_scenario_has_changed_is_not_continued(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
 ) -> None:

@@ -87,6 +87,7 @@ def test_a_change_names_its_range_of_commits() -> None:
     assert "ommits" not in " ".join(sentences(unknown))
 
 
+@pytest.mark.slow
 def test_the_commit_is_stored_with_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By the option, or by the environment."""
     (tmp_path / "mine.toml").write_text(SCENARIO)

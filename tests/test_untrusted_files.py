@@ -52,6 +52,7 @@ OPENERS = {
 """Files that open something beside `open_input` -> what."""
 
 
+@pytest.mark.slow
 def test_every_file_that_opens_something_is_listed() -> None:
     """A module that opens files fails this test until OPENERS states why no stranger names them."""
     found = set()
@@ -130,6 +131,7 @@ def folder(tmp_path: Path, stored_run: Path, stored_history: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "kind", ["pipe", *(pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS if kind != "pipe")]
 )

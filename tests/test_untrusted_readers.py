@@ -38,6 +38,7 @@ def test_size_is_checked_before_anything_is_read(suffix: str, tmp_path: Path) ->
         load_mesh(path, 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("depth", [300, 330, 500, 700, 900, 1000, 100_000])
 @pytest.mark.parametrize("kind", ["objects", "lists"])
 def test_nested_json_is_read_or_refused_in_one_line(depth: int, kind: str, tmp_path: Path) -> None:
@@ -117,6 +118,7 @@ BOMBS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", BOMBS)
 def test_size_of_parquet_in_memory_is_checked(kind: str, tmp_path: Path) -> None:
     """Kilobytes that unpack to gigabytes are not read where no map uses them, and refused where one does."""

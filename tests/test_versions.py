@@ -155,6 +155,7 @@ def test_zeros_at_the_end_of_a_version_do_not_matter() -> None:
     assert announced(["toy==2.0.0"])["toy==2.0.0"].name == "toy==2.0.0"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("toy")
 @pytest.mark.parametrize(
     ("engine", "reported"),

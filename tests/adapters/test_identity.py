@@ -332,6 +332,7 @@ def test_identity_changes_with_each_room_of_bodycheck(room: str, monkeypatch: py
     assert {name for name in before.parts if before.parts[name] != after.parts[name]} == {"bodycheck"}
 
 
+@pytest.mark.slow
 def test_libraries_are_the_mapped_files_with_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A library with the name of another one is listed with its path; without /proc there are none."""
     (tmp_path / "maps").write_bytes(MAPS)

@@ -28,6 +28,7 @@ def loaded_tree() -> TreeScene:
     return replace(scene, loads=tuple(loads))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "order"), [("m1", 1), ("rk4", 4)])
 def test_steps_converge_with_their_order(method: str, order: int) -> None:
     """Halved steps divide the error of a loaded tree by 2^order, within 8 %."""

@@ -94,6 +94,7 @@ def _random(seed: int, **options: bool) -> TreeScene:
     return replace(tree, bodies=tuple(bodies), duration_s=_STEPS * _DT_S, samples=2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("name", _METHODS)
 def test_a_method_makes_the_map_of_its_formula(name: str, seed: int) -> None:

@@ -701,6 +701,7 @@ def _sentences(found: Audit) -> list[Sentence]:
     return [part for part in audit_document(found).parts if isinstance(part, Sentence)]
 
 
+@pytest.mark.slow
 def test_file_that_no_importer_reads_counts_against_it(tmp_path: Path) -> None:
     """No difference was found because nothing was compared, which the first sentence states."""
     more = f'<inertial><mass value="3"/><inertia {_GOOD}/></inertial>'

@@ -31,6 +31,7 @@ def test_unit_tetrahedron_has_the_textbook_values(shift: np.ndarray) -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["mass", "centre", "inertia"])
 def test_wrong_solid_is_detected(fault: str) -> None:
     """A part in 10^9 in mass, centre or inertia is detected."""

@@ -204,6 +204,7 @@ def test_impossible_tensor_is_confirmed_exactly(tmp_path: Path) -> None:
         assert bool(confirmation(path, triangle)) == bool(k % 2)
 
 
+@pytest.mark.slow
 def test_imports_are_counted_by_state_and_cause(tmp_path: Path) -> None:
     """A row without a cause counts all in a state; causes are counted without numbers, names and issues."""
     link = (
@@ -330,6 +331,7 @@ def plain(text: str) -> str:
     return text.replace("&lt;", "<").replace("\\*", "*")
 
 
+@pytest.mark.slow
 def test_pages_have_every_finding(tmp_path: Path) -> None:
     """The index counts and links each finding, its engine's page has all of it, and old pages are removed."""
     (tmp_path / "withdrawn-engine.md").write_text("old")

@@ -697,6 +697,7 @@ def test_ensemble_command_runs_an_engine_in_workers(tmp_path: Path) -> None:
     assert text.stdout == (tmp_path / f"found/worst/row-{worst[0]['row']}.toml").read_text()
 
 
+@pytest.mark.slow
 def test_figure_has_one_colour_per_engine_and_one_dash_per_method() -> None:
     """The colours are those of the report, whatever else is drawn."""
     sketch = QuantileSketch()

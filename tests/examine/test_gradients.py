@@ -121,6 +121,7 @@ def test_sensitivity_agrees_with_differences_of_fifty_digit_motions(name: str) -
     assert np.max(np.abs(sensitivity(scene) - expected)) < 1e-10
 
 
+@pytest.mark.slow
 def test_a_healthy_derivative_is_right() -> None:
     """The derivative of M1 by hand is that of its motion, and the distance to the exact one halves."""
     with registered(Differentiated()):
@@ -161,6 +162,7 @@ def test_a_wrong_factor_is_named(factor: float, says: str, healthy: dict[str, Ar
     assert says in cause
 
 
+@pytest.mark.slow
 def test_a_wrong_derivative_fails_the_command(tmp_path: Path) -> None:
     """The command names the missing term, with status 1."""
     with registered(Differentiated(missing=TERMS[2])):
@@ -169,6 +171,7 @@ def test_a_wrong_derivative_fails_the_command(tmp_path: Path) -> None:
     assert f"differentiated:m1: {TERMS[2]} is missing" in result.stdout
 
 
+@pytest.mark.slow
 def test_an_engine_without_derivatives_is_unsupported(tmp_path: Path) -> None:
     """The command says that an engine computes none, with status 0."""
     result = run_bodycheck(tmp_path, "gradients", "reference:m1", "--json")

@@ -29,6 +29,7 @@ def bodies(n: int, seed: int = 1) -> tuple[Array, Array, Array]:
     return state, rng.uniform(1.0, 1.9, size=(3, n)), rng.normal(size=(3, n))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [0, 1, 2, 7, WIDTH - 1, WIDTH, WIDTH + 1, 2 * WIDTH + 5])
 @every_method
 def test_each_body_moves_as_alone(method: BatchMethod, n: int) -> None:

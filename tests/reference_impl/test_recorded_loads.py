@@ -80,6 +80,7 @@ def test_recorded_wrench_equals_that_of_the_kernel(load: ContinuousLoad, seed: i
     np.testing.assert_allclose(recorded, known, rtol=0, atol=4e-15 * max(1.0, np.max(np.abs(known))))
 
 
+@pytest.mark.slow
 @every_load
 @pytest.mark.parametrize("pivot", [None, PIVOT], ids=["free", "pivoted"])
 def test_recorded_truth_equals_that_of_the_kernel(load: ContinuousLoad, pivot: Array | None) -> None:

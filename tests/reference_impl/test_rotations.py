@@ -379,6 +379,7 @@ def test_zero_vector_is_normalised_to_nan() -> None:
 # ------------------------------------------------------------------------------------------- rates
 
 
+@pytest.mark.slow
 @law
 @given(quaternions, vectors)
 def test_rates_are_the_derivatives_of_exp(q: Array, omega: Array) -> None:

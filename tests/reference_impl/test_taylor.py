@@ -293,6 +293,7 @@ def test_doubles_are_right_to_their_round_off(name: str) -> None:
         assert np.max(distances(solution, row, expected)) <= 10.0 * EPS * 4.0
 
 
+@pytest.mark.slow
 @every_load
 def test_truth_lies_within_its_bounds(name: str) -> None:
     """A certified truth is within bound_rad of forty digits, and that bound is below 1e-15 rad."""

@@ -103,6 +103,7 @@ def askew(inertia: Array) -> Array:
 # ----------------------------------------------------------------------------------------------- accuracy
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.nightly] * (name in OWN_KERNEL)) for name in LOADS]
 )

@@ -142,6 +142,7 @@ def test_plate_with_a_hole_keeps_its_triangles() -> None:
     assert sorted(outline) == [0, 1, 2, 3]
 
 
+@pytest.mark.slow
 def test_many_triangles_in_a_file_reach_the_scenario(tmp_path: Path) -> None:
     """A mesh file of 22,000 triangles is kept with at most 600 in the run."""
     vertices, triangles = bumpy_sphere(75)

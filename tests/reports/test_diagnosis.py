@@ -185,6 +185,7 @@ def test_a_body_that_never_moves_is_diagnosed(tmp_path: Path) -> None:
     assert found.verdict != "healthy"
 
 
+@pytest.mark.slow
 def test_a_step_too_short_to_be_examined_costs_nothing() -> None:
     """The grid of a step of 0.1 ns would take more memory than there is."""
     problem = problem_of("full-tensor")
@@ -192,6 +193,7 @@ def test_a_step_too_short_to_be_examined_costs_nothing() -> None:
     assert found is None or found.base == "exact"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "base", "fault", "name", "value"),
     [
@@ -258,6 +260,7 @@ def test_a_fault_of_an_unknown_map_is_stated_as_it_is() -> None:
     assert found.share < 0.995
 
 
+@pytest.mark.slow
 def test_faults_that_a_scene_cannot_tell_apart_are_one_class() -> None:
     """Without a torque, a missing gyroscopic term and a sphere both keep omega; with one they differ."""
     free = diagnosis_of("full-tensor", motion_of("full-tensor", "m1", ["no-gyroscopic-term"]), 1)
@@ -286,6 +289,7 @@ def test_maps_of_the_order_of_the_method_come_first(order: int, name: str) -> No
     assert {base.name for base in bases_for(order)} == {"midpoint", "rk4", "exact"}
 
 
+@pytest.mark.slow
 def test_of_two_known_faults_only_those_with_an_effect_are_named() -> None:
     """A limit that another motion of the method reaches, and this one does not, is not named here."""
     motion = motion_of("full-tensor", "m1", ["damping-angular-1e-3"])
@@ -320,6 +324,7 @@ def test_two_specific_faults_are_named_rather_than_a_general_one(
     assert found.share > 0.9999
 
 
+@pytest.mark.slow
 def test_each_pair_that_makes_the_same_motion_is_named_once() -> None:
     """Each of the two faults has an equivalent one here: four pairs, whatever the order within a pair."""
     motion = motion_of("body-torque", "m1", ["torque-frozen", "first-step-free"])
@@ -457,6 +462,7 @@ def test_methods_that_broke_down_are_listed_without_a_diagnosis(tmp_path: Path) 
     assert "unstable: " in as_markdown(explanation_document(cases))
 
 
+@pytest.mark.slow
 def test_a_run_in_which_nothing_was_measured_is_not_healthy(tmp_path: Path) -> None:
     """Each unsupported method is listed, with the reason, and nothing has the tint of a good result."""
     engine = FaultyMap("m1", [])

@@ -78,6 +78,7 @@ KEPT = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", KEPT)
 def test_truth_conserves_the_invariants_of_its_scene(name: str) -> None:
     """Each invariant is constant along the truth to 1e-14 of its size."""

@@ -212,6 +212,7 @@ def test_an_unknown_map_is_described_by_its_leading_error() -> None:
     assert found.residual == 0.0  # the distance to another map excuses no violation
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gain", [1e3, 1e40, 1e150, 1e300])
 def test_a_map_that_diverges_is_unknown_or_not_measured(gain: float) -> None:
     """Many maps cannot be evaluated at states whose energy grows beyond all bounds."""
@@ -239,6 +240,7 @@ def test_a_map_that_does_not_exist_for_a_state_is_far(monkeypatch: pytest.Monkey
     assert found_for(missing.step).name != missing.name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spin", [80.0, 1e4, 1e160, np.inf])
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_a_step_without_a_solution_is_no_error(spin: float) -> None:

@@ -123,6 +123,7 @@ def test_attitudes_that_resolve_nothing_are_not_called_true(tmp_path: Path) -> N
         assert "true one for" not in conclusion(ranked, None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("factor", "said"), [(1.0, False), (1.02, True)])
 def test_a_quaternion_that_is_not_normalised_is_said_to_be(factor: float, said: bool, tmp_path: Path) -> None:
     """The attitude of q/|q| is right, so that no error of the motion shows the factor."""
@@ -131,6 +132,7 @@ def test_a_quaternion_that_is_not_normalised_is_said_to_be(factor: float, said: 
     assert ("not normalised: |q| differs from 1 by up to 2 %" in text) == said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("digits", ["%.17g", "%.6f"])
 def test_a_wrong_omega_beside_a_right_attitude_is_stated_first(digits: str, tmp_path: Path) -> None:
     """The attitude alone would be called right, to 1e-12 rad or to the digits of the file."""
@@ -183,6 +185,7 @@ def test_attitude_and_omega_of_different_rows_are_said_to_be(
     assert explained.diagnosis is None
 
 
+@pytest.mark.slow
 def test_a_wrong_motion_is_not_called_right_but_for_a_row(tmp_path: Path) -> None:
     """Damped, with an omega that is one row late as well: both are wrong."""
     q, w = stepped(T_S, 5, 0.05)
@@ -190,6 +193,7 @@ def test_a_wrong_motion_is_not_called_right_but_for_a_row(tmp_path: Path) -> Non
     assert "one row behind" not in told(judged(write(tmp_path / "sim.csv", T_S, (q, late))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("first", "rows", "said"), [(50, 1, True), (200, 1, True), (50, 3, False)])
 def test_one_wrong_row_is_not_taken_for_the_motion(first: int, rows: int, said: bool, tmp_path: Path) -> None:
     """One of 201 rows is said to be off, also the last; more than a hundredth of them are no outliers."""
@@ -200,6 +204,7 @@ def test_one_wrong_row_is_not_taken_for_the_motion(first: int, rows: int, said: 
     assert "noise" not in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rows", "said"), [(2, False), (4, False), (5, True)])
 def test_one_of_few_rows_that_is_off_is_no_exception(rows: int, said: bool, tmp_path: Path) -> None:
     """A body that stands still where the truth has turned by the last row, once there are few rows."""
@@ -263,6 +268,7 @@ def test_a_wrong_first_row_is_not_taken_for_the_motion(what: str, digits: str, t
     assert "Only the first row" not in told(judged(write(tmp_path / "damped.csv", T_S, (damped, slowed))))
 
 
+@pytest.mark.slow
 def test_an_error_that_grows_up_to_the_last_row_is_one_of_the_motion(tmp_path: Path) -> None:
     """Only the last rows of a damped motion are far off, but those before come near to them."""
     t_s = np.arange(201) * 0.002
@@ -270,6 +276,7 @@ def test_an_error_that_grows_up_to_the_last_row_is_one_of_the_motion(tmp_path: P
     assert "rows" not in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("damping", "word"), [(0.05, "loses"), (-0.05, "gains")])
 def test_a_damped_motion_is_named_with_what_it_loses(damping: float, word: str, tmp_path: Path) -> None:
     """The lines have the distance, the cause and the conservation; a gain is not a loss."""
@@ -323,6 +330,7 @@ def test_a_tensor_and_gravity_are_read(tmp_path: Path) -> None:
     assert judged(path).rows[0]["position_error"] > 0.1
 
 
+@pytest.mark.slow
 def test_rates_alone_are_judged_by_energy_and_omega(tmp_path: Path) -> None:
     """Without an attitude, momentum and orientation are left out, and not diagnosed."""
     _, w = stepped(T_S, 5, 0.05)
@@ -439,6 +447,7 @@ def test_the_page_draws_the_motion_and_fits_its_window(width: int, chromium: Bro
     assert errors == []
 
 
+@pytest.mark.slow
 def test_conservation_is_judged_from_the_first_row_whatever_the_scenario_starts_with(tmp_path: Path) -> None:
     """A motion that starts elsewhere conserves what it has, although it is far from the truth."""
     scenario = tmp_path / "other.toml"
@@ -491,6 +500,7 @@ def test_wrong_rows_of_one_of_several_files_are_stated(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_files_of_the_same_name_are_told_apart_by_their_folders(tmp_path: Path) -> None:
     """Every sentence and every line of a figure names one file."""
     paths = []
@@ -542,6 +552,7 @@ def test_a_lost_attitude_is_named_and_not_the_omega_that_is_derived_from_it(
     assert re.search(rf"quaternion {reason} t = 2 s", text)
 
 
+@pytest.mark.slow
 def test_a_reading_of_attitudes_alone_is_the_one_that_conserves_momentum(tmp_path: Path) -> None:
     """Conjugates rotate another body; damping is no reading, so that no cause is named."""
     attitude, _ = solved(T_S)
@@ -554,6 +565,7 @@ def test_a_reading_of_attitudes_alone_is_the_one_that_conserves_momentum(tmp_pat
     assert "No wrong reading of the attitudes explains it" in text
 
 
+@pytest.mark.slow
 def test_a_position_without_a_velocity_is_not_compared_and_this_is_stated(
     tmp_path: Path, expected_message: ExpectedMessage
 ) -> None:

@@ -90,6 +90,7 @@ def test_no_healthy_method_is_reported(saturating: bool) -> None:
         assert judged(steps, motions) != "does-not-converge"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("whole_motions", [True, False])
 def test_plateau_is_reported(whole_motions: bool) -> None:
     """Of 200 motions flat to a fifth over their three finest steps, at least 95 % are reported.

@@ -101,6 +101,7 @@ def test_a_small_run_has_one_page(run: Run) -> None:
     assert [path for path, _ in report.report_pages(run)] == [FIRST]
 
 
+@pytest.mark.slow
 def test_pages_have_a_limited_size(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     """No page exceeds the limit by more than what all pages have; scenarios are in the order of the run."""
     monkeypatch.setattr(report, "_ONE_PAGE", 2_000_000)
@@ -196,6 +197,7 @@ def test_a_folder_of_other_files_is_not_replaced(
     assert files_in(tmp_path) == {f"report-files/{name}": "mine", FIRST: "new"}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_each")
 def test_a_nightly_run_has_all_pages_of_its_report(run: Run, tmp_path: Path) -> None:
     """They are sealed with the run, so that a changed one is found, and removed with it."""

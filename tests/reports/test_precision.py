@@ -74,6 +74,7 @@ def problem_of(name: str) -> Problem:
     return Problem.of(load_scenario(name), name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_single_precision_method_is_the_double_one_to_float32(name: str) -> None:
     """After one step each number is a float32 within four roundings of the double method's number."""

@@ -79,6 +79,7 @@ def accused(rows: Mapping[str, Mapping[str, Any]]) -> set[str]:
 HEALTHY = [param for param in methods() if param.id != DAMPED]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("adapter", "method"), HEALTHY)
 def test_no_healthy_method_is_reported(adapter: Adapter, method: str) -> None:
     """Each check of each method is consistent by a factor of ten, those of methods without loads too."""
@@ -430,6 +431,7 @@ def test_every_run_has_the_probes_of_its_methods() -> None:
     }
 
 
+@pytest.mark.slow
 def test_probes_of_a_stored_run_are_read_back(tmp_path: Path) -> None:
     """probes.csv has the findings to the last digit; an older run without it has no rows."""
     run = small_run()

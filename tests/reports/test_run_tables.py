@@ -45,6 +45,7 @@ def request_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Request:
     return Request(scenarios=[str(tmp_path / "mine.toml")], engines=engines, dt_s=[0.1, 0.05], speed=False)
 
 
+@pytest.mark.slow
 def test_a_new_table_is_found_wherever_tables_are(request_here: Request, tmp_path: Path) -> None:
     """It is written, read, an attribute of runs, renamed, merged and printed, without another declaration."""
     run, _ = run_to_folder(request_here, tmp_path / "whole", no_progress)

@@ -142,6 +142,7 @@ def test_the_truth_of_a_tree_balances_its_energy(name: str) -> None:
         assert np.max(np.abs(balance[0])) <= max(10.0 * balance[1], 1e-12 * problem.scales.energy_scale_j)
 
 
+@pytest.mark.slow
 def test_a_tree_that_is_far_from_the_truth_shows_no_order() -> None:
     """Where attitudes of the arm are radians off, its other errors and its drifts have no order."""
     steps = [3.125e-3, 1.5625e-3, 7.8125e-4, 3.90625e-4]
@@ -220,6 +221,7 @@ def test_the_page_states_the_shared_map_before_any_fold(chain: Run) -> None:
     assert "5 methods of 3 engines are semi-implicit Euler (M1)" in findings
 
 
+@pytest.mark.slow
 def test_a_false_momentum_is_stated_first() -> None:
     """Of two trees, the free one comes first, although the errors of the other are larger."""
     engines = ["mujoco:euler", "dart"]
@@ -274,6 +276,7 @@ def test_methods_that_make_another_map_of_trees_are_named() -> None:
     assert "mujoco:euler" not in sentence
 
 
+@pytest.mark.slow
 def test_advice_compare_and_gates_take_a_stored_run_of_a_tree(chain: Run, tmp_path: Path) -> None:
     """Each answers about the tree without code of its own."""
     write_run(chain, tmp_path / "run")

@@ -122,6 +122,7 @@ def meshed(path: Path) -> tuple[Array, Triangles]:
         return parse_mesh(path, file)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", GOOD)
 def test_each_format_gives_the_same_triangles(case: str, tmp_path: Path) -> None:
     """Every notation of the corner of a box gives the same triangles, bit for bit."""
@@ -459,6 +460,7 @@ def test_touching_parts_are_counted_once_each() -> None:
     assert body.notes == ("the mesh has 5 closed surfaces; none was found to cross another",)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [

@@ -350,6 +350,7 @@ acceleration_m_s2 = [0, 0, -9.81]
 """
 
 
+@pytest.mark.slow
 def test_one_file_adds_a_kind_of_joint(tmp_path: Path) -> None:
     """The reader and the dynamics know a cylindrical joint: a slide and a hinge by a link without mass."""
     (tmp_path / "cylinder.py").write_text(_CYLINDER)

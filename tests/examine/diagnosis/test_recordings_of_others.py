@@ -65,6 +65,7 @@ def test_a_start_in_the_other_axes_is_not_a_reading(expected_message: ExpectedMe
     expected_message(found.start.sentence)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("file", ["full.csv", "six-decimals.csv"])
 def test_a_map_is_named_to_the_digits_of_the_file(file: str) -> None:
     """Rounding to six decimals is no float32; of 820 maps, only those that equal M1 here are listed."""
@@ -83,6 +84,7 @@ def test_a_log_that_begins_after_the_first_step_is_late() -> None:
     assert set(found.start.sizes) == {"attitude", "omega"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "name"),
     [
@@ -134,6 +136,7 @@ def listed(found: Diagnosis) -> set[tuple[str, ...]]:
     return {tuple(fault.name for fault in found.faults), *found.alike_names}
 
 
+@pytest.mark.slow
 def test_a_free_motion_determines_the_tensor_up_to_a_factor() -> None:
     """xy and xz of the file's body are exchanged: five numbers are determined, at the same trace."""
     found = diagnosis_of("04", "free-swapped-xy-xz.csv", "free.toml", 0.01)
@@ -144,6 +147,7 @@ def test_a_free_motion_determines_the_tensor_up_to_a_factor() -> None:
     assert values == pytest.approx({"xx": 0.0, "yy": 0.0, "xy": change, "xz": -change, "yz": 0.0}, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_torque_determines_the_whole_tensor() -> None:
     """Under a torque, all six numbers are determined."""
     found = diagnosis_of("04", "torque-swapped-xy-xz.csv", "torque.toml", 0.01)
@@ -151,6 +155,7 @@ def test_a_torque_determines_the_whole_tensor() -> None:
     assert all(np.isfinite(parameter.high) for parameter in found.faults[0].parameters)
 
 
+@pytest.mark.slow
 def test_damping_after_the_kick_is_one_fault() -> None:
     """omega+ = (1 - 0.05 h)(omega + h omega') is no pair of damping and another gyroscopic term."""
     found = diagnosis_of("07", "damped.csv", "top.toml", 0.01)
@@ -160,6 +165,7 @@ def test_damping_after_the_kick_is_one_fault() -> None:
     assert 0.0 < rate.high - rate.low < 1e-9
 
 
+@pytest.mark.slow
 def test_only_the_arm_across_the_force_is_determined() -> None:
     """The arm was longer by (0, 0, 0.05) m: the fault is that vector but for a part along the force."""
     found = diagnosis_of("08", "off.csv", "lever.toml", 0.01)
@@ -173,6 +179,7 @@ def test_only_the_arm_across_the_force_is_determined() -> None:
     assert all(np.isinf(parameter.high) for parameter in fault.parameters)
 
 
+@pytest.mark.slow
 def test_a_force_by_the_transpose_is_named() -> None:
     """R^T F in place of R F; the right motion of the same scene is healthy."""
     found = diagnosis_of("09", "body-force-by-transpose.csv", "body.toml", 0.01)
@@ -181,6 +188,7 @@ def test_a_force_by_the_transpose_is_named() -> None:
     assert (right.verdict, right.base) == ("healthy", "M1")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("file", ["inverse-of-the-inertia.csv", "six-decimals.csv"])
 def test_equal_diagnoses_are_always_listed_together(file: str) -> None:
     """For a sphere, more torque and less inertia are one motion, at any digits."""
@@ -218,6 +226,7 @@ def test_the_reason_why_nothing_is_examined_is_the_one_that_applies(
     expected_message(one.reason)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reversed_axis", [None, "y"])
 def test_a_log_of_gyro_rates_alone_is_examined(reversed_axis: str | None, tmp_path: Path) -> None:
     """Free rates need no attitude; the flipped axis is named, and nothing that the file lacks."""
@@ -277,6 +286,7 @@ def solved_rates(solver: str, tolerance: float, *, damping: float = 0.0, inertia
     return np.asarray(found.y.T)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [0.05, -0.02])
 def test_damping_of_a_map_is_named_without_its_step(rate: float, tmp_path: Path) -> None:
     """Steps of h = 0.01 s of omega+ = omega + h (omega' - rate omega) are no exact motion of a solver."""
@@ -318,6 +328,7 @@ def test_the_errors_of_a_coarse_solver_hide_no_fault(solver: str, fault: str, tm
     assert named & ({"smallest-moment"} if fault == "another moment" else {"damping-angular"})
 
 
+@pytest.mark.slow
 def test_an_attitude_half_a_step_late_is_named(tmp_path: Path) -> None:
     """Row k has omega after k steps of M1, and the attitude after k - 1 steps and one of half the length."""
 
@@ -366,6 +377,7 @@ def test_noise_hides_no_other_tensor(fault: str, tmp_path: Path) -> None:
     assert (fault,) in listed(diagnosis_of_rates(tmp_path, noisy_rates(inertia=inertia)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 1.0])
 def test_the_bias_of_a_gyro_is_named(noise: float, tmp_path: Path) -> None:
     """A constant that is added to omega is found with and without noise, within its interval."""
@@ -377,6 +389,7 @@ def test_the_bias_of_a_gyro_is_named(noise: float, tmp_path: Path) -> None:
         assert one.value == pytest.approx(planted, abs=3.0 * (one.high - one.value) + 1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [1, 10])
 def test_degrees_are_named_where_they_would_turn_the_body_between_samples(rows: int, tmp_path: Path) -> None:
     """Omega in degrees per second, 2 and 21 rad a sample if taken for rad/s, is no factor of nearly 57."""
@@ -400,6 +413,7 @@ def test_degrees_are_named_where_they_would_turn_the_body_between_samples(rows: 
     assert "degrees per second" in found.sentence
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stepped", [True, False])
 def test_a_wrong_fall_is_no_strapdown_integration(stepped: bool, tmp_path: Path) -> None:
     """A body that spins about one axis satisfies every rule for attitudes, and yet falls 2 % too slowly."""
@@ -508,6 +522,7 @@ def diagnosis_of_matrices(folder: Path, factor: float, *, additive: bool, digits
     return found
 
 
+@pytest.mark.slow
 def test_matrices_that_lost_their_orthogonality_are_those_of_a_map(tmp_path: Path) -> None:
     """A map that multiplies by them is far from the exact motion, however small its step: it is tried."""
     found = diagnosis_of_matrices(tmp_path, 1.0, additive=True, digits="%.6f")
@@ -568,6 +583,7 @@ def mapped_rates(steps: int, *, midpoint: bool, damping: float = 0.0) -> Array:
     return np.array(omega)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [2, *(pytest.param(steps, marks=NIGHTLY) for steps in (4, 10))])
 def test_several_steps_per_sample_are_found_without_the_step(steps: int, tmp_path: Path) -> None:
     """n steps of a map leave 1 / n of the error of one; rates alone are enough to see it."""

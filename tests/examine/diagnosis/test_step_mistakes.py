@@ -139,6 +139,7 @@ OF_LOADS = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "mistake", "unit"),
     [

@@ -77,6 +77,7 @@ def diagnosis_of(
     return diagnosis
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("row", "stage", "name"),
     [
@@ -96,6 +97,7 @@ def test_a_wrong_stage_is_named_with_its_place(row: tuple[float, ...], stage: in
     assert not found.alike
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("weights", "name"),
     [
@@ -154,6 +156,7 @@ def test_a_last_stage_at_half_of_the_step_is_named_without_an_order(matrix: bool
 EVERY_STAGE = "RK4, additive quaternion renormalised in every stage"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [None, 4])
 def test_a_right_tableau_that_normalises_in_every_stage_is_healthy(order: int | None) -> None:
     """Without an order, the map is named."""
@@ -163,6 +166,7 @@ def test_a_right_tableau_that_normalises_in_every_stage_is_healthy(order: int | 
         assert found.base == EVERY_STAGE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("a", "b", "order", "name"),
     [

@@ -46,6 +46,7 @@ def test_planted_fault_is_named(fault: PlantedTreeFault) -> None:
     check_named(fault)
 
 
+@pytest.mark.slow
 def test_stale_matrix_is_named() -> None:
     """A mass matrix that keeps the masses from before a change is named as such."""
     check_named(next(one for one in PLANTED if one.name == _FAST))
@@ -127,6 +128,7 @@ def test_command_answers_first_and_as_json(tmp_path: Path) -> None:
     assert found["trees"] == ["cart-pole", "cart-pole, changed mass"]
 
 
+@pytest.mark.slow
 def test_page_of_several_engines_shows_each_and_its_readings(tmp_path: Path) -> None:
     """The page has the answer of each engine, the table of all, and is written beside a wrong reading."""
     asked = ("dynamics", "mujoco,dart", "cart-pole", "--html", "page.html")
@@ -150,6 +152,7 @@ def test_links_between_two_joints_of_one_link_have_no_mass(tmp_path: Path) -> No
     assert {one.verdict for one in found.readings} == {"right"}
 
 
+@pytest.mark.slow
 def test_gates_bound_readings(tmp_path: Path) -> None:
     """A gate of dynamics.<reading> passes or fails by the worst deviation, and one without a value fails."""
     gates = tmp_path / "gates.toml"

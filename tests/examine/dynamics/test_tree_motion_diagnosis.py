@@ -45,6 +45,7 @@ def test_hypotheses_move_as_the_maps_of_the_catalogue(name: str) -> None:
         assert max(np.max(np.abs(part), initial=0.0) for part, _ in left) < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", [one for one in FAULTS if one.name in _QUICK], ids=lambda one: one.name)
 def test_fault_of_a_moving_tree_is_named(fault: MotionFault) -> None:
     """A fault planted in MuJoCo stands first, with its parameters within 5 %."""
@@ -80,6 +81,7 @@ def test_a_map_of_lower_order_than_the_method_states_is_named() -> None:
     assert (found.verdict, found.base) == ("lower-order", "M1")
 
 
+@pytest.mark.slow
 def test_what_follows_a_breakdown_is_not_examined() -> None:
     """An engine that goes on from what is no longer finite has no fault up to then."""
     ((_, tree),) = load_trees("double-pendulum")
@@ -107,6 +109,7 @@ def test_dart_is_silent_on_a_motion_that_diverges(capfd: pytest.CaptureFixture[s
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 def test_explain_names_the_map_of_a_tree(tmp_path: Path) -> None:
     """`explain --case` of a tree examines its motion."""
     run_bodycheck(

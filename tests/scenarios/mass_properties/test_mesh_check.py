@@ -224,6 +224,7 @@ def test_closed_mesh_is_not_searched_for_slits(meshes: Any) -> None:
     assert mesh.notes == ()
 
 
+@pytest.mark.slow
 def test_parts_that_share_an_edge_are_separated(meshes: Any, joined: Any) -> None:
     """Two boxes with a common edge of four triangles are two boxes, even if they are inside-out."""
     one, other = meshes.box(), meshes.box((1.0, 1.0, 0.0), (2.0, 2.0, 1.0))
