@@ -239,8 +239,8 @@ class PyBulletTree(TreeModel):
         return np.array(found)
 
     def step(self, dt_s: float) -> tuple[Array, Array]:
-        """stepSimulation."""
-        pybullet.setTimeStep(dt_s, **self._at)
+        """stepSimulation, as one step: the substeps of a motion survive resetSimulation."""
+        set_substeps(self._at["physicsClientId"], dt_s, 1)
         pybullet.stepSimulation(**self._at)
         q, u = self.state()
         self._q, self._u, self._has_stepped = q, u, True

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bodycheck.adapters.contract import Adapter
+from bodycheck.adapters.contract import Adapter, Setting
+from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reading_names import READINGS
 from bodycheck.adapters.registry import get_adapter
 from bodycheck.adapters.tree_contract import TreeModel, UnreportedError, depth_first, jointed_links
@@ -96,10 +97,15 @@ def test_pybullet_has_a_wrong_wrench_in_motion_only() -> None:
 
 
 def test_pybullet_reports_a_late_wrench() -> None:
-    """After a step from rest, PyBullet's and MuJoCo's wrenches of a pendulum are one step late."""
+    """After a step from rest, PyBullet's and MuJoCo's wrenches of a pendulum are one step late.
+
+    A motion before it, in steps of many substeps, changes nothing.
+    """
     body = TreeBody("rod", 2.0, np.diag([0.1, 0.1, 0.01]), Joint("hinge", at_body=np.array([0.0, 0.0, 0.5])))
     joint = Joint("hinge", at_body=np.array([0.0, 0.0, 0.5]), axis=np.array([0.0, 1.0, 0.0]))
     scene = TreeScene((TreeBody("rod", body.mass, body.inertia, joint),), (), np.array([0, 0, -9.81]), 1.0, 2)
+    moved = record(get_adapter("pybullet"), Case(scene, "multibody@substeps", Setting(dt_s=0.01)))
+    assert moved.outcome == "ok"
     for engine in ("pybullet", "mujoco"):
         assert read(get_adapter(engine), scene).stage("wrenches") == "start"
 
