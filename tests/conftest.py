@@ -2,17 +2,14 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
 
 import bodycheck
-from bodycheck.adapters.contract import Method, Simulation
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.registry import registered
 from bodycheck.reference_impl.precompile import compile_kernels
-from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.render import progress
 from bodycheck.reports.run_files.run_reader import read_run
@@ -23,6 +20,7 @@ from tests.helpers.collection_order import pytest_sessionfinish as pytest_sessio
 from tests.helpers.collection_order import pytest_terminal_summary as pytest_terminal_summary
 from tests.helpers.collection_order import pytest_testnodedown as pytest_testnodedown
 from tests.helpers.expected_messages import ExpectedMessage
+from tests.helpers.failing_engine import Failing
 from tests.helpers.nightly_runs import store_nightly_runs, unchanged
 from tests.helpers.shared_folder import shared_folder
 
@@ -84,28 +82,6 @@ key = "source"
 values = ["1"]
 """
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 4 2\nf 2 4 3\nf 1 3 4\n"  # inside-out
-
-
-class Failing:
-    """The reference under another name; its solver raises an error at a long step if a torque acts."""
-
-    name = "failing"
-    version = "1"
-
-    def __init__(self) -> None:
-        self._sound = Reference()
-        self.methods: Mapping[str, Method] = {"m1": self._sound.methods["m1"]}
-
-    def unsupported(self, scene: Scene, method: str) -> str | None:
-        """Support every scene."""
-        del scene, method
-        return None
-
-    def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
-        """Build a correct simulation, or raise an error."""
-        if scene.loads and dt_s > 0.015:
-            raise RuntimeError("the solver gave up | it said <so>")
-        return self._sound.build(scene, method, dt_s)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
