@@ -16,11 +16,15 @@ MODULES = {
         @pytest.mark.nightly
         def test_nightly(): pass
 
+        @pytest.mark.nightly(after=1)
+        @pytest.mark.parametrize("case", "abc")
+        def test_cases(case): pass
+
         @pytest.mark.slow
         def test_slow(): pass
         """,
 }
-
+CASES = ["test_cases[a]", "test_cases[b]", "test_cases[c]"]
 
 HOOKS = """
 from tests.helpers.collection_order import (
@@ -43,20 +47,23 @@ def project(pytester: pytest.Pytester) -> pytest.Pytester:
 @pytest.mark.parametrize(
     ("words", "run"),
     [
-        ((), ["test_quick"]),
+        ((), ["test_cases[a]", "test_quick"]),
         (("-m", "slow"), ["test_slow"]),
-        (("-m", "slow or not slow"), ["test_slow", "test_quick"]),
-        (("test_the_others.py", "test_quick.py"), ["test_slow", "test_quick"]),
+        (("-m", "slow or not slow"), ["test_cases[a]", "test_slow", "test_quick"]),
+        (("test_the_others.py", "test_quick.py"), ["test_cases[a]", "test_slow", "test_quick"]),
         (("test_the_others.py::test_slow",), ["test_slow"]),
-        (("-m", "not slow"), ["test_quick"]),
-        (("-m", "nightly"), ["test_nightly"]),
-        (("-m", "nightly or not nightly"), ["test_nightly", "test_slow", "test_quick"]),
+        (("-m", "not slow"), ["test_cases[a]", "test_quick"]),
+        (("-m", "nightly"), ["test_nightly", *CASES]),
+        (("-m", "nightly or not nightly"), ["test_nightly", *CASES, "test_slow", "test_quick"]),
     ],
 )
 def test_fast_tests_run_unless_others_are_named(
     words: tuple[str, ...], run: list[str], project: pytest.Pytester
 ) -> None:
-    """A file runs with its slow tests, nightly tests run only by their marker, slow modules run first."""
+    """A file runs with its slow tests, nightly tests run only by their marker, slow modules run first.
+
+    Of cases that are nightly after the first, the first runs always.
+    """
     done = project.runpytest_inprocess("-v", "-pno:xdist", *(f"-p{plugin}" for plugin in PLUGINS), *words)
     reported = [line.split("::")[1].split()[0] for line in done.outlines if line.endswith("%]")]
     assert reported == run

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import pytest
 
-FAST = "not slow and not nightly and not engines"
+FAST = "not slow"
 """What runs where neither files nor markers are named."""
 
 _LEFT_OUT = pytest.StashKey[int]()
@@ -23,17 +25,29 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Deselect `nightly` and `engines` tests unless -m names them; put modules with `slow` tests first.
 
-    Workers of pytest-xdist take modules in this order: a long one that starts last would run alone.
+    Of a test marked `nightly(after=N)`, the first N cases run on every push. Workers of pytest-xdist take
+    modules in this order: a long one that starts last would run alone.
     """
-    if config.option.markexpr == FAST:
-        config.stash[_LEFT_OUT] = sum(item.get_closest_marker("slow") is not None for item in items)
     for marker in ("nightly", "engines"):
         if marker not in config.option.markexpr:
-            left_out = [item for item in items if item.get_closest_marker(marker)]
-            items[:] = [item for item in items if not item.get_closest_marker(marker)]
-            config.hook.pytest_deselected(items=left_out)
+            left_out = {*_beyond(marker, items)}
+            items[:] = [item for item in items if item not in left_out]
+            config.hook.pytest_deselected(items=[*left_out])
+    if config.option.markexpr == FAST:
+        config.stash[_LEFT_OUT] = sum(item.get_closest_marker("slow") is not None for item in items)
     long = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in long)
+
+
+def _beyond(marker: str, items: Iterable[pytest.Item]) -> Iterator[pytest.Item]:
+    """Yield the tests with a marker, but of each function as many cases less as its `after` states."""
+    cases: Counter[str] = Counter()
+    for item in items:
+        if mark := item.get_closest_marker(marker):
+            function = item.nodeid.partition("[")[0]
+            cases[function] += 1
+            if cases[function] > mark.kwargs.get("after", 0):
+                yield item
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
