@@ -360,7 +360,7 @@ def inline_commands() -> list[str]:
     return sorted(within | {line for line in NOT_RUN if "&&" not in line and line.startswith("body")})
 
 
-@pytest.mark.slow
+@pytest.mark.slow(after=10)
 @pytest.mark.parametrize("line", [line for line in inline_commands() if line.startswith("bodycheck ")])
 def test_command_within_the_text_has_existing_options(line: str) -> None:
     """The command and its options exist; values may be omitted or written in capitals."""

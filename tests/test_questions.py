@@ -314,6 +314,7 @@ def test_a_figure_is_drawn(command: Command) -> None:
     assert Path("a.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["gif", "svg"])
 def test_a_movie_is_written(suffix: str, command: Command) -> None:
     """`movie` says first which body is farthest from the truth, and when; its last line is the file."""

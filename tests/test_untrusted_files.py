@@ -131,7 +131,7 @@ def folder(tmp_path: Path, stored_run: Path, stored_history: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.slow
+@pytest.mark.slow(after=2)
 @pytest.mark.parametrize(
     "kind", ["pipe", *(pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS if kind != "pipe")]
 )

@@ -38,7 +38,7 @@ def test_size_is_checked_before_anything_is_read(suffix: str, tmp_path: Path) ->
         load_mesh(path, 1.0)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(after=2)
 @pytest.mark.parametrize("depth", [300, 330, 500, 700, 900, 1000, 100_000])
 @pytest.mark.parametrize("kind", ["objects", "lists"])
 def test_nested_json_is_read_or_refused_in_one_line(depth: int, kind: str, tmp_path: Path) -> None:
@@ -169,6 +169,7 @@ NAMES = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_path_is_no_pattern(name: str, tmp_path: Path, stored_history: Path) -> None:
     """A history is that of its own folder, whatever its name and those of its neighbours are."""

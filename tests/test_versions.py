@@ -449,6 +449,7 @@ def test_equal_ends_are_reported(
     assert out.splitlines()[0].endswith("a change that was undone between them would be missed")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("toy")
 @pytest.mark.parametrize(
     ("words", "reported"),

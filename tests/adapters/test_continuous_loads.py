@@ -192,6 +192,7 @@ def mapped_methods(maps: dict[str, SpinStep]) -> pytest.MarkDecorator:
     return pytest.mark.parametrize(("adapter", "method"), known)
 
 
+@pytest.mark.slow
 @mapped_methods(FREE)
 @every_load
 def test_step_under_zero_order_hold_equals_its_map(
@@ -206,6 +207,7 @@ def test_step_under_zero_order_hold_equals_its_map(
     assert gap(found, mapped(loads, FREE[f"{adapter.name}:{method}"], 1e-2, 100)) < 1e-12
 
 
+@pytest.mark.slow(after=24)
 @mapped_methods(PIVOTED)
 @every_load
 def test_step_about_a_pivot_equals_its_map(adapter: Adapter, method: str, loads: tuple[Load, ...]) -> None:
@@ -219,6 +221,7 @@ def test_step_about_a_pivot_equals_its_map(adapter: Adapter, method: str, loads:
         assert gap(found, expected) < 1e-12
 
 
+@pytest.mark.slow
 @every_method
 @pytest.mark.parametrize("pivot", [None, PIVOT], ids=["free", "pivoted"])
 def test_callback_load_equals_the_loads_it_computes(
@@ -331,6 +334,7 @@ TOP = replace(
 )
 
 
+@pytest.mark.slow(after=1)
 @pytest.mark.parametrize(
     ("engine", "method", "expected"),
     [
@@ -403,6 +407,7 @@ def test_link_frame_does_not_matter(
     assert gap(*ends) < 100 * 100 * float(np.finfo(np.float64).eps)
 
 
+@pytest.mark.slow
 @every_method
 @pytest.mark.parametrize("pivot", [None, PIVOT], ids=["free", "pivoted"])
 def test_reset_resets_the_time(adapter: Adapter, method: str, pivot: Array | None) -> None:

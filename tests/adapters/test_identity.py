@@ -345,6 +345,7 @@ def test_libraries_are_the_mapped_files_with_code(tmp_path: Path, monkeypatch: p
     assert loaded._elsewhere() == {}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("installed", [True, False])
 def test_files_of_python_and_of_the_system_are_trusted(installed: bool) -> None:
     """Files of other packages are trusted only for an installed engine, and files elsewhere never."""
@@ -469,6 +470,7 @@ print(get_adapter("{engine}").version)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("engine", "package"), [("dart", "dartpy"), ("mujoco", "mujoco"), ("pybullet", "pybullet")]
 )

@@ -109,6 +109,7 @@ def by_the_origin(scene: Scene, h: float, *, implicit: bool) -> tuple[Array, Arr
     return x + r @ c, v + r @ np.cross(w, c), r, w
 
 
+@pytest.mark.slow(after=4)
 @pytest.mark.parametrize("name", BY_THE_ORIGIN)
 @pytest.mark.parametrize("link", LINKS)
 @pytest.mark.parametrize("kind", LOADS)

@@ -41,6 +41,7 @@ def test_steps_converge_with_their_order(method: str, order: int) -> None:
     assert np.log2(errors[0] / errors[1]) == pytest.approx(order, rel=0.08)
 
 
+@pytest.mark.slow
 def test_series_follows_the_truth() -> None:
     """At a tolerance of 1e-14 the series is within 1e-11 m of the truth at every sample, loads included."""
     scene = loaded_tree()
@@ -52,6 +53,7 @@ def test_series_follows_the_truth() -> None:
     assert answer.steps > 5
 
 
+@pytest.mark.slow
 def test_steps_are_those_of_the_catalogue() -> None:
     """The adapter's m1 makes the steps of the map M1, but for quaternions that it normalises at the start."""
     scene = replace(loaded_tree(), duration_s=0.1, samples=2)

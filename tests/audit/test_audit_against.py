@@ -280,6 +280,7 @@ BAD = {
 }
 
 
+@pytest.mark.slow(after=1)
 @needs_usd
 @pytest.mark.usefixtures("own_process")
 @pytest.mark.parametrize("case", BAD)

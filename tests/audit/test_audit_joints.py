@@ -379,6 +379,7 @@ def test_an_audit_of_joints_is_shown_and_stored(audits: dict[str, Audit], tmp_pa
     assert again.matrices == audit.matrices
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_a_file_agrees_with_itself_in_another_format(seed: int, tmp_path: Path) -> None:
     """The joints of a random URDF and of its SDFormat, and their mass matrices, are the same."""

@@ -179,6 +179,7 @@ def test_worlds_of_a_port_have_the_motions_of_single_cases() -> None:
     assert np.array_equal(found.quaternion[4], alone.quaternion[4])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["m1", "rk4", pytest.param("dop853", marks=pytest.mark.nightly)])
 def test_reference_batches_equal_single_cases(method: str) -> None:
     """The batch kernels agree with the single-body kernels to round-off."""
@@ -550,6 +551,7 @@ def test_merge_command_puts_ensembles_together(shards: Path, tmp_path: Path) -> 
     assert (refused.returncode, "ensembles" in refused.stderr) == (2, True)
 
 
+@pytest.mark.slow(after=3)
 @pytest.mark.parametrize(
     ("changed", "key"),
     [

@@ -148,6 +148,7 @@ def named(engine: Differentiated, healthy: dict[str, Array]) -> str:
     return method_gradients("m1", "float64", cases).cause
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("term", TERMS)
 def test_a_missing_term_is_named(term: str, healthy: dict[str, Array]) -> None:
     """Each term that is left out of the derivative is named."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import Any
 
 import pytest
@@ -25,29 +25,29 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Deselect `nightly` and `engines` tests unless -m names them; put modules with `slow` tests first.
 
-    Of a test marked `nightly(after=N)`, the first N cases run on every push. Workers of pytest-xdist take
-    modules in this order: a long one that starts last would run alone.
+    Workers of pytest-xdist take modules in this order: a long one that starts last would run alone.
     """
+    _unmark_first_cases(items)
     for marker in ("nightly", "engines"):
         if marker not in config.option.markexpr:
-            left_out = {*_beyond(marker, items)}
-            items[:] = [item for item in items if item not in left_out]
-            config.hook.pytest_deselected(items=[*left_out])
+            left_out = [item for item in items if item.get_closest_marker(marker)]
+            items[:] = [item for item in items if not item.get_closest_marker(marker)]
+            config.hook.pytest_deselected(items=left_out)
     if config.option.markexpr == FAST:
         config.stash[_LEFT_OUT] = sum(item.get_closest_marker("slow") is not None for item in items)
     long = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in long)
 
 
-def _beyond(marker: str, items: Iterable[pytest.Item]) -> Iterator[pytest.Item]:
-    """Yield the tests with a marker, but of each function as many cases less as its `after` states."""
+def _unmark_first_cases(items: Iterable[pytest.Item]) -> None:
+    """Of a test marked `slow(after=N)` or `nightly(after=N)`, unmark the first N cases."""
     cases: Counter[str] = Counter()
     for item in items:
-        if mark := item.get_closest_marker(marker):
-            function = item.nodeid.partition("[")[0]
-            cases[function] += 1
-            if cases[function] > mark.kwargs.get("after", 0):
-                yield item
+        function = item.nodeid.partition("[")[0]
+        cases[function] += 1
+        item.own_markers = [
+            mark for mark in item.own_markers if cases[function] > mark.kwargs.get("after", 0)
+        ]
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:

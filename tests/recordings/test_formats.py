@@ -106,6 +106,7 @@ def write_stamped(kind: str, stamps: list[Any], path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow(after=4)
 @pytest.mark.parametrize("how", STAMPS)
 @pytest.mark.parametrize("kind", ["csv", "npz", "parquet", "jsonl"])
 def test_exact_stamps_give_the_same_figures(kind: str, how: str, tmp_path: Path) -> None:
@@ -298,6 +299,7 @@ DATA_STOP
 """
 
 
+@pytest.mark.slow(after=8)
 @pytest.mark.parametrize("date", ["2026-11-25T23:59:59.{ms:03}", "2026-329T23:59:{s:02}.{ms:03}"])
 @pytest.mark.parametrize("order", ["FIRST", "LAST", "of version 2"])
 @pytest.mark.parametrize("way", ["A2B", "B2A"])

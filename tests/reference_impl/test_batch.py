@@ -64,6 +64,7 @@ def test_m1_at_any_rotation_per_step(turn: float) -> None:
     assert np.all(np.abs(state[9:] - alone[9:]) <= 20 * (16 + turn + turn**2) * EPS)
 
 
+@pytest.mark.slow
 @every_method
 def test_neighbours_do_not_matter(method: BatchMethod) -> None:
     """A body moves the same, bit for bit, at any place in the batch and with any other bodies."""

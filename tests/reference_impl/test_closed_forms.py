@@ -402,6 +402,7 @@ def random_stretched(seed: int) -> Scene:
 OWN_KERNEL = pytest.mark.nightly  # for loads in no other test a certified solver takes 13 s to compile
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "seed"),
     [
@@ -513,6 +514,7 @@ def test_scene_near_a_closed_form_has_none(name: str) -> None:
     assert closed_form_of(NO_CLOSED_FORM[name]) is None
 
 
+@pytest.mark.slow
 def test_what_has_no_closed_form_is_certified() -> None:
     """Drag of 0.1, 0.2, 0.3 on moments 1, 2, 3 is not 0.1 of them in doubles, so its truth is certified."""
     scene = NO_CLOSED_FORM["drag all but proportional"]

@@ -414,6 +414,7 @@ TEXTBOOK: list[tuple[Any, Any]] = [
 ]
 
 
+@pytest.mark.slow(after=14)
 @pytest.mark.parametrize("case", range(len(TEXTBOOK)))
 def test_textbook_formula_holds_for_any_body(case: int) -> None:
     """Bodies with long periods or many flips are accurate at any time, about any axis."""

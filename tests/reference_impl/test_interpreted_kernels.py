@@ -23,6 +23,7 @@ FREE = [
 ]
 
 
+@pytest.mark.slow(after=7)
 @pytest.mark.parametrize("name", [name for name, _ in FREE])
 def test_interpreted_truth_equals_compiled_truth_bit_for_bit(name: str) -> None:
     """Motion, bounds and sensitivities of each free body of the suites agree at every ninth sample."""

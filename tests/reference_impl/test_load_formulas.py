@@ -223,6 +223,7 @@ REFINEMENTS: dict[int, tuple[int, ...]] = {
 }
 
 
+@pytest.mark.slow(after=14)
 @every_kind
 @every_integrator
 def test_order_under_a_continuous_load(method: Integrator, load: ContinuousLoad) -> None:

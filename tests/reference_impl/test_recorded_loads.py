@@ -136,6 +136,7 @@ FORMULAS: dict[str, Callable[[Instants], Array]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FORMULAS)
 def test_each_operation_is_recorded(name: str) -> None:
     """A formula with this operation gives numpy's result when recorded, and its truth is certified."""

@@ -314,6 +314,7 @@ def test_truth_lies_within_its_bounds(name: str) -> None:
             assert truth.bound_rad[row] <= 1e-15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["spring", "two springs", "torsion spring"])
 def test_springs_conserve_the_energy(name: str) -> None:
     """K + U of gravity and springs is constant along the truth, within its bound."""
@@ -326,6 +327,7 @@ def test_springs_conserve_the_energy(name: str) -> None:
     assert np.all(np.abs(energy - energy[0]) / scale <= allowed)
 
 
+@pytest.mark.slow
 def test_gravity_gradient_conserves_the_jacobi_integral() -> None:
     """K - n . L + 3/2 n^2 u . I u is constant, with n along -y of the orbit's frame."""
     scene = replace(CASES["gravity gradient"], gravity=np.zeros(3), duration_s=10.0, samples=51)
@@ -340,6 +342,7 @@ def test_gravity_gradient_conserves_the_jacobi_integral() -> None:
     assert np.max(np.abs(jacobi - jacobi[0])) <= 32 * EPS * np.max(kinetic)
 
 
+@pytest.mark.slow
 @every_load
 def test_calls_of_few_steps_continue_bit_for_bit(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Compiled code that returns after every second step gives the same states as one call."""
@@ -456,6 +459,7 @@ def test_impossible_tolerances_are_refused(tolerance: float) -> None:
     assert repr(tolerance) in str(refusal.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tolerance", [1e-9, 1e-12, 1e-15])
 def test_errors_follow_the_tolerance(tolerance: float) -> None:
     """The error after two seconds of the mixture is below a hundred tolerances."""

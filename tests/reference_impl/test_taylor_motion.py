@@ -115,6 +115,7 @@ def test_errors_are_those_of_doubles(name: str) -> None:
     assert np.all(distances(scene, truth.trajectory, motion) <= 10.0 * allowed)
 
 
+@pytest.mark.slow
 @every_load
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-9, 1e-12])
 def test_errors_follow_the_tolerance(name: str, tolerance: float) -> None:

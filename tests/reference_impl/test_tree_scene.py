@@ -68,6 +68,7 @@ def test_all_faults_of_a_scene_are_reported_at_once(fault: str, expected_message
         FAULTS[fault]()
 
 
+@pytest.mark.slow
 def test_random_trees_are_reproducible_and_of_every_kind() -> None:
     """A seed gives the same tree; all kinds of joints and both kinds of bases occur."""
     first, again = (random_tree(np.random.default_rng(7), 9, loads=True) for _ in range(2))

@@ -81,6 +81,7 @@ def diagnosis_of(
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", ["m1", "m2", "rk4"])
 @pytest.mark.parametrize("scenario", ["full-tensor", "powered-flight"])
 def test_the_motion_of_a_healthy_map_is_no_fault(base: str, scenario: str) -> None:

@@ -156,6 +156,7 @@ def test_a_smooth_error_of_omega_is_not_that_of_a_solver(tmp_path: Path) -> None
     assert "of a solver" not in text
 
 
+@pytest.mark.slow(after=1)
 @pytest.mark.parametrize("start", ["scenario", "first-sample"])
 @pytest.mark.parametrize("digits", ["%.17g", "%.6f"])
 @pytest.mark.parametrize(("of_omega", "rows"), [(True, 1), (False, 1), (True, -1), (False, -1)])
@@ -365,6 +366,7 @@ WRONG: dict[str, tuple[list[str], str]] = {
 }
 
 
+@pytest.mark.slow(after=2)
 @pytest.mark.parametrize("what", WRONG)
 def test_wrong_options_are_refused_in_one_line(
     what: str, tmp_path: Path, expected_message: ExpectedMessage

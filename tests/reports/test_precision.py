@@ -143,6 +143,7 @@ CASTS = [
 ]
 
 
+@pytest.mark.slow(after=4)
 @pytest.mark.parametrize(("stage", "part", "of_rate"), CASTS)
 def test_a_cast_in_one_stage_is_detected(stage: int, part: str, of_rate: bool) -> None:
     """A float64 rk4 with one stage rounded to float32 is inconsistent."""

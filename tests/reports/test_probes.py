@@ -275,6 +275,7 @@ READINGS: dict[str, tuple[dict[str, Any], set[str]]] = {
 }
 
 
+@pytest.mark.slow(after=6)
 @pytest.mark.parametrize("method", ["rk4", "m1"])
 @pytest.mark.parametrize("fault", READINGS)
 def test_wrong_reading_or_delay_is_reported_by_its_quantity(fault: str, method: str) -> None:

@@ -68,6 +68,7 @@ def test_a_new_table_is_found_wherever_tables_are(request_here: Request, tmp_pat
     assert set(merged.counted["run_id"]) == {merged.run_id}
 
 
+@pytest.mark.slow
 def test_what_a_table_declares_of_its_cells_is_checked(request_here: Request, tmp_path: Path) -> None:
     """A word that the declaration does not list is refused; a run of an earlier version lacks the table."""
     _, report = run_to_folder(request_here, tmp_path / "whole", no_progress)

@@ -267,6 +267,7 @@ def test_a_film_shows_a_tree(chain: Run) -> None:
     assert b"free-chain" in movie(chain, "free-chain", ".svg")
 
 
+@pytest.mark.slow
 def test_methods_that_make_another_map_of_trees_are_named() -> None:
     """MuJoCo's implicitfast and discrete make M2 of one body and M1 of a tree; its euler makes M1 of both."""
     engines = ["mujoco:implicitfast", "mujoco:discrete", "mujoco:euler"]

@@ -264,6 +264,7 @@ BAD: dict[str, tuple[str, str | bytes]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", BAD)
 def test_malformed_files_are_refused_in_one_line(
     case: str, tmp_path: Path, expected_message: ExpectedMessage
@@ -440,6 +441,7 @@ def pybullet_file(name: str) -> Path:
     return Path(data.getDataPath()) / name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     ["domino/domino.obj", "bunny.obj", "torus/torus_textured.obj", "gripper/meshes/WSG50_110.stl",
@@ -452,6 +454,7 @@ def test_pybullet_meshes_match_rational_arithmetic(name: str) -> None:
     assert load_mesh(path, 1.0).mass == pytest.approx(abs(float(exact)), rel=1e-15, abs=0.0)
 
 
+@pytest.mark.slow
 def test_touching_parts_are_counted_once_each() -> None:
     """A duck of five touching convex parts has the sum of their volumes, and a note on the parts."""
     path = pybullet_file("duck_vhacd.obj")

@@ -136,6 +136,7 @@ def cube_faces(kind: str) -> tuple[list[list[float]], list[list[int]]]:
 TYPES = {"char": "b", "uchar": "B", "short": "h", "ushort": "H", "int": "i", "uint": "I"}
 
 
+@pytest.mark.slow(after=4)
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize("kind", ["3", "4", "5", "mixed"])
 @pytest.mark.parametrize("length", TYPES)
@@ -392,6 +393,7 @@ def swept_tube(lift: float, rings: int = 24) -> Iterator[str]:
         yield f"f {a + 1} {c + 1} {b + 1}\nf {a + 1} {d + 1} {c + 1}\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lift", [0.0, 0.01, 0.1])
 def test_surface_that_crosses_itself_is_refused(
     lift: float, tmp_path: Path, expected_message: ExpectedMessage

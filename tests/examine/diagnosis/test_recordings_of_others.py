@@ -33,6 +33,7 @@ def diagnosis_of(case: str, file: str, scenario: str, dt_s: float | None = None)
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "size", "meaning"),
     [

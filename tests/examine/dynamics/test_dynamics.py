@@ -85,6 +85,7 @@ def test_hypotheses_have_the_exact_dynamics(bodies: int) -> None:
             assert np.max(np.abs(one - other)) <= 1e-11 * max(1.0, float(np.max(np.abs(one)))), name
 
 
+@pytest.mark.slow(after=39)
 @pytest.mark.parametrize("fault", TREE_FAULTS, ids=lambda fault: f"{fault.name}: {fault.sentence}"[:60])
 def test_each_fault_changes_each_of_its_readings_somewhere(fault: TreeFault) -> None:
     """No fault of the catalogue is inert: one of some trees shows it, in one of its readings at least."""

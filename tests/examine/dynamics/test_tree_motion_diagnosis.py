@@ -63,6 +63,7 @@ def test_each_fault_of_a_moving_tree_is_named(fault: MotionFault, tree: str) -> 
     assert is_named(fault, diagnosed_fault(fault, tree))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "base", "order"), [("euler", "M1d", 1), ("implicit", "M2", 1), ("rk4", "RK4", 4)]
 )

@@ -142,6 +142,7 @@ def _of_two_scenes(*cases: dict[str, Any], methods: list[dict[str, Any]] | None 
 TREE, BODY = {"scenario": "free-chain"}, {"scenario": "free-flight"}
 
 
+@pytest.mark.slow(after=1)
 @pytest.mark.parametrize(
     ("measure", "lacking", "having"),
     [

@@ -259,6 +259,7 @@ def creeping(*errors: float | None, monkeypatch: pytest.MonkeyPatch) -> list[str
 OTHER = {"method": "euler"}  # a case that always ends well
 
 
+@pytest.mark.slow(after=3)
 @pytest.mark.parametrize(
     ("errors", "statuses"),
     [

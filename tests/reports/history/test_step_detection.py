@@ -33,6 +33,7 @@ def noise(seed: int, runs: int, methods: int = 20, disturbed: float = 0.0) -> Ar
     return SIGMA * rng.normal(size=(runs, methods)) + math.log10(1.5) * load
 
 
+@pytest.mark.slow(after=1)
 @pytest.mark.parametrize("disturbed", [0.0, 0.02, 0.15])
 @pytest.mark.parametrize("seed", range(4))
 def test_unchanged_runs_have_no_step(seed: int, disturbed: float) -> None:
@@ -40,6 +41,7 @@ def test_unchanged_runs_have_no_step(seed: int, disturbed: float) -> None:
     assert not any(detect_steps(noise(seed, 60, disturbed=disturbed)))
 
 
+@pytest.mark.slow(after=8)
 @pytest.mark.parametrize("nights_before", [MIN_BEFORE, 10, 30])
 @pytest.mark.parametrize("factor", [1.2, 1.0 / 1.2])
 @pytest.mark.parametrize("seed", range(5))

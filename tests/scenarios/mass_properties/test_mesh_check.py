@@ -27,6 +27,7 @@ def soup(vertices: Any, triangles: Any) -> tuple[Any, Any]:
     return vertices[triangles].reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
 
 
+@pytest.mark.slow
 def test_correct_mesh_is_unchanged(meshes: Any) -> None:
     """A correct mesh keeps its vertices and triangles in order, without a note."""
     vertices, triangles = meshes.sphere(2)
@@ -186,6 +187,7 @@ def test_ambiguous_part_is_refused_on_request_too(
         checked_mesh(*joined(box, (other[0], other[1][:, ::-1])), "count-twice")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e6])
 @pytest.mark.parametrize("slit", [1e-17, 1e-15, 1e-12, 5e-8])
 def test_slits_of_round_off_are_closed(slit: float, scale: float, meshes: Any) -> None:
@@ -250,6 +252,7 @@ def test_wall_shared_by_two_parts_is_dropped(meshes: Any, joined: Any) -> None:
     assert mesh.notes[0].startswith("4 of the triangles lie back to back and were removed, at (1, ")
 
 
+@pytest.mark.slow
 def test_cavity_that_touches_its_surface_stays_a_cavity(meshes: Any, joined: Any) -> None:
     """A cavity may touch the outer surface along an edge of four triangles."""
     hollow = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 4.0], [1.0, 2.0, 2.0], [2.0, 1.0, 2.0]])  # 2 m^3, inward
