@@ -206,7 +206,7 @@ def test_hooks_and_container_use_existing_commands() -> None:
     assert re.fullmatch(hook["files"].replace("$", ".*"), ".urdf")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_hook_checks_every_file_that_it_is_given(tmp_path: Path) -> None:
     """pre-commit appends the files: each is checked, and one that is wrong fails the hook."""
     (hook,) = yaml.safe_load((ROOT / ".pre-commit-hooks.yaml").read_text())

@@ -73,7 +73,7 @@ def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, f"bodycheck {version('bodycheck')}\n", "")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_run_leaves_the_files_of_the_contract(tmp_path: Path) -> None:
     """A run in a separate process writes consistent tables, manifest, report and trajectories."""
     (tmp_path / "mine.toml").write_text(SCENARIO)
@@ -282,7 +282,7 @@ def test_a_shape_and_a_users_function_are_bodies_too(tmp_path: Path) -> None:
     assert 0.0 < off < 4.0 * found["solid"]["mass_standard_error_kg"] < 0.01
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_users_load_has_a_truth_and_is_judged_by_it(tmp_path: Path) -> None:
     """Drag as a callback load moves like built-in drag, in the truth and in every method that supports it."""
     (tmp_path / "called.toml").write_text(CALLED)
@@ -325,7 +325,7 @@ def test_a_users_load_has_a_truth_and_is_judged_by_it(tmp_path: Path) -> None:
     assert errors["rk4", 0.01] < 1e-8 < errors["m1", 0.01] < 0.6 * errors["m1", 0.02]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_function_that_fails_in_an_engine_is_shown(tmp_path: Path) -> None:
     """A run ends with status 0 if a function fails in an engine's process, and the case states the reason."""
     (tmp_path / "called.toml").write_text(CALLED)
@@ -382,6 +382,7 @@ def test_what_was_put_right_in_a_mesh_reaches_the_user(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=2)
 @pytest.mark.parametrize(
     ("what", "expected"),
     [
@@ -421,7 +422,7 @@ def plug_in(folder: Path, monkeypatch: pytest.MonkeyPatch, name: str, place: str
     registry._plugged_in.cache_clear()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_an_engine_that_cannot_be_imported_is_shown_with_the_reason(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, expected_message: ExpectedMessage
 ) -> None:

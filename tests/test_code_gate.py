@@ -270,6 +270,7 @@ CASES: dict[str, Callable[[Path], list[str]]] = {
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("case", CASES)
 def test_data_starts_nothing_without_permission(
     case: str, folder: Path, stored_run: Path, expected_message: ExpectedMessage

@@ -70,6 +70,7 @@ def test_fast_tests_run_unless_others_are_named(
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("processes", ["0", "2"])
 def test_the_session_ends_with_what_it_left_out(
     processes: str, project: pytest.Pytester, monkeypatch: pytest.MonkeyPatch

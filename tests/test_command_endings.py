@@ -141,6 +141,7 @@ def test_bash_splits_a_joined_command_line() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     ("shell", "status", "printed"),
     [
@@ -195,6 +196,7 @@ def test_signal_within_exec_keeps_its_status(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     ("number", "status"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, 130)], ids=str
 )

@@ -167,7 +167,7 @@ def words(text: str) -> set[str]:
     return {word.rstrip(";,") for word in text.split()} - HEADS
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("what", SHOWN)
 def test_every_line_is_complete_at_every_width(
     what: str, piped: dict[str, str], terminal: tuple[int, dict[str, str]]
@@ -238,6 +238,7 @@ ANSWERS = {
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=2)
 @pytest.mark.parametrize("name", ANSWERS)
 def test_an_answer_as_json_is_json_alone(name: str, folder: Path) -> None:
     """Standard output is valid JSON and contains the result of the command."""
@@ -305,6 +306,7 @@ COMPLETED = {
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=2)
 @pytest.mark.parametrize("typed", COMPLETED)
 def test_names_are_completed(typed: str, folder: Path) -> None:
     """Bash completion offers scenarios, engines and the methods of an engine."""

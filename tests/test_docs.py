@@ -241,6 +241,7 @@ def check_commands(page: str, folder: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     "page",
     [
@@ -272,7 +273,7 @@ def write_tests(page: str, folder: Path) -> int:
     return sum(len(re.findall(r"^def test_", text, flags=re.MULTILINE)) for text in tests)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "page",
     [
@@ -292,6 +293,7 @@ def test_tests_of_a_page_pass(page: str, folder: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("page", [page for page in pages() if scripts(page)])
 def test_python_of_a_page_works(page: str, folder: Path) -> None:
     """All other Python blocks of a page, in order, form a script that ends with status 0."""
@@ -361,6 +363,7 @@ def inline_commands() -> list[str]:
 
 
 @pytest.mark.slow(after=10)
+@pytest.mark.nightly(after=17)
 @pytest.mark.parametrize("line", [line for line in inline_commands() if line.startswith("bodycheck ")])
 def test_command_within_the_text_has_existing_options(line: str) -> None:
     """The command and its options exist; values may be omitted or written in capitals."""
@@ -482,7 +485,7 @@ def test_formula_that_a_page_states_is_the_map_that_was_measured(engine: str) ->
         assert found.startswith(expected) or (not found and named_map(expected) is None), name
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_pages_of_engines_are_written_from_a_run() -> None:
     """The tables have the orders, floors, refusals and faults of a run; a second writing changes nothing."""
     write = runpy.run_path(str(ROOT / "docs/engine_results.py"))

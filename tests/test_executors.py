@@ -64,7 +64,7 @@ def assert_same(measured: Any, here: list[pd.DataFrame]) -> None:
         pd.testing.assert_frame_equal(table, expected)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("kind", [pytest.param("threads", marks=pytest.mark.nightly), "processes"])
 def test_any_executor_gives_the_tables_of_a_run(kind: str, scenario: Path, here: list[pd.DataFrame]) -> None:
     """A case is one picklable task, so threads and spawned processes give the tables of a normal run."""

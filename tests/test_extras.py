@@ -110,6 +110,7 @@ MISSING = {
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("line", MISSING)
 def test_what_is_missing_is_said_with_the_line_that_installs_it(
     line: str, bare: Path, expected_message: ExpectedMessage
@@ -136,7 +137,7 @@ def test_doctor_begins_with_what_is_broken_and_ends_with_what_nobody_installed()
         assert [row[0] for row in table.rows] == [*["cache"][: len(checks) - 2], "dart", "usd"]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_doctor_works_without_extras(bare: Path) -> None:
     """Every capability that is missing comes with the line that installs it."""
     done = run_bare(bare, "bodycheck", "doctor", "--json")
@@ -163,7 +164,7 @@ def test_plain_run_without_engines_says_so_first(bare: Path) -> None:
     assert (quiet.stderr, "No engine" in quiet.stdout) == ("", False)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_engine_that_cannot_be_had_stops_only_its_own_cases(bare: Path) -> None:
     """An engine without its package and one without Node.js leave the cases of the third; alone they fail."""
     words = ("run", "mine.toml", "--no-speed", "--dt", "0.02", "--json")

@@ -211,6 +211,7 @@ AT_IMPORT = {
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("kind", AT_IMPORT)
 def test_engine_that_cannot_be_imported_is_refused_in_one_line(
     kind: str, scenario: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -278,7 +279,7 @@ print(run.results["outcome"].tolist(), run.results["message"].tolist())
 """
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_script_that_defines_an_engine_is_isolated_from_it(tmp_path: Path) -> None:
     """A worker imports the definitions of the script but does not start a second run."""
     (tmp_path / "mine.toml").write_text(SCENARIO)

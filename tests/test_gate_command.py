@@ -253,7 +253,7 @@ def test_wrong_input_is_refused_before_the_run(what: str, folder: Path) -> None:
     assert sorted(folder.iterdir()) == before
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_new_run_is_compared_with_the_gates(folder: Path) -> None:
     """In a separate process a failed gate gives status 1 and a table, and an invalid file gives status 2."""
     (folder / "t.toml").write_text(

@@ -152,7 +152,7 @@ def test_broken_engine_stays_a_regression_until_accepted(folder: Path) -> None:
     assert line in (folder / "kept" / "feed.xml").read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_users_function_that_became_worse_has_its_cause(folder: Path) -> None:
     """Nobody states its order, so that no verdict counts against it; `explain` of the run names it too."""
     sound = "(k1 + 2.0 * k2 + 2.0 * k3 + k4)"
@@ -259,7 +259,7 @@ def test_wrong_input_is_refused_in_one_line(folder: Path, words: tuple[str, ...]
     assert not (folder / "kept").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_interrupted_nightly_run_is_resumed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C prints the command that continues the run, and leaves the history unchanged."""
 

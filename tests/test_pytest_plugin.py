@@ -183,7 +183,7 @@ def test_engine_is_run_and_compared_with_bounds(inner: pytest.Pytester) -> None:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_step_function_is_measured_like_an_engine(inner: pytest.Pytester) -> None:
     """A user's RK4 has order 4 and converges; without its gyroscopic term it does not."""
     inner.makepyfile(

@@ -43,6 +43,7 @@ def test_two_equal_runs_did_not_change(command: Command) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     ("factor", "words", "statuses"),
     [
@@ -315,6 +316,7 @@ def test_a_figure_is_drawn(command: Command) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("suffix", ["gif", "svg"])
 def test_a_movie_is_written(suffix: str, command: Command) -> None:
     """`movie` says first which body is farthest from the truth, and when; its last line is the file."""

@@ -132,7 +132,7 @@ def answered(process: subprocess.Popen[str], folder: Path, count: int, what: byt
         time.sleep(0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("blow", "status"),
     [

@@ -107,7 +107,7 @@ def test_what_changes_a_result_is_no_matter_of_execution() -> None:
     }
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_shard_in_python_is_that_of_the_command(tmp_path: Path) -> None:
     """Its cases are those of one part, and the manifest says which."""
     (tmp_path / "mine.toml").write_text(tumbling())

@@ -56,6 +56,7 @@ def test_arguments_of_a_wrong_type_or_without_an_element_are_refused(
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     ("method", "settings"),
     [("reference:rk4", {"tolerances": [1e-6]}), ("reference:taylor", {"dt_s": [0.01]})],

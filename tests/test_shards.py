@@ -99,7 +99,7 @@ def test_wrong_shard_is_refused(text: str, expected_message: Message) -> None:
     expected_message(str(refused.value))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_merged_shards_equal_one_run(folder: Path, tmp_path: Path) -> None:
     """Merged shards equal one run in every cell except those of speed, and can be read like any run."""
     ended = run_bodycheck(tmp_path, "merge", *(str(folder / f"part-{k}") for k in (2, 3, 1)), "--out", "all")
@@ -253,7 +253,7 @@ def test_shards_that_do_not_fit_are_refused(
     expected_message(ended.stderr.replace(str(folder), "WHOLE").strip(), tmp_path)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_stopped_shard_is_resumed(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
 ) -> None:
@@ -288,7 +288,7 @@ def test_shard_without_cases_is_a_shard(folder: Path, tmp_path: Path) -> None:
         pd.testing.assert_frame_equal(table, comparable_tables(tmp_path / "whole")[name])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_questions_about_a_shard_without_cases_are_answered(folder: Path, tmp_path: Path) -> None:
     """The report says that there is none, and there is no setting to advise."""
     requested = replace(request(folder), scenarios=[str(folder / "mine.toml")], engines=["reference:m1"])

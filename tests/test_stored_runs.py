@@ -68,7 +68,7 @@ def test_a_history_is_read(folder: Path) -> None:
         assert len(levels.rows("laws")) > 0
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_shards_of_an_ensemble_are_merged(folder: Path) -> None:
     """Each quantile is of all six bodies."""
     done = run_bodycheck(folder, "merge", "ens-1", "ens-2", "--out", "bodies")

@@ -46,6 +46,7 @@ def test_the_table_has_six_rows_with_a_command_and_a_page() -> None:
     )
 
 
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     "row",
     [

@@ -132,6 +132,7 @@ def folder(tmp_path: Path, stored_run: Path, stored_history: Path) -> Path:
 
 
 @pytest.mark.slow(after=2)
+@pytest.mark.nightly(after=3)
 @pytest.mark.parametrize(
     "kind", ["pipe", *(pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS if kind != "pipe")]
 )

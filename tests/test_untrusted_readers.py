@@ -39,6 +39,7 @@ def test_size_is_checked_before_anything_is_read(suffix: str, tmp_path: Path) ->
 
 
 @pytest.mark.slow(after=2)
+@pytest.mark.nightly(after=4)
 @pytest.mark.parametrize("depth", [300, 330, 500, 700, 900, 1000, 100_000])
 @pytest.mark.parametrize("kind", ["objects", "lists"])
 def test_nested_json_is_read_or_refused_in_one_line(depth: int, kind: str, tmp_path: Path) -> None:
@@ -119,6 +120,7 @@ BOMBS = {
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("kind", BOMBS)
 def test_size_of_parquet_in_memory_is_checked(kind: str, tmp_path: Path) -> None:
     """Kilobytes that unpack to gigabytes are not read where no map uses them, and refused where one does."""
@@ -170,6 +172,7 @@ NAMES = (
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("name", NAMES)
 def test_path_is_no_pattern(name: str, tmp_path: Path, stored_history: Path) -> None:
     """A history is that of its own folder, whatever its name and those of its neighbours are."""

@@ -114,7 +114,7 @@ def test_configuration_of_the_working_directory_is_ignored(
     assert releases("toy", "1.0", None) == ("9.9",)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("toy")
 def test_versions_are_engines_of_their_own() -> None:
     """Each version is run with its own code and appears in every table next to the installed one."""
@@ -130,7 +130,7 @@ def test_versions_are_engines_of_their_own() -> None:
     assert list(run.manifest["engines"]) == ["toy==1.0", "toy==2.0", "toy"]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("toy")
 def test_two_versions_are_compared_under_one_name() -> None:
     """Every table and case uses the common name, because otherwise nothing could be compared."""
@@ -156,6 +156,7 @@ def test_zeros_at_the_end_of_a_version_do_not_matter() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.usefixtures("toy")
 @pytest.mark.parametrize(
     ("engine", "reported"),
@@ -429,7 +430,7 @@ def test_every_release_is_run_on_request(command: Callable[..., tuple[int, str, 
     assert changed == "orientation_error_rad changed in 1.0.5 (m), 1.1 (m)"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("toy")
 @pytest.mark.parametrize(
     ("measure", "reported"),
@@ -450,6 +451,7 @@ def test_equal_ends_are_reported(
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=3)
 @pytest.mark.usefixtures("toy")
 @pytest.mark.parametrize(
     ("words", "reported"),

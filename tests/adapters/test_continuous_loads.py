@@ -222,6 +222,7 @@ def test_step_about_a_pivot_equals_its_map(adapter: Adapter, method: str, loads:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=9)
 @every_method
 @pytest.mark.parametrize("pivot", [None, PIVOT], ids=["free", "pivoted"])
 def test_callback_load_equals_the_loads_it_computes(
@@ -289,6 +290,7 @@ REFINEMENTS: dict[int, tuple[int, ...]] = {
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=25)
 @every_method
 @pytest.mark.parametrize("pivoted", [False, True], ids=["free", "pivoted"])
 @pytest.mark.parametrize("name", LOADS)
@@ -335,6 +337,7 @@ TOP = replace(
 
 
 @pytest.mark.slow(after=1)
+@pytest.mark.nightly(after=3)
 @pytest.mark.parametrize(
     ("engine", "method", "expected"),
     [
@@ -379,6 +382,7 @@ LINKS = {
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=12)
 @every_method
 @pytest.mark.parametrize("link", LINKS.values(), ids=LINKS.keys())
 @pytest.mark.parametrize("pivot", [None, PIVOT], ids=["free", "pivoted"])
@@ -408,6 +412,7 @@ def test_link_frame_does_not_matter(
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=16)
 @every_method
 @pytest.mark.parametrize("pivot", [None, PIVOT], ids=["free", "pivoted"])
 def test_reset_resets_the_time(adapter: Adapter, method: str, pivot: Array | None) -> None:

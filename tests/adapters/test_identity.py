@@ -104,6 +104,7 @@ CHANGED: dict[str, tuple[Callable[[Path], object], dict[str, str], str]] = {
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @needs_a_compiler
 @pytest.mark.parametrize("what", UNCHANGED)
 def test_identity_ignores_what_cannot_change_results(what: str, site: Path) -> None:
@@ -116,6 +117,7 @@ def test_identity_ignores_what_cannot_change_results(what: str, site: Path) -> N
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @needs_a_compiler
 @pytest.mark.parametrize("what", CHANGED)
 def test_identity_changes_with_each_part(what: str, site: Path) -> None:
@@ -130,6 +132,7 @@ def test_identity_changes_with_each_part(what: str, site: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @needs_a_compiler
 @needs_proc
 @pytest.mark.parametrize(
@@ -197,6 +200,7 @@ def test_file_changed_during_import_leaves_no_identity(site: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet", "dart", "reference"])
 def test_installed_engine_lists_its_parts(engine: str, tmp_path: Path) -> None:
     """The build lists Python, libraries, processor, bodycheck's code and the engine's distribution."""
@@ -254,6 +258,7 @@ def test_package_of_a_distribution_with_a_hyphen_is_hashed_as_a_whole(
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     ("package", "counts"),
     [("yaml", False), ("coverage", False), ("charset_normalizer", False), ("jinja2", True), ("yaml2", True)],
@@ -346,6 +351,7 @@ def test_libraries_are_the_mapped_files_with_code(tmp_path: Path, monkeypatch: p
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("installed", [True, False])
 def test_files_of_python_and_of_the_system_are_trusted(installed: bool) -> None:
     """Files of other packages are trusted only for an installed engine, and files elsewhere never."""
@@ -471,6 +477,7 @@ print(get_adapter("{engine}").version)
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     ("engine", "package"), [("dart", "dartpy"), ("mujoco", "mujoco"), ("pybullet", "pybullet")]
 )

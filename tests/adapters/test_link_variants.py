@@ -110,6 +110,7 @@ def by_the_origin(scene: Scene, h: float, *, implicit: bool) -> tuple[Array, Arr
 
 
 @pytest.mark.slow(after=4)
+@pytest.mark.nightly(after=13)
 @pytest.mark.parametrize("name", BY_THE_ORIGIN)
 @pytest.mark.parametrize("link", LINKS)
 @pytest.mark.parametrize("kind", LOADS)

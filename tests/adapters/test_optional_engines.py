@@ -135,6 +135,7 @@ class _M1Engine:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=3)
 @pytest.mark.parametrize("loads", LOADS)
 def test_loads_between_steps_are_those_of_the_map(loads: tuple[Load, ...]) -> None:
     """A body whose loads are applied between steps moves like the reference's map under these loads."""

@@ -134,7 +134,7 @@ def test_worker_in_javascript_makes_the_steps_of_the_reference(folder: Path) -> 
         np.testing.assert_allclose(one.position_m, other.position_m, rtol=0.0, atol=1e-11)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_programs_and_built_in_engines_share_a_run(folder: Path) -> None:
     """Workers in C and JavaScript are measured, timed and judged next to the reference, in one table."""
     run = bodycheck.run(
@@ -162,6 +162,7 @@ def _passed_checks(program: str) -> set[str]:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(("language", "compiler"), [("c", "cc"), ("rust", "cargo")])
 def test_new_adapter_in_another_language_is_built_and_passes(
     language: str, compiler: str, folder: Path
@@ -276,6 +277,7 @@ FAULTS = {
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_program_that_does_not_announce_itself_costs_its_own_cases(fault: str, folder: Path) -> None:
     """The other engines are measured and the manifest has the reason; requested alone it is an error."""
@@ -304,6 +306,7 @@ input()
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     ("end", "outcome"),
     [
@@ -394,6 +397,7 @@ def _shortened(name: str, folder: Path) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     "scenario",
     [

@@ -28,7 +28,7 @@ def loaded_tree() -> TreeScene:
     return replace(scene, loads=tuple(loads))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(("method", "order"), [("m1", 1), ("rk4", 4)])
 def test_steps_converge_with_their_order(method: str, order: int) -> None:
     """Halved steps divide the error of a loaded tree by 2^order, within 8 %."""
@@ -53,7 +53,7 @@ def test_series_follows_the_truth() -> None:
     assert answer.steps > 5
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_steps_are_those_of_the_catalogue() -> None:
     """The adapter's m1 makes the steps of the map M1, but for quaternions that it normalises at the start."""
     scene = replace(loaded_tree(), duration_s=0.1, samples=2)

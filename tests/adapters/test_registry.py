@@ -52,6 +52,7 @@ def test_an_unknown_engine_is_refused(expected_message: ExpectedMessage) -> None
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet", "dart"])
 def test_an_engine_is_announced_without_numba(engine: str) -> None:
     """Announcing an engine does not import numba, whose import takes half of the start of a worker."""

@@ -114,6 +114,7 @@ SCANNERS = [
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     "scenario",
     ["stiff-spring", "stiff-drag", pytest.param("spring-pendulum", marks=pytest.mark.nightly)],

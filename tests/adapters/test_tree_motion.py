@@ -95,6 +95,7 @@ def _random(seed: int, **options: bool) -> TreeScene:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=5)
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("name", _METHODS)
 def test_a_method_makes_the_map_of_its_formula(name: str, seed: int) -> None:

@@ -90,6 +90,7 @@ def test_search_of_the_docs_survives_its_message() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("worker", WORKERS)
 def test_worker_conforms(worker: str) -> None:
     """A worker announces itself, answers each request by its id, survives invalid input and exits with 0."""

@@ -566,6 +566,7 @@ def test_fix_without_certain_numbers_writes_no_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("form", ["urdf", "sdf"])
 def test_missing_meshes_do_not_stop_the_comparison(form: str, tmp_path: Path) -> None:
     """The recommended imports leave their shapes out, and hold what the file states."""
@@ -614,6 +615,7 @@ def _mjcf(folder: Path, body: str, compiler: str = "") -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=2)
 @pytest.mark.parametrize(
     ("body", "cause"),
     [

@@ -380,6 +380,7 @@ def test_an_audit_of_joints_is_shown_and_stored(audits: dict[str, Audit], tmp_pa
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("seed", range(3))
 def test_a_file_agrees_with_itself_in_another_format(seed: int, tmp_path: Path) -> None:
     """The joints of a random URDF and of its SDFormat, and their mass matrices, are the same."""
@@ -428,6 +429,7 @@ def test_exchanged_rates_of_a_mass_matrix_are_named(tmp_path: Path, monkeypatch:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=2)
 @pytest.mark.filterwarnings("ignore:compiler attribute 'settotalmass' is deprecated")
 @pytest.mark.parametrize("seed", range(6))
 def test_mujoco_is_not_accused_of_random_files(seed: int, tmp_path: Path) -> None:

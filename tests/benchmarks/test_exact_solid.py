@@ -47,7 +47,7 @@ def test_wrong_solid_is_detected(fault: str) -> None:
     assert 0.5e-9 < exact.error(wrong) < 4e-9
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("subdivisions", [0, 1, 3])
 def test_mesh_is_closed_and_converges_to_the_ellipsoid(subdivisions: int) -> None:
     """20 x 4^n triangles, each edge once in each direction, volume towards 4/3 pi a b c from below."""

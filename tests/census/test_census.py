@@ -162,7 +162,7 @@ def test_docs_name_findings_that_exist() -> None:
     assert {name: ALL[name].upstream for _, name in rows} == {name: issue for issue, name in rows}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_command_and_driver_of_a_finding_are_run() -> None:
     """MuJoCo as installed merges the root link; a finding with other figures than those printed differs."""
     finding = ALL["mujoco-root-link"]

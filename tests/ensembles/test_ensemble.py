@@ -179,7 +179,7 @@ def test_worlds_of_a_port_have_the_motions_of_single_cases() -> None:
     assert np.array_equal(found.quaternion[4], alone.quaternion[4])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("method", ["m1", "rk4", pytest.param("dop853", marks=pytest.mark.nightly)])
 def test_reference_batches_equal_single_cases(method: str) -> None:
     """The batch kernels agree with the single-body kernels to round-off."""
@@ -344,7 +344,7 @@ def test_intervals_of_quantiles_stand_as_measured_and_alike_in_sentence_and_tabl
     assert cells[1] in first.text
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_run_writes_a_dataset_whose_worst_rows_can_be_repeated(tmp_path: Path) -> None:
     """DuckDB reads every table and its schema_version; results do not depend on the number of threads."""
     request = EnsembleRequest(
@@ -446,6 +446,7 @@ def test_merging_reports_machines_that_differ(shards: Path, tmp_path: Path) -> N
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     ("replays", "merged"),
     [
@@ -552,6 +553,7 @@ def test_merge_command_puts_ensembles_together(shards: Path, tmp_path: Path) -> 
 
 
 @pytest.mark.slow(after=3)
+@pytest.mark.nightly(after=7)
 @pytest.mark.parametrize(
     ("changed", "key"),
     [
@@ -591,6 +593,7 @@ def test_hunt_finds_the_separatrix_for_m1() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("names", [("euler", "lie-euler"), ("lie-euler", "euler")])
 def test_hunt_reports_a_breakdown_of_either_method(names: tuple[str, str], tmp_path: Path) -> None:
     """At fast spins quaternion Euler diverges: that start is the worst, whichever method is named first."""
@@ -636,7 +639,7 @@ def test_worst_start_of_a_hunt_is_repeated_by_its_command(tmp_path: Path) -> Non
     assert results["orientation_error_rad"].tolist() == pytest.approx([found["value"]], rel=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_command_of_a_hunt_runs_a_function_and_the_tolerance_of_the_other_method(tmp_path: Path) -> None:
     """It allows the code of the function, and has the step of one method and the tolerance of the other."""
     (tmp_path / "still.py").write_text("def step(state, dt):\n    return state\n")

@@ -149,6 +149,7 @@ def named(engine: Differentiated, healthy: dict[str, Array]) -> str:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("term", TERMS)
 def test_a_missing_term_is_named(term: str, healthy: dict[str, Array]) -> None:
     """Each term that is left out of the derivative is named."""

@@ -230,6 +230,7 @@ def motions(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[Motion, dict
 
 
 @pytest.mark.slow(after=2)
+@pytest.mark.nightly(after=3)
 @pytest.mark.parametrize("kind", FORMATS)
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)
 def test_same_motion_is_judged_alike(

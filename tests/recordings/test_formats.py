@@ -107,6 +107,7 @@ def write_stamped(kind: str, stamps: list[Any], path: Path) -> Path:
 
 
 @pytest.mark.slow(after=4)
+@pytest.mark.nightly(after=13)
 @pytest.mark.parametrize("how", STAMPS)
 @pytest.mark.parametrize("kind", ["csv", "npz", "parquet", "jsonl"])
 def test_exact_stamps_give_the_same_figures(kind: str, how: str, tmp_path: Path) -> None:

@@ -410,6 +410,7 @@ MAP = "t_s=time, wx_body_rad_s=p*deg, wy_body_rad_s=q*deg, wz_body_rad_s=r*deg, 
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=4)
 @pytest.mark.parametrize("kind", ["csv", "txt", "aem", "jsonl", "parquet", "npz", "toml", "mcap"])
 def test_damaged_recording_is_read_or_refused(kind: str, tmp_path: Path) -> None:
     """Seeded mutations of a recording or a map cause an InputError of one line or none."""

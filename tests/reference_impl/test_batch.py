@@ -30,6 +30,7 @@ def bodies(n: int, seed: int = 1) -> tuple[Array, Array, Array]:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=16)
 @pytest.mark.parametrize("n", [0, 1, 2, 7, WIDTH - 1, WIDTH, WIDTH + 1, 2 * WIDTH + 5])
 @every_method
 def test_each_body_moves_as_alone(method: BatchMethod, n: int) -> None:
@@ -65,6 +66,7 @@ def test_m1_at_any_rotation_per_step(turn: float) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=2)
 @every_method
 def test_neighbours_do_not_matter(method: BatchMethod) -> None:
     """A body moves the same, bit for bit, at any place in the batch and with any other bodies."""

@@ -70,7 +70,7 @@ def test_steps_equal_those_of_the_kernel() -> None:
         INTEGRATORS["dop853"].advance(state, packed_body(BODY), load, 0.05, 5)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_compiled_function_gives_the_same_motion() -> None:
     """A function compiled by numba gives the same motion as its Python function."""
     compiled = numba.njit(of_everything)

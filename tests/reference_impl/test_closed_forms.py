@@ -330,6 +330,7 @@ SHORT = {"stretched, strongly": 0.03}
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=7)
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.nightly if name == "stretched" else ()) for name in SCENES]
 )
@@ -402,7 +403,7 @@ def random_stretched(seed: int) -> Scene:
 OWN_KERNEL = pytest.mark.nightly  # for loads in no other test a certified solver takes 13 s to compile
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("make", "seed"),
     [

@@ -26,6 +26,7 @@ def test_free_truth_is_within_its_bound_of_the_enclosure(seed: int) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=2)
 @pytest.mark.parametrize("kind", ["drag", "fixed axis", "torques and forces"])
 def test_forced_truth_is_within_its_bound_of_the_enclosure(kind: str) -> None:
     """The same under loads; the others are left to the trials."""

@@ -53,6 +53,7 @@ OWN_KERNEL = {
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     "name",
     [pytest.param(name, marks=pytest.mark.nightly if name in OWN_KERNEL else ()) for name in CASES],

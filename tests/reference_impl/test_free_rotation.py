@@ -348,6 +348,7 @@ def assert_right(rotation: FreeRotation, true: Truth, times: tuple[float, ...]) 
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("name", CASES)
 def test_truth_matches_sixty_digits_for_any_body(name: str) -> None:
     """Attitude and omega are accurate to 4e-15 after some rotations in either direction."""
@@ -359,6 +360,7 @@ def test_truth_matches_sixty_digits_for_any_body(name: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("name", LONG_CASES)
 def test_truth_matches_sixty_digits_after_flips(name: str) -> None:
     """Close to the separatrix the motion stays accurate after flips that cost a stepper every digit."""
@@ -379,6 +381,7 @@ FAR = ["general", "general, other side", "oblate", "needle, not symmetric", "100
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("name", FAR)
 def test_truth_at_long_times_loses_no_digits(name: str) -> None:
     """No digits are lost at 1e6 s and 1e9 s, forwards or backwards."""
@@ -437,6 +440,7 @@ FULL: list[Any] = [
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=2)
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("moments", FULL)
 def test_textbook_formula_holds_for_full_tensors(moments: Any, seed: int) -> None:

@@ -180,6 +180,7 @@ REFINEMENTS: dict[int, tuple[tuple[int, ...], float]] = {
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("kind", LOADS)
 @every_method
 def test_error_has_the_stated_order(method: Integrator, kind: str) -> None:

@@ -39,7 +39,7 @@ def bits(folder: Path, *methods: str) -> str:
     return done.stdout
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.skipif("NUMBA_DISABLE_JIT" in os.environ, reason="nothing is compiled")
 def test_compiling_process_and_later_ones_give_the_same_bits(tmp_path: Path) -> None:
     """M2 and M3 share a kernel, of which each has a copy that LLVM optimises separately."""

@@ -21,6 +21,7 @@ SAMPLE = {
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=6)
 @pytest.mark.parametrize("name", SAMPLE)
 def test_random_motion_lies_within_its_bounds(name: str) -> None:
     """Attitude, omega, position and velocity are within their bounds of an independent solution."""

@@ -80,7 +80,7 @@ def test_recorded_wrench_equals_that_of_the_kernel(load: ContinuousLoad, seed: i
     np.testing.assert_allclose(recorded, known, rtol=0, atol=4e-15 * max(1.0, np.max(np.abs(known))))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @every_load
 @pytest.mark.parametrize("pivot", [None, PIVOT], ids=["free", "pivoted"])
 def test_recorded_truth_equals_that_of_the_kernel(load: ContinuousLoad, pivot: Array | None) -> None:
@@ -136,7 +136,7 @@ FORMULAS: dict[str, Callable[[Instants], Array]] = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", FORMULAS)
 def test_each_operation_is_recorded(name: str) -> None:
     """A formula with this operation gives numpy's result when recorded, and its truth is certified."""

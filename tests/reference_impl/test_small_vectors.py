@@ -136,7 +136,7 @@ print(json.dumps(found))
 """
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_compiled_kernels_equal_their_python_source() -> None:
     """Every integrator gives the same numbers compiled and interpreted."""
     compiled, interpreted = (printed_json(SHORT_MOTIONS, interpreted=plain) for plain in (False, True))

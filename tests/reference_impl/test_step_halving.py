@@ -34,6 +34,7 @@ NAMES = [
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("name", NAMES)
 def test_callback_load_gives_the_motion_of_its_loads(name: str) -> None:
     """Each truth is within the other's bounds, and that of the callback is certified to 1e-11."""

@@ -274,6 +274,7 @@ def rotation_of(q: Vector) -> Vector:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @every_load
 def test_double_doubles_are_right_to_thirty_digits(name: str) -> None:
     """R, omega, v and x under each load agree with the oracle to 1e-28, halfway and at the end."""
@@ -294,6 +295,7 @@ def test_doubles_are_right_to_their_round_off(name: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @every_load
 def test_truth_lies_within_its_bounds(name: str) -> None:
     """A certified truth is within bound_rad of forty digits, and that bound is below 1e-15 rad."""
@@ -314,7 +316,7 @@ def test_truth_lies_within_its_bounds(name: str) -> None:
             assert truth.bound_rad[row] <= 1e-15
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["spring", "two springs", "torsion spring"])
 def test_springs_conserve_the_energy(name: str) -> None:
     """K + U of gravity and springs is constant along the truth, within its bound."""
@@ -343,6 +345,7 @@ def test_gravity_gradient_conserves_the_jacobi_integral() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=7)
 @every_load
 def test_calls_of_few_steps_continue_bit_for_bit(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Compiled code that returns after every second step gives the same states as one call."""
@@ -460,6 +463,7 @@ def test_impossible_tolerances_are_refused(tolerance: float) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("tolerance", [1e-9, 1e-12, 1e-15])
 def test_errors_follow_the_tolerance(tolerance: float) -> None:
     """The error after two seconds of the mixture is below a hundred tolerances."""

@@ -104,6 +104,7 @@ def askew(inertia: Array) -> Array:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=7)
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.nightly] * (name in OWN_KERNEL)) for name in LOADS]
 )
@@ -116,6 +117,7 @@ def test_errors_are_those_of_doubles(name: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=5)
 @every_load
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-9, 1e-12])
 def test_errors_follow_the_tolerance(name: str, tolerance: float) -> None:

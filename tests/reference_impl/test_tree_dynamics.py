@@ -82,6 +82,7 @@ def test_dynamics_of_small_random_trees_by_constraint_forces(seed: int) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("seed", [*range(10, 16), 20, 25])
 def test_dynamics_of_random_trees_by_constraint_forces(seed: int) -> None:
     """The same up to 20 bodies, with condition numbers of M above 1e4."""

@@ -55,6 +55,7 @@ def moved(scene: TreeScene, u: Array) -> Array:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=3)
 @pytest.mark.parametrize("name", ["M1", "M1d", "M2s", "M2"])
 @pytest.mark.parametrize("seed", range(3))
 def test_formulas_of_first_order(name: str, seed: int) -> None:

@@ -153,6 +153,7 @@ def test_chaos_ends_the_trust() -> None:
     assert np.all(truth.bounds["joint_rad"][before] < 1e-9)
 
 
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     "seed", [4, pytest.param(12, marks=pytest.mark.slow), pytest.param(14, marks=pytest.mark.slow)]
 )

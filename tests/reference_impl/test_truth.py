@@ -121,6 +121,7 @@ KINDS = {
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("name", KINDS)
 def test_truth_of_the_library_lies_within_its_bounds(name: str) -> None:
     """Angle, energy and momentum are within the bounds of forty digits, and the bounds are narrow."""
@@ -167,6 +168,7 @@ def test_truth_of_random_scenes_lies_within_its_bounds(seed: int) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("seed", range(10, 14))
 def test_truth_under_strong_loads_lies_within_its_bounds(seed: int) -> None:
     """If strong loads amplify every error, the bound grows and still holds."""

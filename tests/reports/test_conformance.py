@@ -52,6 +52,7 @@ def failures(adapter: Adapter, method: str) -> list[tuple[str, str]]:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.nightly] * (k % 2)) for k, name in enumerate(FAULTS)]
 )
@@ -115,7 +116,7 @@ def test_a_small_damping_is_one_failure_with_its_size() -> None:
     assert "1 times" not in message
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_example_adapter_passes_every_check() -> None:
     """The template of `new-adapter` fails no check, and only its pivot is refused."""
     found = list(findings(Example(), "euler"))
@@ -124,6 +125,7 @@ def test_example_adapter_passes_every_check() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     "name",
     [
@@ -191,6 +193,7 @@ def test_engine_without_loads_and_gravity_passes_on_what_it_accepts() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=2)
 @pytest.mark.parametrize("name", [*FREE_FAULTS, "omega kept"])
 def test_mistake_of_an_engine_without_loads_and_gravity_is_found(name: str) -> None:
     """Its mistakes are found as those of other engines."""
@@ -243,7 +246,7 @@ def test_crash_is_a_failure_with_status_1(tmp_path: Path) -> None:
     assert all("links are not written yet" in one["message"] for one in failed)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_package_of_a_new_adapter_passes_its_own_tests(tmp_path: Path) -> None:
     """`new-adapter` writes an adapter of under 45 lines of code, whose tests pass as they are."""
     made = run_bodycheck(tmp_path, "new-adapter", "my-engine", "--json")

@@ -141,7 +141,7 @@ def test_a_map_of_a_lower_order_is_not_blamed_where_maps_agree(tmp_path: Path) -
     assert (found.verdict, found.base) == ("healthy", "rk4")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_mislabelled_method_is_not_shown_as_good(tmp_path: Path) -> None:
     """The explanation of the case has the tint of a cause."""
     with registered(Mislabelled()):
@@ -167,7 +167,7 @@ def test_the_true_motion_is_no_fault(scenario: str) -> None:
     assert (found.verdict, found.base, found.faults) == ("healthy", "exact", ())
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_body_that_never_moves_is_diagnosed(tmp_path: Path) -> None:
     """No change is small relative to values that are all 0."""
     (tmp_path / "forced.toml").write_text(
@@ -195,6 +195,7 @@ def test_a_step_too_short_to_be_examined_costs_nothing() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     ("scenario", "base", "fault", "name", "value"),
     [
@@ -224,7 +225,7 @@ def test_a_planted_fault_is_named_with_its_parameter(
     assert found.share > 0.999
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_fault_that_leaves_more_than_another_map_would_is_the_nearest_one() -> None:
     """Something unknown acts besides the missing term: what is left is far above round-off."""
     motion = motion_of("full-tensor", "rk4", ["no-gyroscopic-term"])
@@ -238,7 +239,7 @@ def test_a_fault_that_leaves_more_than_another_map_would_is_the_nearest_one() ->
     assert not found.without_faults.sentence.startswith("nearest")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_fault_of_an_unknown_map_is_stated_as_it_is() -> None:
     """What is left is no more than one map of order 1 differs from another."""
     scene = problem_of("full-tensor").scenario.scene
@@ -325,7 +326,7 @@ def test_two_specific_faults_are_named_rather_than_a_general_one(
     assert found.share > 0.9999
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_each_pair_that_makes_the_same_motion_is_named_once() -> None:
     """Each of the two faults has an equivalent one here: four pairs, whatever the order within a pair."""
     motion = motion_of("body-torque", "m1", ["torque-frozen", "first-step-free"])
@@ -339,7 +340,7 @@ def test_each_pair_that_makes_the_same_motion_is_named_once() -> None:
     }
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_an_unknown_fault_is_unexplained() -> None:
     """No fault explains a motion whose omega contains noise."""
     motion = motion_of("full-tensor", "m1")
@@ -463,7 +464,7 @@ def test_methods_that_broke_down_are_listed_without_a_diagnosis(tmp_path: Path) 
     assert "unstable: " in as_markdown(explanation_document(cases))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_run_in_which_nothing_was_measured_is_not_healthy(tmp_path: Path) -> None:
     """Each unsupported method is listed, with the reason, and nothing has the tint of a good result."""
     engine = FaultyMap("m1", [])
@@ -489,7 +490,7 @@ def test_a_run_in_which_nothing_was_measured_is_not_healthy(tmp_path: Path) -> N
     )
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_judge_explains_a_trajectory_of_any_program(tmp_path: Path) -> None:
     """With the program's step the fault is named to round-off; without it, relative to the exact flow."""
     motion = motion_of("full-tensor", "rk4", ["damping-angular"])

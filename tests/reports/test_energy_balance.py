@@ -49,6 +49,7 @@ def _early(scene: Scene) -> Array:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=6)
 @pytest.mark.parametrize("name", FORCED)
 def test_work_equals_gained_energy(name: str) -> None:
     """The energy of the truth, springs and weight included, changes by the work of all else, to 1e-13."""
@@ -79,6 +80,7 @@ KEPT = {
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=7)
 @pytest.mark.parametrize("name", KEPT)
 def test_truth_conserves_the_invariants_of_its_scene(name: str) -> None:
     """Each invariant is constant along the truth to 1e-14 of its size."""

@@ -109,6 +109,7 @@ def found_for(step: Step) -> Fingerprint:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=13)
 @pytest.mark.parametrize(
     "name",
     [
@@ -212,7 +213,7 @@ def test_an_unknown_map_is_described_by_its_leading_error() -> None:
     assert found.residual == 0.0  # the distance to another map excuses no violation
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("gain", [1e3, 1e40, 1e150, 1e300])
 def test_a_map_that_diverges_is_unknown_or_not_measured(gain: float) -> None:
     """Many maps cannot be evaluated at states whose energy grows beyond all bounds."""
@@ -241,6 +242,7 @@ def test_a_map_that_does_not_exist_for_a_state_is_far(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("spin", [80.0, 1e4, 1e160, np.inf])
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_a_step_without_a_solution_is_no_error(spin: float) -> None:
@@ -323,6 +325,7 @@ def _shorter_if_sampled_once(scene: Scene) -> Scene:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=2)
 @pytest.mark.parametrize(
     ("law", "fault"),
     [
@@ -364,7 +367,7 @@ def _in_absolute_time(order: int) -> Step:
     return step
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("stated", "actual", "verdict"),
     [
@@ -400,7 +403,7 @@ def test_a_limit_that_ends_to_act_at_small_steps_breaks_a_law() -> None:
     assert laws_of(stepping(limited))["scale-time"].verdict == "broken"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_residual_of_a_solver_is_no_violation() -> None:
     """Implicit midpoint whose iteration stops at 1e-10 is reversible up to that."""
 
@@ -534,7 +537,7 @@ def test_replay_starts_from_a_state_that_the_method_supports() -> None:
     assert check_replays(ENGINE, [METHOD], unsupported, [])[METHOD.name].message == "unsupported: none"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_reversible_map_must_reverse() -> None:
     """M1 breaks `reverse` if its map is declared reversible; Moser-Veselov obeys it."""
     for name, verdict in (("M1", "broken"), ("Moser-Veselov", "holds")):

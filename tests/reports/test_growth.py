@@ -108,6 +108,7 @@ KNOWN = [
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(("method", "dt_s", "quantity", "kind"), KNOWN)
 def test_methods_have_their_known_growth(
     method: str, dt_s: float, quantity: str, kind: str, tmp_path: Path

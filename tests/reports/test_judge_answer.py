@@ -124,6 +124,7 @@ def test_attitudes_that_resolve_nothing_are_not_called_true(tmp_path: Path) -> N
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(("factor", "said"), [(1.0, False), (1.02, True)])
 def test_a_quaternion_that_is_not_normalised_is_said_to_be(factor: float, said: bool, tmp_path: Path) -> None:
     """The attitude of q/|q| is right, so that no error of the motion shows the factor."""
@@ -132,7 +133,7 @@ def test_a_quaternion_that_is_not_normalised_is_said_to_be(factor: float, said: 
     assert ("not normalised: |q| differs from 1 by up to 2 %" in text) == said
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("digits", ["%.17g", "%.6f"])
 def test_a_wrong_omega_beside_a_right_attitude_is_stated_first(digits: str, tmp_path: Path) -> None:
     """The attitude alone would be called right, to 1e-12 rad or to the digits of the file."""
@@ -145,7 +146,7 @@ def test_a_wrong_omega_beside_a_right_attitude_is_stated_first(digits: str, tmp_
         assert ("o known fault" in text, "of a solver" in text) == (True, False)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_smooth_error_of_omega_is_not_that_of_a_solver(tmp_path: Path) -> None:
     """At close rows it is small in each of them, but the attitude would show an error of a solver."""
     t_s = np.arange(1001) * 0.01
@@ -157,6 +158,7 @@ def test_a_smooth_error_of_omega_is_not_that_of_a_solver(tmp_path: Path) -> None
 
 
 @pytest.mark.slow(after=1)
+@pytest.mark.nightly(after=4)
 @pytest.mark.parametrize("start", ["scenario", "first-sample"])
 @pytest.mark.parametrize("digits", ["%.17g", "%.6f"])
 @pytest.mark.parametrize(("of_omega", "rows"), [(True, 1), (False, 1), (True, -1), (False, -1)])
@@ -186,7 +188,7 @@ def test_attitude_and_omega_of_different_rows_are_said_to_be(
     assert explained.diagnosis is None
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_wrong_motion_is_not_called_right_but_for_a_row(tmp_path: Path) -> None:
     """Damped, with an omega that is one row late as well: both are wrong."""
     q, w = stepped(T_S, 5, 0.05)
@@ -195,6 +197,7 @@ def test_a_wrong_motion_is_not_called_right_but_for_a_row(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(("first", "rows", "said"), [(50, 1, True), (200, 1, True), (50, 3, False)])
 def test_one_wrong_row_is_not_taken_for_the_motion(first: int, rows: int, said: bool, tmp_path: Path) -> None:
     """One of 201 rows is said to be off, also the last; more than a hundredth of them are no outliers."""
@@ -205,7 +208,7 @@ def test_one_wrong_row_is_not_taken_for_the_motion(first: int, rows: int, said: 
     assert "noise" not in text
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(("rows", "said"), [(2, False), (4, False), (5, True)])
 def test_one_of_few_rows_that_is_off_is_no_exception(rows: int, said: bool, tmp_path: Path) -> None:
     """A body that stands still where the truth has turned by the last row, once there are few rows."""
@@ -250,7 +253,7 @@ def test_attitudes_integrated_from_a_noisy_omega_are_named(tmp_path: Path) -> No
     assert found.base == "mean-rate exponential"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("what", "digits"), [("attitude", "%.9f"), ("omega", "%.9f"), ("attitude", "%.17g"), ("omega", "%.17g")]
 )
@@ -278,6 +281,7 @@ def test_an_error_that_grows_up_to_the_last_row_is_one_of_the_motion(tmp_path: P
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(("damping", "word"), [(0.05, "loses"), (-0.05, "gains")])
 def test_a_damped_motion_is_named_with_what_it_loses(damping: float, word: str, tmp_path: Path) -> None:
     """The lines have the distance, the cause and the conservation; a gain is not a loss."""
@@ -429,7 +433,7 @@ def test_the_error_is_printed_before_the_search_for_its_cause(
     assert run_bodycheck(tmp_path, *command, "--json").stdout == ""
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("width", [pytest.param(1440, marks=pytest.mark.nightly), 390])
 def test_the_page_draws_the_motion_and_fits_its_window(width: int, chromium: Browser, tmp_path: Path) -> None:
     """Both plots over time and the motion are drawn, without an error of a script, also on a phone."""
@@ -449,7 +453,7 @@ def test_the_page_draws_the_motion_and_fits_its_window(width: int, chromium: Bro
     assert errors == []
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_conservation_is_judged_from_the_first_row_whatever_the_scenario_starts_with(tmp_path: Path) -> None:
     """A motion that starts elsewhere conserves what it has, although it is far from the truth."""
     scenario = tmp_path / "other.toml"
@@ -502,7 +506,7 @@ def test_wrong_rows_of_one_of_several_files_are_stated(tmp_path: Path) -> None:
     ]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_files_of_the_same_name_are_told_apart_by_their_folders(tmp_path: Path) -> None:
     """Every sentence and every line of a figure names one file."""
     paths = []
@@ -567,7 +571,7 @@ def test_a_reading_of_attitudes_alone_is_the_one_that_conserves_momentum(tmp_pat
     assert "No wrong reading of the attitudes explains it" in text
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_position_without_a_velocity_is_not_compared_and_this_is_stated(
     tmp_path: Path, expected_message: ExpectedMessage
 ) -> None:

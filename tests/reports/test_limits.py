@@ -80,6 +80,7 @@ def judged(steps: Sequence[float], motions: Sequence[Array], how: Criteria | Non
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("saturating", [False, True])
 def test_no_healthy_method_is_reported(saturating: bool) -> None:
     """Of 1,000 motions that converge to the truth, saturated at coarse steps or not, none is reported."""
@@ -91,6 +92,7 @@ def test_no_healthy_method_is_reported(saturating: bool) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("whole_motions", [True, False])
 def test_plateau_is_reported(whole_motions: bool) -> None:
     """Of 200 motions flat to a fifth over their three finest steps, at least 95 % are reported.

@@ -114,7 +114,7 @@ def unpacked(track: dict[str, Any]) -> tuple[Array, Array]:
     return quaternion_to_matrix(q.reshape(-1, 4)), track["fastest"] * omega.reshape(-1, 3)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_page_plays_the_trajectories(page: Page, run: Run) -> None:
     """Truth and tracks have the attitude and omega of the trajectories, to 16 bits."""
     views = [data for data in map(json.loads, page.data) if "moments" in data]

@@ -118,7 +118,7 @@ def test_a_flip_turns_the_axis_of_a_film_against_the_angular_momentum() -> None:
     assert cosines.min() < -np.cos(0.2)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_bodies_of_a_film_move(run: Run) -> None:
     """There is one frame per sample, equal films are equal bytes, and frames differ below the title."""
     from PIL import Image

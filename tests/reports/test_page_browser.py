@@ -74,6 +74,7 @@ def test_an_axis_of_a_decade_has_more_numbers_than_one(chromium: Browser) -> Non
     assert many == none == []
 
 
+@pytest.mark.nightly
 def test_failed_cases_are_at_the_edge_of_the_speed_plot(opened: Page) -> None:
     """Failed, invalid and unstable cases have marks at the edge, unsupported ones none; texts stay plain."""
     draw_all(opened)
@@ -98,6 +99,7 @@ def test_failed_cases_are_at_the_edge_of_the_speed_plot(opened: Page) -> None:
     assert sum("not measured" in str(text) for text in overall) == 3
 
 
+@pytest.mark.nightly
 def test_a_choice_of_error_changes_plots_and_tables(opened: Page) -> None:
     """The plots show the chosen error, and only its table is visible."""
     draw_all(opened)
@@ -124,6 +126,7 @@ NAMES = """() => document.querySelector('section.scenario [data-plot=drift]').da
   .map(trace => trace.name ?? '').join(', ')"""
 
 
+@pytest.mark.nightly
 def test_the_legend_selects_lines(opened: Page) -> None:
     """Selected lines have their engine's colour, others are grey or hidden; the address keeps the choice."""
     draw_all(opened)
@@ -151,6 +154,7 @@ def test_the_legend_selects_lines(opened: Page) -> None:
     assert "reference:cf4" in opened.evaluate(NAMES)
 
 
+@pytest.mark.nightly
 def test_equal_lines_are_one_with_all_names(opened: Page) -> None:
     """The reference's rk4 and the odd engine's copy of it are one line, labelled with both names."""
     draw_all(opened)
@@ -185,6 +189,7 @@ def cheapest(run: Run, scenario: str, engine: str, tolerance: float) -> list[dic
     return [row for row in found if row["cpu_s"] == least]
 
 
+@pytest.mark.nightly
 def test_the_slider_answers_for_each_engine(opened: Page, run: Run) -> None:
     """At each tolerance an engine's row is its cheapest case that meets it; a cell that meets it is green."""
     scenario = run.problems[0].scenario.name
@@ -217,6 +222,7 @@ def test_the_slider_answers_for_each_engine(opened: Page, run: Run) -> None:
         opened.keyboard.press("ArrowRight")
 
 
+@pytest.mark.nightly
 def test_the_address_keeps_the_question(opened: Page) -> None:
     """A link restores tolerance, scenario and map; a link to a cell also opens the cell."""
     slider = opened.locator("#error")
@@ -275,6 +281,7 @@ def test_a_heading_sorts_its_table(opened: Page) -> None:
         assert not any(texts[len(numbers) :])
 
 
+@pytest.mark.nightly
 def test_a_plot_is_saved_as_picture_and_data(opened: Page, run: Run) -> None:
     """The CSV has each line's name and every case, the picture is an SVG, and a plot can be enlarged."""
     draw_all(opened)
@@ -318,6 +325,7 @@ def test_a_link_opens_its_plot(opened: Page) -> None:
     assert not opened.get_by_label("others in grey").is_checked()
 
 
+@pytest.mark.nightly
 def test_the_axes_span_the_selected_lines(opened: Page) -> None:
     """With the reference in grey the axis ends at the engine's errors; with it selected, at its own."""
     draw_all(opened)
@@ -362,6 +370,7 @@ def test_a_link_to_a_cell_opens_it(opened: Page, report_file: Path) -> None:
     expect(opened.locator("details.cell[open] .cases")).to_be_visible()
 
 
+@pytest.mark.nightly
 def test_the_copy_button_takes_the_command(opened: Page) -> None:
     """The copied text is the command of this case."""
     opened.context.grant_permissions(["clipboard-read", "clipboard-write"])
@@ -383,6 +392,7 @@ def picture(page: Page) -> str:
     return shown
 
 
+@pytest.mark.nightly
 def test_dark_mode_redraws_everything(opened: Page) -> None:
     """In dark mode the page has a dark background, and plots and motions are redrawn in matching colours."""
     draw_all(opened)
@@ -419,6 +429,7 @@ OVERLAPS = """() => {
 }"""
 
 
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("width", [360, pytest.param(768, marks=pytest.mark.nightly), 1440])
 def test_nothing_is_cut_or_overlaps(opened: Page, width: int) -> None:
     """At the widths of a phone, a tablet and a desktop the page fits the window and parts do not overlap."""
@@ -428,6 +439,7 @@ def test_nothing_is_cut_or_overlaps(opened: Page, width: int) -> None:
     assert opened.evaluate(OVERLAPS) == []
 
 
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("width", [390, 768])
 def test_a_stacked_answer_names_its_columns(opened: Page, width: int) -> None:
     """Where the heads of the cheapest settings are hidden, each cell begins with its own."""
@@ -440,6 +452,7 @@ def test_a_stacked_answer_names_its_columns(opened: Page, width: int) -> None:
     assert [label for label in labels if ": " not in label] == []
 
 
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("width", [390, 1200])
 def test_drawing_moves_nothing(opened: Page, width: int) -> None:
     """A figure has its size before it is drawn, so that no click misses its target and no line its reader."""
@@ -466,6 +479,7 @@ def test_every_control_can_be_reached_by_keys(opened: Page) -> None:
     assert unnamed == []
 
 
+@pytest.mark.nightly
 def test_plots_wait_until_they_are_seen_or_printed(opened: Page) -> None:
     """Plots far below the window are not drawn when the page opens, but are drawn before it is printed."""
     opened.evaluate("() => new Promise(seen => new IntersectionObserver(seen).observe(document.body))")

@@ -54,6 +54,7 @@ def set_time(figure: Locator, share: float) -> None:
     figure.get_by_label("Time").fill(str(round(1000 * share)))
 
 
+@pytest.mark.nightly
 def test_the_motion_opens_where_it_is_farthest_from_the_truth(figure: Locator, run: Run) -> None:
     """The caption names case, time and distance; play begins at 0; each panel shows the error of its case."""
     cases = [case for case in run.cases if case.columns["scenario"] == HOSTILE]
@@ -98,6 +99,7 @@ def test_the_motion_follows_its_slider_and_its_button(opened: Page, figure: Loca
     assert clock.inner_text() == stopped
 
 
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("loops", [False, True])
 def test_a_motion_stops_at_its_end_unless_it_loops(loops: bool, figure: Locator) -> None:
     """At the end the motion stops, or starts again if it loops."""
@@ -163,6 +165,7 @@ def test_mouse_and_keys_rotate_the_views(opened: Page, figure: Locator) -> None:
     expect(figure.locator("[data-play]")).to_have_text("pause")
 
 
+@pytest.mark.nightly
 def test_a_link_opens_its_time(opened: Page, figure: Locator) -> None:
     """The copied address shows the motion at the time at which it was copied."""
     opened.context.grant_permissions(["clipboard-read", "clipboard-write"])
@@ -186,6 +189,7 @@ POINT = """() => {
 }"""
 
 
+@pytest.mark.nightly
 def test_a_click_at_an_error_shows_the_body_at_that_time(opened: Page, figure: Locator) -> None:
     """Plot, body and address share the time, and a panel shows the line's case; the address restores it."""
     expect(opened.locator("[data-plot=drift][data-drawn]").first).to_be_visible()
@@ -207,6 +211,7 @@ def test_a_click_at_an_error_shows_the_body_at_that_time(opened: Page, figure: L
     expect(clock).to_have_text(f"{t:.2f} s")
 
 
+@pytest.mark.nightly
 def test_the_cursor_of_a_plot_follows_the_slider(opened: Page, figure: Locator) -> None:
     """At half the time the cursor is in the middle of the axis, also after the plot is drawn again."""
     expect(opened.locator("[data-plot=drift][data-drawn]").first).to_be_visible()

@@ -101,7 +101,7 @@ def test_a_small_run_has_one_page(run: Run) -> None:
     assert [path for path, _ in report.report_pages(run)] == [FIRST]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_pages_have_a_limited_size(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     """No page exceeds the limit by more than what all pages have; scenarios are in the order of the run."""
     monkeypatch.setattr(report, "_ONE_PAGE", 2_000_000)
@@ -217,7 +217,7 @@ def test_a_nightly_run_has_all_pages_of_its_report(run: Run, tmp_path: Path) -> 
     assert (second / pages[0]).is_file()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("one_each")
 def test_pages_open_one_another_in_a_browser(run: Run, chromium: Browser, tmp_path: Path) -> None:
     """A cell of the map opens its part on its page, with the error chosen before."""

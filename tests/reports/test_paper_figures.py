@@ -48,6 +48,7 @@ def run(stored_run: Path) -> Run:
     return read_run(stored_run, allow_code=False, cache=Cache.default())
 
 
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("figure", FIGURES)
 def test_a_figure_is_the_same_each_time_and_names_every_method(figure: str, run: Run) -> None:
     """A figure is an SVG without a date whose text names each method; failures follow the name."""
@@ -333,6 +334,7 @@ def test_every_measure_is_drawn_or_refused_with_its_reason(figure: str, run: Run
     assert drawn >= 8
 
 
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("figure", ["work-precision", "order"])
 def test_an_error_of_zero_at_the_end_of_a_line_is_drawn(figure: str, run: Run) -> None:
     """The name of the line stands at the lower end of the axes; the layout succeeds, or would warn."""

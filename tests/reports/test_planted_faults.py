@@ -37,7 +37,7 @@ def test_the_table_of_faults_is_long_and_clear() -> None:
         assert all(fault.undetectable.values())
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "base", [pytest.param(base, marks=() if base == "rk4" else pytest.mark.nightly) for base in BASES]
 )

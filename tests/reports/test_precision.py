@@ -74,7 +74,7 @@ def problem_of(name: str) -> Problem:
     return Problem.of(load_scenario(name), name)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", NAMES)
 def test_a_single_precision_method_is_the_double_one_to_float32(name: str) -> None:
     """After one step each number is a float32 within four roundings of the double method's number."""
@@ -144,6 +144,7 @@ CASTS = [
 
 
 @pytest.mark.slow(after=4)
+@pytest.mark.nightly(after=11)
 @pytest.mark.parametrize(("stage", "part", "of_rate"), CASTS)
 def test_a_cast_in_one_stage_is_detected(stage: int, part: str, of_rate: bool) -> None:
     """A float64 rk4 with one stage rounded to float32 is inconsistent."""
@@ -291,6 +292,7 @@ def test_the_floor_is_proportional_to_the_unit_round_off_where_roundings_are_ind
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("name", ["tumbling", "symmetric-top", "full-tensor"])
 @pytest.mark.parametrize("bias", [3.0, 30.0])
 def test_a_bias_of_rounding_errors_grows_with_the_steps(name: str, bias: float) -> None:

@@ -80,6 +80,7 @@ HEALTHY = [param for param in methods() if param.id != DAMPED]
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=13)
 @pytest.mark.parametrize(("adapter", "method"), HEALTHY)
 def test_no_healthy_method_is_reported(adapter: Adapter, method: str) -> None:
     """Each check of each method is consistent by a factor of ten, those of methods without loads too."""

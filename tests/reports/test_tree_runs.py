@@ -142,7 +142,7 @@ def test_the_truth_of_a_tree_balances_its_energy(name: str) -> None:
         assert np.max(np.abs(balance[0])) <= max(10.0 * balance[1], 1e-12 * problem.scales.energy_scale_j)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_tree_that_is_far_from_the_truth_shows_no_order() -> None:
     """Where attitudes of the arm are radians off, its other errors and its drifts have no order."""
     steps = [3.125e-3, 1.5625e-3, 7.8125e-4, 3.90625e-4]

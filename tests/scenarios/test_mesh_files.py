@@ -122,7 +122,7 @@ def meshed(path: Path) -> tuple[Array, Triangles]:
         return parse_mesh(path, file)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("case", GOOD)
 def test_each_format_gives_the_same_triangles(case: str, tmp_path: Path) -> None:
     """Every notation of the corner of a box gives the same triangles, bit for bit."""
@@ -395,6 +395,7 @@ def test_primitive_is_scaled_by_its_density() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=4)
 @pytest.mark.parametrize("case", GOOD)
 @given(data=st.data())
 @settings(
@@ -442,6 +443,7 @@ def pybullet_file(name: str) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=3)
 @pytest.mark.parametrize(
     "name",
     ["domino/domino.obj", "bunny.obj", "torus/torus_textured.obj", "gripper/meshes/WSG50_110.stl",
@@ -464,6 +466,7 @@ def test_touching_parts_are_counted_once_each() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=2)
 @pytest.mark.parametrize(
     "name",
     [

@@ -137,6 +137,7 @@ TYPES = {"char": "b", "uchar": "B", "short": "h", "ushort": "H", "int": "i", "ui
 
 
 @pytest.mark.slow(after=4)
+@pytest.mark.nightly(after=8)
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize("kind", ["3", "4", "5", "mixed"])
 @pytest.mark.parametrize("length", TYPES)
@@ -394,6 +395,7 @@ def swept_tube(lift: float, rings: int = 24) -> Iterator[str]:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("lift", [0.0, 0.01, 0.1])
 def test_surface_that_crosses_itself_is_refused(
     lift: float, tmp_path: Path, expected_message: ExpectedMessage

@@ -239,6 +239,7 @@ WRONG = {
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=8)
 @pytest.mark.parametrize("what", WRONG)
 def test_wrong_solid_is_refused_in_one_line(what: str, expected_message: ExpectedMessage) -> None:
     """An error in a name, option, module or function is one line that begins with it."""

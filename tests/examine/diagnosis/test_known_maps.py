@@ -76,6 +76,7 @@ def test_a_long_log_has_the_maps_of_its_rows_and_no_row_is_left_out(wrong: float
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("seed", range(4))
 def test_no_map_is_farther_from_the_exact_motion_than_representatives_of_its_order_suggest(
     seed: int,

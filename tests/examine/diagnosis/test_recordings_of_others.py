@@ -34,6 +34,7 @@ def diagnosis_of(case: str, file: str, scenario: str, dt_s: float | None = None)
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     ("scenario", "size", "meaning"),
     [
@@ -67,6 +68,7 @@ def test_a_start_in_the_other_axes_is_not_a_reading(expected_message: ExpectedMe
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("file", ["full.csv", "six-decimals.csv"])
 def test_a_map_is_named_to_the_digits_of_the_file(file: str) -> None:
     """Rounding to six decimals is no float32; of 820 maps, only those that equal M1 here are listed."""
@@ -86,6 +88,7 @@ def test_a_log_that_begins_after_the_first_step_is_late() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     ("file", "name"),
     [
@@ -101,6 +104,7 @@ def test_maps_that_fingerprints_know_are_known(file: str, name: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("dt_s", [None, 0.005])
 @pytest.mark.parametrize(
     ("name", "order"), [("left-rate exponential", 1), ("mean-rate exponential", 2), ("mean-rate additive", 2)]
@@ -118,7 +122,7 @@ def test_a_step_is_found_where_it_is_one_per_sample() -> None:
     assert (found.verdict, found.base) == ("healthy", "M1")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_fault_changes_the_verdict_of_a_healthy_log(tmp_path: Path) -> None:
     """The checks can fail: a row that is moved by ten resolutions is no longer a step of the map."""
     (folder,) = CASES.glob("02-*")
@@ -190,6 +194,7 @@ def test_a_force_by_the_transpose_is_named() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("file", ["inverse-of-the-inertia.csv", "six-decimals.csv"])
 def test_equal_diagnoses_are_always_listed_together(file: str) -> None:
     """For a sphere, more torque and less inertia are one motion, at any digits."""
@@ -228,6 +233,7 @@ def test_the_reason_why_nothing_is_examined_is_the_one_that_applies(
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("reversed_axis", [None, "y"])
 def test_a_log_of_gyro_rates_alone_is_examined(reversed_axis: str | None, tmp_path: Path) -> None:
     """Free rates need no attitude; the flipped axis is named, and nothing that the file lacks."""
@@ -288,6 +294,7 @@ def solved_rates(solver: str, tolerance: float, *, damping: float = 0.0, inertia
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("rate", [0.05, -0.02])
 def test_damping_of_a_map_is_named_without_its_step(rate: float, tmp_path: Path) -> None:
     """Steps of h = 0.01 s of omega+ = omega + h (omega' - rate omega) are no exact motion of a solver."""
@@ -301,7 +308,7 @@ def test_damping_of_a_map_is_named_without_its_step(rate: float, tmp_path: Path)
     assert found.faults[0].parameters[0].value == pytest.approx(rate, rel=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "solver", ["RK45", *(pytest.param(one, marks=NIGHTLY) for one in ("LSODA", "DOP853"))]
 )
@@ -312,7 +319,7 @@ def test_a_solver_that_chooses_its_steps_is_right(solver: str, tolerance: float,
     assert (found.verdict, found.base) == ("healthy", "exact")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("solver", ["RK45", pytest.param("LSODA", marks=NIGHTLY)])
 @pytest.mark.parametrize(
     "fault",
@@ -365,7 +372,7 @@ def test_noise_of_a_sensor_is_no_fault(tmp_path: Path) -> None:
     assert float(found.within.split()[5]) == pytest.approx(3e-3, rel=0.15)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "fault", ["smallest-moment", pytest.param("inertia-tensor-up-to-a-factor", marks=NIGHTLY)]
 )
@@ -379,6 +386,7 @@ def test_noise_hides_no_other_tensor(fault: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("noise", [0.0, 1.0])
 def test_the_bias_of_a_gyro_is_named(noise: float, tmp_path: Path) -> None:
     """A constant that is added to omega is found with and without noise, within its interval."""
@@ -391,6 +399,7 @@ def test_the_bias_of_a_gyro_is_named(noise: float, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("rows", [1, 10])
 def test_degrees_are_named_where_they_would_turn_the_body_between_samples(rows: int, tmp_path: Path) -> None:
     """Omega in degrees per second, 2 and 21 rad a sample if taken for rad/s, is no factor of nearly 57."""
@@ -414,7 +423,7 @@ def test_degrees_are_named_where_they_would_turn_the_body_between_samples(rows: 
     assert "degrees per second" in found.sentence
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("stepped", [True, False])
 def test_a_wrong_fall_is_no_strapdown_integration(stepped: bool, tmp_path: Path) -> None:
     """A body that spins about one axis satisfies every rule for attitudes, and yet falls 2 % too slowly."""
@@ -594,6 +603,7 @@ def test_several_steps_per_sample_are_found_without_the_step(steps: int, tmp_pat
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("steps", [1, 3])
 def test_the_error_of_a_method_is_no_second_fault(steps: int, tmp_path: Path) -> None:
     """Damping in the midpoint method is named alone, whether its step is found or not."""

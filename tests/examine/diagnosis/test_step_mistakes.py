@@ -140,6 +140,7 @@ OF_LOADS = (
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     ("scenario", "mistake", "unit"),
     [
@@ -174,7 +175,7 @@ def test_no_mistake_is_healthy(scenario: str) -> None:
     assert (found.verdict, found.faults) == ("healthy", ())
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_cause_that_shows_with_few_steps_per_sample_alone_is_named(tmp_path: Path) -> None:
     """With 20 steps, not all maps are tried, and those that are leave a part of the error."""
     weights = (1 / 6, 1 / 6, 1 / 3, 1 / 3)

@@ -77,7 +77,7 @@ def diagnosis_of(
     return diagnosis
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("row", "stage", "name"),
     [
@@ -98,6 +98,7 @@ def test_a_wrong_stage_is_named_with_its_place(row: tuple[float, ...], stage: in
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     ("weights", "name"),
     [
@@ -125,7 +126,7 @@ def test_a_value_close_to_the_right_one_is_stated_as_the_difference_from_it() ->
     assert " 0.49 of the step" in fault.text([0.49])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_wrong_weights_are_named_at_small_steps() -> None:
     """Where the slopes of the stages are nearly equal; the intervals of the weights contain them."""
     weights = (1 / 8, 3 / 8, 3 / 8, 1 / 8)
@@ -144,7 +145,7 @@ def test_a_right_tableau_is_healthy(order: int | None, matrix: bool) -> None:
     assert (found.verdict, found.faults) == ("healthy", ())
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("matrix", [False, pytest.param(True, marks=pytest.mark.nightly)])
 def test_a_last_stage_at_half_of_the_step_is_named_without_an_order(matrix: bool) -> None:
     """As a step function is examined, whose order nobody states."""
@@ -156,7 +157,7 @@ def test_a_last_stage_at_half_of_the_step_is_named_without_an_order(matrix: bool
 EVERY_STAGE = "RK4, additive quaternion renormalised in every stage"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("order", [None, 4])
 def test_a_right_tableau_that_normalises_in_every_stage_is_healthy(order: int | None) -> None:
     """Without an order, the map is named."""
@@ -167,6 +168,7 @@ def test_a_right_tableau_that_normalises_in_every_stage_is_healthy(order: int | 
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     ("a", "b", "order", "name"),
     [

@@ -46,6 +46,7 @@ def test_hypotheses_move_as_the_maps_of_the_catalogue(name: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("fault", [one for one in FAULTS if one.name in _QUICK], ids=lambda one: one.name)
 def test_fault_of_a_moving_tree_is_named(fault: MotionFault) -> None:
     """A fault planted in MuJoCo stands first, with its parameters within 5 %."""
@@ -64,6 +65,7 @@ def test_each_fault_of_a_moving_tree_is_named(fault: MotionFault, tree: str) -> 
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     ("method", "base", "order"), [("euler", "M1d", 1), ("implicit", "M2", 1), ("rk4", "RK4", 4)]
 )

@@ -55,7 +55,7 @@ def ids(history: History) -> list[str]:
     return [one.id for state in open_runs(history).values() for one in state.regressions]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("by", ["change", "run", "newest"])
 def test_accepted_change_is_the_level_of_the_next_run(by: str, history: History, night: Night) -> None:
     """By id or with the whole run; worse than accepted is a new regression, back again an improvement."""
@@ -85,6 +85,7 @@ def test_accepted_change_is_the_level_of_the_next_run(by: str, history: History,
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("between", [0, 1])
 def test_withdrawn_acceptance_opens_the_regression_again(
     between: int, history: History, night: Night

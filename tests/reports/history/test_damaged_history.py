@@ -53,6 +53,7 @@ def test_damaged_run_is_named_and_the_others_are_listed(
 
 
 @pytest.mark.slow(after=2)
+@pytest.mark.nightly(after=6)
 @pytest.mark.parametrize("table", QUERIED)
 def test_query_omits_a_run_with_a_truncated_table(history: Path, table: str) -> None:
     """Whichever table is truncated or queried, the run is in no result, and is named."""

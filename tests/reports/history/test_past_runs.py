@@ -90,6 +90,7 @@ DAMAGES: dict[str, tuple[str, Callable[[Path], None]]] = {
 }
 
 
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("what", DAMAGES)
 def test_damaged_past_run_is_named_and_not_a_baseline(
     what: str, pair: Path, nightly_run: Run, tmp_path: Path

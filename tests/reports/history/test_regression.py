@@ -491,7 +491,7 @@ def one_worse(nightly_run: Run, tmp_path_factory: pytest.TempPathFactory) -> His
     return History(folder)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("count", [6, pytest.param(20, marks=pytest.mark.nightly)])
 def test_unchanged_runs_report_nothing(nightly_run: Run, tmp_path: Path, count: int) -> None:
     """With random times, no change of a measure or speed is reported."""
@@ -507,6 +507,7 @@ def test_unchanged_runs_report_nothing(nightly_run: Run, tmp_path: Path, count: 
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     ("factor", "status"), [(1.0 + 1e-7, "moved"), (0.99, "moved"), (1.05, "worse"), (0.95, "improved")]
 )
@@ -555,7 +556,7 @@ def test_stored_levels_are_read_as_written(tmp_path: Path) -> None:
     assert read.cells(change) == {ERROR: 2e-9}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("percent", [0.5, pytest.param(-0.5, marks=pytest.mark.nightly)])
 def test_small_steps_add_up(nightly_run: Run, tmp_path: Path, percent: float) -> None:
     """Ten steps of 0.5 % are reported when their sum passes 2 %: worse until accepted, or improved."""
@@ -576,7 +577,7 @@ def test_small_steps_add_up(nightly_run: Run, tmp_path: Path, percent: float) ->
         assert len(set(levels)) == 3  # the first level, and one for each confirmed improvement
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(("kind", "percent"), [("order", 1.2), ("stability", 0.9)])
 def test_orders_and_stable_steps_that_creep_are_reported(
     nightly_run: Run, tmp_path: Path, kind: str, percent: float
@@ -603,7 +604,7 @@ def test_orders_and_stable_steps_that_creep_are_reported(
     assert {(one.since[9:11], one.runs) for one in judged.open} >= {(f"{since:02d}", 6 - since)}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_another_map_stays_open_until_it_returns_or_is_accepted(nightly_run: Run, tmp_path: Path) -> None:
     """It is compared with the accepted map and law, not with the run before, and fails nothing."""
 
@@ -701,7 +702,7 @@ def test_history_without_levels_is_compared_with_its_values(nightly_run: Run, tw
     assert judged.status == "regression"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_missing_measurement_is_a_regression(nightly_run: Run, tmp_path: Path) -> None:
     """A missing case, a failed one and an empty measure are; a new case is not."""
 
@@ -727,7 +728,7 @@ def test_missing_measurement_is_a_regression(nightly_run: Run, tmp_path: Path) -
         assert back.status == "no regression"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_stored_history_has_the_last_success_of_a_case(nightly_run: Run, tmp_path: Path) -> None:
     """Failures in three runs hide no change of what the case measures."""
     judged_nightly_runs(nightly_run, tmp_path / "worse", [unchanged, *3 * [ended("failed")]])
@@ -819,6 +820,7 @@ def slower_all(results: pd.DataFrame) -> pd.DataFrame:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     "file",
     [

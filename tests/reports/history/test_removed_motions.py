@@ -74,7 +74,7 @@ def content(folder: Path) -> dict[Path, bytes]:
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_report_of_a_nightly_run_is_rendered_elsewhere(stored: Path, tmp_path: Path) -> None:
     """In the run it would change a file whose checksum is stored."""
     before, page, summary = content(stored), tmp_path / "page.html", tmp_path / "summary.md"
@@ -90,6 +90,7 @@ def test_report_of_a_nightly_run_is_rendered_elsewhere(stored: Path, tmp_path: P
 
 
 @pytest.mark.slow
+@pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(
     ("command", "kind", "first"),
     [

@@ -34,6 +34,7 @@ def noise(seed: int, runs: int, methods: int = 20, disturbed: float = 0.0) -> Ar
 
 
 @pytest.mark.slow(after=1)
+@pytest.mark.nightly(after=4)
 @pytest.mark.parametrize("disturbed", [0.0, 0.02, 0.15])
 @pytest.mark.parametrize("seed", range(4))
 def test_unchanged_runs_have_no_step(seed: int, disturbed: float) -> None:
@@ -174,7 +175,7 @@ def test_a_level_is_that_of_the_undisturbed_runs() -> None:
     assert not any(detect_steps(series))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_speed_that_creeps_more_slowly_than_the_latest_runs_show_is_reported() -> None:
     """By 0.05 % in each of 200 runs, of which the last sixty and the first twenty are judged."""
 

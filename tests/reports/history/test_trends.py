@@ -38,7 +38,7 @@ def with_step(run: Run, step_s: float) -> Run:
     return with_tables(run, stability=stability, methods=methods)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_levels_of_errors_orders_and_stable_steps_are_steps(nightly_run: Run, tmp_path: Path) -> None:
     """Worse in run 1, accepted after it, at that level in runs 2 and 3."""
     good, bad = with_step(nightly_run, 1.0), with_step(nightly_run, 0.5)

@@ -226,7 +226,7 @@ def test_closed_mesh_is_not_searched_for_slits(meshes: Any) -> None:
     assert mesh.notes == ()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_parts_that_share_an_edge_are_separated(meshes: Any, joined: Any) -> None:
     """Two boxes with a common edge of four triangles are two boxes, even if they are inside-out."""
     one, other = meshes.box(), meshes.box((1.0, 1.0, 0.0), (2.0, 2.0, 1.0))
@@ -252,7 +252,7 @@ def test_wall_shared_by_two_parts_is_dropped(meshes: Any, joined: Any) -> None:
     assert mesh.notes[0].startswith("4 of the triangles lie back to back and were removed, at (1, ")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_cavity_that_touches_its_surface_stays_a_cavity(meshes: Any, joined: Any) -> None:
     """A cavity may touch the outer surface along an edge of four triangles."""
     hollow = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 4.0], [1.0, 2.0, 2.0], [2.0, 1.0, 2.0]])  # 2 m^3, inward
