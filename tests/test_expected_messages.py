@@ -6,6 +6,7 @@ import re
 
 import pytest
 
+from tests.helpers.collection_order import COLLECTED
 from tests.helpers.expected_messages import FILE, matches, stored_messages
 
 
@@ -13,7 +14,7 @@ from tests.helpers.expected_messages import FILE, matches, stored_messages
 def test_every_message_belongs_to_a_test(file: str, request: pytest.FixtureRequest) -> None:
     """Each key is a test function of its file; parameters exist if all tests of the file are collected."""
     code = (FILE.parent / file).read_text(encoding="utf-8")
-    collected = {item.name for item in request.session.items if item.path == FILE.parent / file}
+    collected = {item.name for item in request.config.stash[COLLECTED] if item.path == FILE.parent / file}
     whole = not request.config.option.keyword and not any("::" in word for word in request.config.args)
     for test in stored_messages()[file]:
         test = re.sub(r" \(\d+\)$", "", test)  # a later message of the same test

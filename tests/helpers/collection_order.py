@@ -11,6 +11,8 @@ import pytest
 FAST = "not slow"
 """What runs where neither files nor markers are named."""
 
+COLLECTED = pytest.StashKey[list[pytest.Item]]()
+"""All tests of the files that were named, also those that do not run."""
 _LEFT_OUT = pytest.StashKey[int]()
 
 
@@ -27,6 +29,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
     Workers of pytest-xdist take modules in this order: a long one that starts last would run alone.
     """
+    config.stash[COLLECTED] = [*items]
     _unmark_first_cases(items)
     for marker in ("nightly", "engines"):
         if marker not in config.option.markexpr:

@@ -16,6 +16,8 @@ from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.scene import RigidBody
 
+pytestmark = pytest.mark.slow  # they compile kernels that few others use
+
 EPS = float(np.finfo(np.float64).eps)
 
 every_method = pytest.mark.parametrize("method", get_args(BatchMethod))
@@ -29,7 +31,6 @@ def bodies(n: int, seed: int = 1) -> tuple[Array, Array, Array]:
     return state, rng.uniform(1.0, 1.9, size=(3, n)), rng.normal(size=(3, n))
 
 
-@pytest.mark.slow
 @pytest.mark.nightly(after=16)
 @pytest.mark.parametrize("n", [0, 1, 2, 7, WIDTH - 1, WIDTH, WIDTH + 1, 2 * WIDTH + 5])
 @every_method
@@ -65,7 +66,6 @@ def test_m1_at_any_rotation_per_step(turn: float) -> None:
     assert np.all(np.abs(state[9:] - alone[9:]) <= 20 * (16 + turn + turn**2) * EPS)
 
 
-@pytest.mark.slow
 @pytest.mark.nightly(after=2)
 @every_method
 def test_neighbours_do_not_matter(method: BatchMethod) -> None:

@@ -21,6 +21,8 @@ from bodycheck.reference_impl.truth.certification import certified_truth
 from bodycheck.reference_impl.truth.motion_distance import distances
 from tests.helpers.expected_messages import ExpectedMessage
 
+pytestmark = pytest.mark.slow  # they compile kernels that few others use
+
 DOCS = Path(__file__).parents[2] / "docs"
 START = State(
     position=np.array([0.3, -0.2, 0.1]),

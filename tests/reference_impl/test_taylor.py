@@ -43,6 +43,8 @@ from bodycheck.reference_impl.truth.motion_distance import potential_energy
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.kernel_programs import printed_json
 
+pytestmark = pytest.mark.slow  # they compile kernels that few others use
+
 EPS = float(np.finfo(np.float64).eps)
 COLUMNS = 16
 Vector = list[mpmath.mpf]
@@ -273,7 +275,6 @@ def rotation_of(q: Vector) -> Vector:
 # ----------------------------------------------------------------------------------------------- tests
 
 
-@pytest.mark.slow
 @pytest.mark.nightly(after=1)
 @every_load
 def test_double_doubles_are_right_to_thirty_digits(name: str) -> None:
@@ -284,7 +285,6 @@ def test_double_doubles_are_right_to_thirty_digits(name: str) -> None:
         assert np.max(distances(solution, row, expected)) <= 1e-28
 
 
-@pytest.mark.slow
 @every_load
 def test_doubles_are_right_to_their_round_off(name: str) -> None:
     """The doubles agree within ten times eps times the sensitivity, which is small within two seconds."""
@@ -294,7 +294,6 @@ def test_doubles_are_right_to_their_round_off(name: str) -> None:
         assert np.max(distances(solution, row, expected)) <= 10.0 * EPS * 4.0
 
 
-@pytest.mark.slow
 @pytest.mark.nightly(after=1)
 @every_load
 def test_truth_lies_within_its_bounds(name: str) -> None:
@@ -329,7 +328,6 @@ def test_springs_conserve_the_energy(name: str) -> None:
     assert np.all(np.abs(energy - energy[0]) / scale <= allowed)
 
 
-@pytest.mark.slow
 def test_gravity_gradient_conserves_the_jacobi_integral() -> None:
     """K - n . L + 3/2 n^2 u . I u is constant, with n along -y of the orbit's frame."""
     scene = replace(CASES["gravity gradient"], gravity=np.zeros(3), duration_s=10.0, samples=51)
@@ -344,7 +342,6 @@ def test_gravity_gradient_conserves_the_jacobi_integral() -> None:
     assert np.max(np.abs(jacobi - jacobi[0])) <= 32 * EPS * np.max(kinetic)
 
 
-@pytest.mark.slow
 @pytest.mark.nightly(after=7)
 @every_load
 def test_calls_of_few_steps_continue_bit_for_bit(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -462,7 +459,6 @@ def test_impossible_tolerances_are_refused(tolerance: float) -> None:
     assert repr(tolerance) in str(refusal.value)
 
 
-@pytest.mark.slow
 @pytest.mark.nightly(after=1)
 @pytest.mark.parametrize("tolerance", [1e-9, 1e-12, 1e-15])
 def test_errors_follow_the_tolerance(tolerance: float) -> None:

@@ -32,6 +32,8 @@ from bodycheck.reference_impl.truth.truth import Truth
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.kernel_programs import printed_json
 
+pytestmark = pytest.mark.slow  # they compile kernels that few others use
+
 EPS = float(np.finfo(np.float64).eps)
 A, B = np.array([0.1, 0.2, 0.3]), np.array([0.2, 0.35, -0.15])
 LOADS: dict[str, tuple[Load, ...]] = {
@@ -103,7 +105,6 @@ def askew(inertia: Array) -> Array:
 # ----------------------------------------------------------------------------------------------- accuracy
 
 
-@pytest.mark.slow
 @pytest.mark.nightly(after=7)
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.nightly] * (name in OWN_KERNEL)) for name in LOADS]
@@ -116,7 +117,6 @@ def test_errors_are_those_of_doubles(name: str) -> None:
     assert np.all(distances(scene, truth.trajectory, motion) <= 10.0 * allowed)
 
 
-@pytest.mark.slow
 @pytest.mark.nightly(after=5)
 @every_load
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-9, 1e-12])
