@@ -361,7 +361,6 @@ def test_a_child_of_a_family_runs_and_reproduces(tmp_path: Path) -> None:
     assert pd.read_csv(tmp_path / "again/results.csv")["scenario"].tolist() == ["mine/2.0"]
 
 
-@pytest.mark.slow
 def test_what_was_put_right_in_a_mesh_reaches_the_user(tmp_path: Path) -> None:
     """The note on an inside-out mesh appears on the terminal, in the report and in the manifest."""
     corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
@@ -381,8 +380,7 @@ def test_what_was_put_right_in_a_mesh_reaches_the_user(tmp_path: Path) -> None:
     assert body["mass_kg"] == pytest.approx(100.0, rel=1e-15, abs=0.0)
 
 
-@pytest.mark.slow
-@pytest.mark.nightly(after=2)
+@pytest.mark.slow(after=2)
 @pytest.mark.parametrize(
     ("what", "expected"),
     [

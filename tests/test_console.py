@@ -237,8 +237,6 @@ ANSWERS = {
 }
 
 
-@pytest.mark.slow
-@pytest.mark.nightly(after=2)
 @pytest.mark.parametrize("name", ANSWERS)
 def test_an_answer_as_json_is_json_alone(name: str, folder: Path) -> None:
     """Standard output is valid JSON and contains the result of the command."""

@@ -137,7 +137,6 @@ def test_doctor_begins_with_what_is_broken_and_ends_with_what_nobody_installed()
         assert [row[0] for row in table.rows] == [*["cache"][: len(checks) - 2], "dart", "usd"]
 
 
-@pytest.mark.nightly
 def test_doctor_works_without_extras(bare: Path) -> None:
     """Every capability that is missing comes with the line that installs it."""
     done = run_bare(bare, "bodycheck", "doctor", "--json")

@@ -304,7 +304,6 @@ def test_a_table_is_printed_or_written(command: Command) -> None:
     assert duckdb.sql("SELECT scenario FROM 't.parquet' LIMIT 1").fetchall() == [("free",)]
 
 
-@pytest.mark.slow
 def test_a_figure_is_drawn(command: Command) -> None:
     """`plot` writes and prints the named files."""
     pytest.importorskip("matplotlib")
@@ -315,8 +314,7 @@ def test_a_figure_is_drawn(command: Command) -> None:
     assert Path("a.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.slow
-@pytest.mark.nightly(after=1)
+@pytest.mark.slow(after=1)
 @pytest.mark.parametrize("suffix", ["gif", "svg"])
 def test_a_movie_is_written(suffix: str, command: Command) -> None:
     """`movie` says first which body is farthest from the truth, and when; its last line is the file."""

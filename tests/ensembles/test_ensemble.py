@@ -664,7 +664,6 @@ def test_default_folder_is_a_new_one(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert _new_folder("ensemble-top-1") == RUNS / "ensemble-top-1-3"
 
 
-@pytest.mark.slow
 def test_hunt_finds_where_two_methods_differ_most(tmp_path: Path) -> None:
     """The value is the angle between the two motions and does not depend on the truth."""
     words = ("--against", "reference:m1", "--dt", "0.05", "--evaluations", "240", "--quiet", "--out", "found")

@@ -173,7 +173,6 @@ def test_a_wrong_derivative_fails_the_command(tmp_path: Path) -> None:
     assert f"differentiated:m1: {TERMS[2]} is missing" in result.stdout
 
 
-@pytest.mark.slow
 def test_an_engine_without_derivatives_is_unsupported(tmp_path: Path) -> None:
     """The command says that an engine computes none, with status 0."""
     result = run_bodycheck(tmp_path, "gradients", "reference:m1", "--json")

@@ -137,7 +137,6 @@ def test_damaged_acceptances_accept_nothing(history: History, night: Night) -> N
         accept(history, run_id=None, ids=[change], reason="as meant", author=None)
 
 
-@pytest.mark.slow
 def test_commands_accept_and_withdraw(history: History, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each prints the id of the acceptance, its author and its reason; the id of a line names all of it."""
     monkeypatch.chdir(history.folder.parent)
