@@ -57,6 +57,7 @@ def test_work_equals_gained_energy(name: str) -> None:
     assert imbalance(scene, scene) <= 1e-13
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["detumbling", "satellite-libration", "damped-fall"])
 def test_missing_load_unbalances_the_energy(name: str) -> None:
     """Without the work of one load the balance is off by a thousandth or more."""

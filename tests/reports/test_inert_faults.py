@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 
 from bodycheck.adapters.contract import Setting
 from bodycheck.adapters.execution import Case, record
@@ -89,6 +90,7 @@ def inert_faults(faults: Sequence[Fault]) -> list[str]:
     return [fault.name for fault in silent]
 
 
+@pytest.mark.slow
 def test_every_fault_changes_a_motion() -> None:
     """In at least one of eight scenes, on M1 or the classical Runge-Kutta method."""
     assert inert_faults(FAULTS) == []

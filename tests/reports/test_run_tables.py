@@ -81,6 +81,7 @@ def test_what_a_table_declares_of_its_cells_is_checked(request_here: Request, tm
     assert read_tables(report.parent).counted.empty
 
 
+@pytest.mark.slow
 def test_a_run_has_no_other_tables(request_here: Request, tmp_path: Path) -> None:
     """An attribute that is no table is missing, and the message lists the tables."""
     run, _ = run_to_folder(request_here, tmp_path / "whole", no_progress)

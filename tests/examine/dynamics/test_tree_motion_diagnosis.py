@@ -33,6 +33,7 @@ from tests.helpers.in_process_cli import run_bodycheck
 _QUICK = ("damping-of-all", "point-in-child", "no-coriolis", "base-point", "load-late")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TREE_MAPS)
 def test_hypotheses_move_as_the_maps_of_the_catalogue(name: str) -> None:
     """Four steps of random trees with loads, springs and dampers are those of the kernel."""
