@@ -344,7 +344,7 @@ def test_a_function_that_fails_in_an_engine_is_shown(tmp_path: Path) -> None:
     assert "loads:f: failed at t = 0.0 s: ZeroDivisionError" in results["message"][0]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_child_of_a_family_runs_and_reproduces(tmp_path: Path) -> None:
     """Each child of a family has its own row, whose command runs that child alone."""
     (tmp_path / "family.toml").write_text(FAMILY)

@@ -240,15 +240,10 @@ def check_commands(page: str, folder: Path) -> None:
             assert printed, f"{command.line}\n{done.stdout}is not\n{command.prints}"
 
 
-@pytest.mark.slow
-@pytest.mark.nightly(after=1)
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "page",
-    [
-        pytest.param(page, marks=pytest.mark.nightly if page in LONG else ())
-        for page in pages()
-        if shown(page)
-    ],
+    [page for page in pages() if shown(page)],
 )
 def test_commands_of_a_page_work(page: str, folder: Path) -> None:
     """All commands of a page work when run in order in a folder with the files of the docs."""

@@ -178,7 +178,7 @@ def test_engine_that_cannot_be_had_stops_only_its_own_cases(bare: Path) -> None:
     assert ["dart is not installed" in why[0], "Node.js" in why[1]] == [True, True]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_fixture_and_judge_work_without_extras(bare: Path) -> None:
     """The pytest fixture, `truth` and `judge` need no extra."""
     folder = bare.parents[1]

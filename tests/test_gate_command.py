@@ -278,7 +278,7 @@ def test_new_run_is_compared_with_the_gates(folder: Path) -> None:
     assert "Traceback" not in wrong.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_only_scenarios_and_methods_of_gates_are_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Other scenarios and methods are left out, and times are measured only if a gate needs them."""
     requested: list[tuple[Selection, Request]] = []

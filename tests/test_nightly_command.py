@@ -113,7 +113,7 @@ def test_nightly_run_fails_on_a_regression(folder: Path) -> None:
     assert len(reported.splitlines()) < 60
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_broken_engine_stays_a_regression_until_accepted(folder: Path) -> None:
     """The first line names method, quantity, factor and cause; the command that it prints accepts it."""
 

@@ -161,8 +161,7 @@ def _passed_checks(program: str) -> set[str]:
     return {result.check for result in found.results if result.verdict == "consistent"}
 
 
-@pytest.mark.slow
-@pytest.mark.nightly(after=1)
+@pytest.mark.nightly
 @pytest.mark.parametrize(("language", "compiler"), [("c", "cc"), ("rust", "cargo")])
 def test_new_adapter_in_another_language_is_built_and_passes(
     language: str, compiler: str, folder: Path

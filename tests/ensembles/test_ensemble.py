@@ -619,7 +619,7 @@ def test_hunt_without_errors_has_no_ratio(tmp_path: Path) -> None:
     assert "times the median" not in (tmp_path / "found/worst.toml").read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_worst_start_of_a_hunt_is_repeated_by_its_command(tmp_path: Path) -> None:
     """A run of worst.toml in MuJoCo has the error that the hunt found, and no earlier start was worse."""
     words = ("--engine", "mujoco:rk4", "--dt", "0.05", "--evaluations", "240", "--quiet", "--json")
@@ -680,7 +680,7 @@ def test_hunt_finds_where_two_methods_differ_most(tmp_path: Path) -> None:
     assert f"{worst:.3g}" in done.stdout
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_ensemble_command_runs_an_engine_in_workers(tmp_path: Path) -> None:
     """The errors of bodies in PyBullet, which has no batches, equal those of their scenarios in a run."""
     words = ("ensemble", "intermediate-axis", "--engine", "pybullet:maximal", "--dt", "0.02", "--quiet")

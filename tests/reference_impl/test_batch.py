@@ -79,6 +79,7 @@ def test_neighbours_do_not_matter(method: BatchMethod) -> None:
     assert np.array_equal(some, together[:, order])
 
 
+@pytest.mark.nightly
 @every_method
 def test_threads_of_the_caller_do_not_matter(method: BatchMethod) -> None:
     """Two batches stepped at the same time by two threads of the caller move as if stepped in sequence."""

@@ -25,8 +25,7 @@ def test_free_truth_is_within_its_bound_of_the_enclosure(seed: int) -> None:
     assert largest_ratios(solve_truth(scene, np.array(times)), enclosures(scene, times)).max() <= 1.0
 
 
-@pytest.mark.slow
-@pytest.mark.nightly(after=2)
+@pytest.mark.nightly
 @pytest.mark.parametrize("kind", ["drag", "fixed axis", "torques and forces"])
 def test_forced_truth_is_within_its_bound_of_the_enclosure(kind: str) -> None:
     """The same under loads; the others are left to the trials."""

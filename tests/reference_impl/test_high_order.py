@@ -196,7 +196,7 @@ def test_error_has_the_stated_order(method: Integrator, kind: str) -> None:
             assert slope(steps, run) >= method.order - tolerance, quantity
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("kind", LOADS)
 def test_order_eight_reaches_round_off(kind: str) -> None:
     """With 64 steps of 1/32 s the error of dop853 is round-off."""

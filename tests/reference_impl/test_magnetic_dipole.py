@@ -24,7 +24,7 @@ from bodycheck.reference_impl.truth.motion_distance import potential_energy
 from bodycheck.reports.measurement.work import working_loads
 from bodycheck.scenarios.library import load_scenario
 
-pytestmark = pytest.mark.slow  # they compile kernels that few others use
+pytestmark = pytest.mark.nightly  # they compile kernels that few others use
 
 COMPASS = load_scenario("compass").scene
 

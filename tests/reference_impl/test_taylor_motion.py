@@ -32,7 +32,7 @@ from bodycheck.reference_impl.truth.truth import Truth
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.kernel_programs import printed_json
 
-pytestmark = pytest.mark.slow  # they compile kernels that few others use
+pytestmark = pytest.mark.nightly  # they compile kernels that few others use
 
 EPS = float(np.finfo(np.float64).eps)
 A, B = np.array([0.1, 0.2, 0.3]), np.array([0.2, 0.35, -0.15])

@@ -29,7 +29,7 @@ def check_healthy(seeds: Iterable[int], folder: Path) -> None:
     assert not any(accused.values()), accused
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_no_healthy_method_is_reported_under_switching_loads(tmp_path: Path) -> None:
     """One random scenario of each kind of constant load."""
     check_healthy(range(KINDS_OF_CONSTANT_LOADS), tmp_path)

@@ -80,6 +80,7 @@ def test_colours_have_contrast(html: str, scheme: str) -> None:
         assert contrast(f"engine-{i}", "paper") >= 3.0
 
 
+@pytest.mark.nightly
 def test_a_large_run_stays_light(run: Run) -> None:
     """Twelve scenarios, seventeen methods and six steps take at most 6 MB and 5 s of processor time."""
     scenario, spec = run.problems[0].scenario, run.problems[0].scenario_spec
