@@ -197,7 +197,7 @@ def _environment(tmp_path: Path, cache: Path) -> dict[str, str]:
 @pytest.mark.parametrize(
     ("commands", "caches"),
     [
-        pytest.param(READ_FILES, "warm", marks=pytest.mark.slow, id="warm"),
+        pytest.param(READ_FILES, "warm", marks=pytest.mark.nightly, id="warm"),
         pytest.param(set(COMMANDS), "warm", marks=pytest.mark.nightly, id="all-warm"),
         pytest.param(set(COMMANDS), "cold", marks=pytest.mark.nightly, id="all-cold"),
     ],

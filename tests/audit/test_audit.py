@@ -905,7 +905,7 @@ def test_spelling_with_a_wrong_answer_is_not_spun(monkeypatch: pytest.MonkeyPatc
     assert found
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_spellings_move_alike_where_no_tensor_is_discarded(tmp_path: Path) -> None:
     """As URDF, PyBullet's default import breaks the law, its recommended import and DART's obey it."""
     done = run_bodycheck(tmp_path, "audit", "--spellings", "--engine", "pybullet,dart", "--quiet")

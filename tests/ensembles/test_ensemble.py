@@ -619,7 +619,7 @@ def test_hunt_without_errors_has_no_ratio(tmp_path: Path) -> None:
     assert "times the median" not in (tmp_path / "found/worst.toml").read_text()
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_worst_start_of_a_hunt_is_repeated_by_its_command(tmp_path: Path) -> None:
     """A run of worst.toml in MuJoCo has the error that the hunt found, and no earlier start was worse."""
     words = ("--engine", "mujoco:rk4", "--dt", "0.05", "--evaluations", "240", "--quiet", "--json")

@@ -61,7 +61,7 @@ def test_solved_scene_needs_no_kernels(
     assert (tmp_path / "m2.compiled").exists() == missing
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_two_processes_share_the_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each name is compiled by one of the two processes, and the other process ends when no name is left."""
     monkeypatch.setenv("BODYCHECK_CACHE_DIR", str(tmp_path))

@@ -139,7 +139,7 @@ def test_the_bodies_of_a_film_move(run: Run) -> None:
     assert min(changed) > 1e-3
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_equal_motions_are_one_body_with_all_their_names(run: Run) -> None:
     """Eight methods of which seven move equally are two bodies; no text of the frame covers another."""
     from matplotlib.figure import Figure
@@ -160,7 +160,7 @@ def test_equal_motions_are_one_body_with_all_their_names(run: Run) -> None:
     assert max(box.width for box in boxes) < page.bbox.width / 2
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_strip_names_its_bodies(run: Run) -> None:
     """The SVG has the name of each body and the times of its frames."""
     strip = movie(run, "free", ".svg", ("reference:rk4", "reference:m1")).decode()
