@@ -95,6 +95,7 @@ def folder(stored_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     }
     (folder / "other/manifest.json").write_text(json.dumps(manifest))
     shutil.copytree(folder / "run", folder / "parent/run")
+    shutil.copytree(folder / "run", folder / "reports/test_it/kept")
     (folder / "parent/bodies").mkdir()
     (folder / "parent/bodies/manifest.json").write_text("{}")  # of an ensemble, which is no run
     (folder / "gates.toml").write_text(
@@ -278,6 +279,7 @@ SUGGESTED = {
     "command": ("comapre", "run", "other"),
     "run": ("compare", "run", "othre"),
     "parent": ("explain", "parent"),
+    "grandparent": ("explain", "reports"),
     "file": ("judge", "motoin.csv", "--inertia-kg-m2", "1,2,3"),
     "listed": ("list", "methods", "--engine", "mujco"),
 }

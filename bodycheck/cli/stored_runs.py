@@ -174,7 +174,7 @@ def advise(
         float | None,
         typer.Option(
             help="Time in s over which the error counts.",
-            show_default="the duration of each scenario; 10 rotations for --mass-kg",
+            show_default="that of each scenario; 10 rotations for --mass-kg, rounded up to 1, 2, 5, ... s",
         ),
     ] = None,
     search: Annotated[
@@ -237,9 +237,9 @@ def advise(
 ) -> None:
     """Print the cheapest engine, method and step size that meet an error tolerance.
 
-    Settings between and beyond the measured steps are predicted from the order. bodycheck's own
-    reference comes after all engines. With --dt instead of --error, prints the error of each
-    method at that step.
+    Settings between and beyond the measured steps are predicted from the order. A step is at most one
+    sample interval of the scenario. bodycheck's own reference comes after all engines. With --dt instead
+    of --error, prints the error of each method at that step.
     """
     from bodycheck.reports.document import answer
     from bodycheck.reports.summary.advice_document import advice_document

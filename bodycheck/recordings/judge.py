@@ -36,7 +36,7 @@ from bodycheck.scenarios.given_motion import GivenMotion
 from bodycheck.scenarios.model import Scenario
 
 _TOO_MANY_STEPS = "omega turns the body too far between two samples, as where times are not in s"
-_WRONG_ROWS = "all that is wrong is some rows"
+_WRONG_ROWS = "some rows are wrong, and without them little is left to explain"
 _SAME = 1e-9  # relative difference of two times that count as equal
 _PREFERRED = (ORIENTATION, "omega_error", "position_error", "velocity_error")
 

@@ -45,7 +45,9 @@ def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Senten
     if wrong := [*_wrong_rows(motion)]:  # which are neither noise nor a motion
         unexplained = diagnosis is not None and diagnosis.verdict == "unexplained"
         is_cause = not (is_noisy or unexplained or is_right_elsewhere(motion))
-        parts = [*distance, *wrong, *(cause if is_cause else ())]
+        # the size and the rows themselves first; of rows that are late, the size stands in the distance
+        parts = [*distance[:1], *wrong, *distance[1:]] if motion.repaired else [*wrong, *distance]
+        parts += cause if is_cause else ()
     elif is_noisy:  # which alone changes what is conserved
         of_noise = [_of_noise(motion)] if motion.start == "first-sample" else []
         parts = [*cause[::-1], *distance[::-1], *of_noise]
@@ -292,7 +294,7 @@ def _meaning(name: str) -> str:
 def _ranking_parts(ranking: Ranking) -> Iterator[Part]:
     energies = _ENERGIES[::-1]
     energy = next((name for name in energies if any(name in row for row in ranking.rows)), energies[0])
-    measures = dict.fromkeys(filter(None, (ranking.quantity, energy, f"{energy}{FROM_START}")))
+    measures = dict.fromkeys(filter(None, (ranking.quantity, "omega_error", energy, f"{energy}{FROM_START}")))
     steps = ["dt_s"] if "dt_s" in ranking.rows[0] else []
     columns = (
         Column("#", "number"),
@@ -311,9 +313,9 @@ def _ranking_parts(ranking: Ranking) -> Iterator[Part]:
         for rank, row in zip(ranking.ranks, ranking.rows, strict=True)
     )
     yield Sentence(_ranking_sentence(ranking), strong=True)
-    yield Sentence(_order_sentence(ranking))
-    for motion in ranking.motions:  # which no order shows
+    for motion in ranking.motions:  # which neither the ranking nor an order shows
         yield from (Sentence(f"{motion.name}: {text}") for text in _wrong_rows(motion))
+    yield Sentence(_order_sentence(ranking))
     yield Table(columns, rows, title="Files by their distance from the truth")
     yield Table(
         (Column("measure", "fixed"), Column("verdict"), Column("order", "number"), Column("95 %", "fixed")),
@@ -333,6 +335,8 @@ def _ranking_sentence(ranking: Ranking) -> str:
     measure = ranking.quantity.replace("_", " ").removesuffix(" rad")
     unit = " rad" if ranking.quantity == ORIENTATION else ""
     least, most = (f"{scientific(motion.row[ranking.quantity])}{unit}" for motion in (ended[0], ended[-1]))
+    if len(best) == len(ended) > 1:
+        return f"{names(best)} are equally near to the truth: {measure} at most {most}."
     first = f"{names(best)} {'is' if len(best) == 1 else 'are'} nearest to the truth: {measure} {least}"
     return f"{first}; {ended[-1].name} is farthest: {most}."
 

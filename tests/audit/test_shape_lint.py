@@ -326,10 +326,10 @@ def _lint_link(link: str, folder: Path) -> list[LintFinding]:
 
 
 @pytest.mark.parametrize(
-    ("x_m", "severity"), [(2.5, None), (2.8, "note"), (7.6, "note"), (7.9, "warning"), (150.0, "warning")]
+    ("x_m", "severity"), [(1.0, None), (1.1, "note"), (7.6, "note"), (7.9, "warning"), (150.0, "warning")]
 )
 def test_a_centre_far_from_the_shapes_is_found(x_m: float, severity: str | None, tmp_path: Path) -> None:
-    """The box ends at 0.3 m and has a diagonal of 0.748 m, 3 and 10 times of which are the limits."""
+    """The box ends at 0.3 m and has a diagonal of 0.748 m, which is a limit, as ten times as much is."""
     found = _lint(_inertial(10, (0.166, 0.333, 0.433), f"{x_m} 0 0") + _BOX, tmp_path)
     severities = [one.severity for one in found if one.rule == "centre-of-mass"]
     assert severities == ([] if severity is None else [severity])

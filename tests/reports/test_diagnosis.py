@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
@@ -25,7 +26,7 @@ from bodycheck.examine.diagnosis.faults import FAULTS
 from bodycheck.examine.diagnosis.faults.fault import FaultContext
 from bodycheck.examine.diagnosis.fit import planted
 from bodycheck.examine.diagnosis.transitions import Transitions
-from bodycheck.examine.explanation.explain import explain_run
+from bodycheck.examine.explanation.explain import ExplainedCase, explain_run
 from bodycheck.examine.explanation.explanation_document import (
     explanation_document,
     similar_issues,
@@ -39,6 +40,7 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import steps_per_sample
 from bodycheck.reports.document import Document, Sentence, Span, Table
 from bodycheck.reports.document import markdown as as_markdown
+from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import Run
@@ -512,3 +514,21 @@ def test_judge_explains_a_trajectory_of_any_program(tmp_path: Path) -> None:
 def test_a_share_is_rounded_down(share: float, text: str) -> None:
     """What leaves something is not 100 %."""
     assert _percent(share) == text
+
+
+@pytest.mark.parametrize(("noise", "label"), [(0.0, "map"), (1e-13, "nearest map")])
+def test_a_map_that_leaves_more_than_round_off_is_only_the_nearest(noise: float, label: str) -> None:
+    """A method that differs from the map by little, beside its fault, is not stated to be that map."""
+    problem, dt_s = problem_of("full-tensor"), STEPS["full-tensor"]
+    setting = Case(problem.scenario.scene, "no-gyroscopic-term", Setting(dt_s=dt_s))
+    motion = record(Faulty("m1"), setting).trajectory
+    assert motion is not None
+    assert motion.omega_body_rad_s is not None
+    factors = 1.0 + noise * np.sin(np.arange(len(motion.t_s)))
+    motion = replace(motion, omega_body_rad_s=motion.omega_body_rad_s * factors[:, None])
+    found = diagnosis_of("full-tensor", motion, 1)
+    assert [fault.name for fault in found.faults] == ["gyroscopic-term"]
+    columns = {"engine": "faulty", "method": "m1", "control": "dt", "dt_s": dt_s, "outcome": "ok"}
+    case = CaseResult({"scenario": "full-tensor", **columns}, MeasuredMotion(motion))
+    shown = as_markdown(explanation_document([ExplainedCase(problem, ("faulty",), case, (), found)]))
+    assert re.findall(r"^\| ((?:nearest )?map) \|", shown, flags=re.MULTILINE) == [label]

@@ -73,6 +73,11 @@ class Evidence:
         """Whether the quantity is that of the map without faults."""
         return self.before <= _HOLDS * self.round_off
 
+    @property
+    def is_round_off(self) -> bool:
+        """Whether the map, with the faults in it, leaves nothing but round-off."""
+        return (self.before if self.after is None else self.after) <= _HOLDS * self.round_off
+
 
 def errors_over_time(found: Diagnosis) -> tuple[Array, Array, Array | None] | None:
     """Return times (n,), and the largest difference of any quantity from the map there, before and after."""
@@ -192,7 +197,10 @@ def _facts(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
         yield "nearest fault", "; and ".join(fault.sentence for fault in found.nearly)
     words = found.base_words
     if words not in found.sentence:
-        yield "nearest map" if found.verdict in ("unexplained", "nearest") else "map", words
+        is_map = found.verdict not in ("unexplained", "nearest") and all(
+            one.is_round_off for one in evidence_of(found)
+        )
+        yield "map" if is_map else "nearest map", words
     for fault in found.faults:
         for direction in fault.undetermined:
             yield (

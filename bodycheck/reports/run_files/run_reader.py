@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
@@ -107,9 +107,10 @@ def _read_table(path: Path, kind: TableKind) -> list[Row]:
     return rows
 
 
-def _runs_in(folder: Path) -> list[Path]:
+def _runs_in(folder: Path, places: Sequence[str] = ("*",)) -> list[Path]:
     """Return the runs in a folder, which ensembles, audits and others may be in too."""
-    return [path.parent for path in islice(folder.glob("*/results.csv"), _MAX_INSIDE)]
+    found = chain.from_iterable(folder.glob(f"{place}/results.csv") for place in places)
+    return [path.parent for path in islice(found, _MAX_INSIDE)]
 
 
 def _json(folder: Path, name: str) -> Any:
@@ -118,7 +119,7 @@ def _json(folder: Path, name: str) -> Any:
     except FileNotFoundError:
         scenario = not folder.exists() and str(folder) in scenario_names()
         hint = f"; to run the scenario: bodycheck run {folder} --out {folder}" if scenario else ""
-        if inside := _runs_in(folder):
+        if inside := _runs_in(folder, ("*", "*/*")):  # as the pytest plugin stores them
             newest = max(inside, key=lambda run: (run / "results.csv").stat().st_mtime)
             hint = (
                 f"; the newest of {len(inside)} runs in it is {newest}"
