@@ -120,7 +120,7 @@ def judge_files(
     steps_s: Sequence[float] | None,
     start: Start = "scenario",
 ) -> Ranking:
-    """Judge several files of one scenario and rank them by the first error that all of them have.
+    """Judge several files of one scenario and rank them by the first error that all have, and that differs.
 
     recordings: what was read of each. steps_s: the step of each file, from which orders are fitted. start:
     where the truth starts. Raises InputError where a file has nothing to compare, or has times outside the
@@ -141,7 +141,8 @@ def judge_files(
     ended = [(row, motion) for row, motion in judged if row["outcome"] == "ok"]
     _check_spans({row["file"]: float(motion.problem.truth.trajectory.t_s[-1]) for row, motion in ended})
     common = [name for name in (*_PREFERRED, *MEASURES) if ended and all(name in row for row, _ in ended)]
-    quantity = next(iter(common), "")
+    differing = [name for name in common if len({_resolved(row, name) for row, _ in ended}) > 1]
+    quantity = next(iter(differing or common), "")
     judged.sort(key=lambda one: (one[0]["outcome"] != "ok", _resolved(one[0], quantity)))
     rows, ranked = zip(*judged, strict=True)
     orders = {} if steps_s is None or len(paths) < 2 else _orders(rows, common, ranked[0].problem)

@@ -90,7 +90,11 @@ def _wrong_rows(motion: JudgedMotion) -> Iterator[str]:
         wrong, repaired = motion.repaired
         yield f"{wrong}: {next(_distance(repaired))}"
         return
+    stated: set[int] = set()
     for name, found in exceptions_of(motion).items():
+        if stated.issuperset(found.off):  # a wrong row has both wrong
+            continue
+        stated.update(found.off)
         of, unit = ("", "rad") if name == ORIENTATION else (" in omega", "rad/s")
         t_s, off = motion.problem.times, found.off
         after = f"{number(float(t_s[off[0]] - t_s[0]), 4)} s after the first row"
@@ -98,7 +102,6 @@ def _wrong_rows(motion: JudgedMotion) -> Iterator[str]:
         size = f"{'' if len(off) == 1 else 'up to '}{number(found.largest, 2)} {unit}"
         others = f"the others by at most {number(found.rest, 2)} {unit}"
         yield f"Only {len(off)} of {found.rows} rows {verb} off{of}, by {size}, {where}; {others}."
-        return
 
 
 def _norms(motion: JudgedMotion) -> Iterator[str]:

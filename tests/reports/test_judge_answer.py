@@ -500,12 +500,28 @@ def test_wrong_rows_of_one_of_several_files_are_stated(tmp_path: Path) -> None:
     document = judgement_document(rank(files, body=BODY))
     texts = [part.text for part in document.parts if isinstance(part, Sentence)]
     said = sorted(text for text in texts if text.startswith(tuple(f"{name}: " for name in motions)))
-    assert texts[0].startswith("a.csv, b.csv and c.csv are equally near to the truth: ")
+    assert texts[0].startswith("a.csv is nearest to the truth: omega error ")
     assert set(texts[1:3]) == set(said)
     assert [text.partition(" of 201")[0].partition(" behind")[0] for text in said] == [
         "b.csv: Only 1",
         "c.csv: Omega is one row",
     ]
+
+
+def test_equal_files_are_equally_near(tmp_path: Path) -> None:
+    """None of them is called the nearest or the farthest."""
+    files = [write(tmp_path / name, T_S, solved(T_S)) for name in ("a.csv", "b.csv")]
+    first = judgement_document(rank(files, body=BODY)).parts[0]
+    assert isinstance(first, Sentence)
+    assert first.text.startswith("a.csv and b.csv are equally near to the truth: ")
+
+
+def test_wrong_rows_of_attitude_and_of_omega_are_both_stated(tmp_path: Path) -> None:
+    """One row of the attitude is off, and another one of omega."""
+    q, w = solved(T_S)
+    q[50], w[77] = q[30], 1.01 * w[77]
+    text = told(judged(write(tmp_path / "sim.csv", T_S, (q, w))))
+    assert re.findall(r"Only 1 of 201 rows is off( in omega)?, ", text) == ["", " in omega"]
 
 
 @pytest.mark.nightly
