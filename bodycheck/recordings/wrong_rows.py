@@ -11,7 +11,6 @@ import numpy as np
 from bodycheck.recordings.conversion import RecordedMotion
 from bodycheck.recordings.judged_motion import (
     TURNING,
-    VAGUE,
     JudgedMotion,
     Start,
     is_free,
@@ -66,12 +65,14 @@ def is_right_elsewhere(motion: JudgedMotion) -> bool:
     if motion.repaired is not None:
         return True
     exceptions = exceptions_of(motion)
-    whole = {name: motion.row[name] for name in TURNING if name in motion.row}
-    left = dict(whole)
-    for name, found in exceptions.items():
-        left[name] *= found.rest / found.largest
-    is_true = all(left[name] <= motion.floor(name) and motion.floors.get(name, 0.0) <= VAGUE for name in left)
-    return bool(exceptions) and (is_true or max(left.values()) <= _LEFT * max(whole.values()))
+    rest = {name: motion.row[name] * (found.rest / found.largest) for name, found in exceptions.items()}
+    return bool(exceptions) and _is_repaired(replace(motion, row=motion.row | rest), motion)
+
+
+def _is_repaired(later: JudgedMotion, motion: JudgedMotion) -> bool:
+    """Whether a motion without what is wrong is the true one, or leaves little of the errors."""
+    left, whole = (max(one.row.get(name, 0.0) for name in TURNING) for one in (later, motion))
+    return later.is_true or left <= _LEFT * whole
 
 
 def with_repair(
@@ -82,11 +83,9 @@ def with_repair(
     is_off = any(motion.row.get(one, 0.0) > _FAR * motion.floor(one) for one in TURNING)
     if not is_off or len(recorded.arrays["t_s"]) <= _FEWEST_ROWS:
         return motion
-    whole = max(motion.row.get(name, 0.0) for name in TURNING)
     for wrong, repaired in _repairs(recorded, problem.of_body.scene, start):
         later = judged_motion(path, name, repaired, problem, None, start)
-        left = max(later.row.get(name, 0.0) for name in TURNING)
-        if later.row["outcome"] == "ok" and (later.is_true or left <= _LEFT * whole):
+        if later.row["outcome"] == "ok" and _is_repaired(later, motion):
             return replace(motion, repaired=(wrong, later))
     return motion
 
