@@ -161,7 +161,7 @@ def _density(shaped: Shaped) -> LintFinding | None:
         return None
     message = (
         f"{number(shaped.body.mass_kg)} kg need {number(density, 2)} kg/m^3 in its shapes, "
-        "of which the tensor is"
+        "whose tensor for this mass is that of the file"
     )
     found = shaped.finding("unit-slip", "warning" if beyond > _FAR else "note", message)
     return _without_numbers(found, "a mass in kg, and shapes in m")

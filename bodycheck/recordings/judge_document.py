@@ -236,9 +236,8 @@ def _cause(motion: JudgedMotion, case: ExplainedCase) -> Iterator[str]:
     elif found.verdict in ("healthy", "strapdown", "lower-order"):
         if not (is_right and found.start is None and found.base == EXACT.name):
             is_cause = found.verdict == "healthy" and found.base != EXACT.name and found.start is None
-            sentence = (
-                f"likely cause: the error of the method; {found.sentence}" if is_cause else found.sentence
-            )
+            method = found.sentence.replace("no fault", "the error of a method without a fault", 1)
+            sentence = f"likely cause: {method}" if is_cause else found.sentence
             yield f"{sentence[:1].upper()}{sentence[1:]}."
     elif (
         max(motion.row.get(ORIENTATION, 1.0), motion.row.get("omega_error", 0.0)) > _CONSERVED

@@ -541,7 +541,7 @@ def test_files_of_the_same_name_are_told_apart_by_their_folders(tmp_path: Path) 
     assert texts[0].startswith(f"{called[0]} is nearest")
     assert f"{called[1]} is farthest" in texts[0]
     assert [text.partition(":")[0] for text in texts[2:]] == called
-    assert "Likely cause: the error of the method; no fault: the motion is that of semi-implicit" in texts[2]
+    assert "Likely cause: the error of a method without a fault: the motion is that of semi-" in texts[2]
 
 
 def attitudes_alone(path: Path, attitude: Array) -> Path:

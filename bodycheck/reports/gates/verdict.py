@@ -425,5 +425,6 @@ def distance(check: GateCheck, gate: Gate) -> str:
     if check.beyond is None or math.isinf(check.beyond):
         return ""
     size = number(abs(check.beyond), 2)
-    unit = f"{size} decade{'s' * (size != '1')}" if gate.target.in_decades else size
-    return f"{unit} {'beyond' if check.beyond > 0.0 else 'within'}"
+    if not gate.target.in_decades:
+        return f"{size} {'off the bound' if check.beyond > 0.0 else 'within'}"
+    return f"{size} decade{'s' * (size != '1')} {'beyond' if check.beyond > 0.0 else 'within'}"

@@ -357,7 +357,7 @@ def test_distance_is_in_decades_for_errors_and_plain_for_orders() -> None:
     assert order.worst is not None
     assert distance(near.worst, near.gate) == "0.99 decades beyond"  # log10 9.7 = 0.98677
     assert distance(error.worst, error.gate) == "1 decade beyond"
-    assert distance(order.worst, order.gate) == "0.4 beyond"
+    assert distance(order.worst, order.gate) == "0.4 off the bound"
 
 
 def test_worst_case_is_the_nearest_to_failing() -> None:
