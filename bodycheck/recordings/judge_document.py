@@ -88,7 +88,9 @@ def _wrong_rows(motion: JudgedMotion) -> Iterator[str]:
     """Yield which rows are off, or late, where the others are within a tenth of it."""
     if motion.repaired is not None:
         wrong, repaired = motion.repaired
-        yield f"{wrong}: {next(_distance(repaired))}"
+        first, *rest = [*_wrong_rows(repaired)] or [next(_distance(repaired))]
+        yield f"{wrong}: {first}"
+        yield from rest
         return
     stated: set[int] = set()
     for name, found in exceptions_of(motion).items():

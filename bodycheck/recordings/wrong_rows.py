@@ -64,9 +64,15 @@ def is_right_elsewhere(motion: JudgedMotion) -> bool:
     """Whether some rows are wrong, or late, and nothing else: a search for a cause would end at these."""
     if motion.repaired is not None:
         return True
-    exceptions = exceptions_of(motion)
-    rest = {name: motion.row[name] * (found.rest / found.largest) for name, found in exceptions.items()}
-    return bool(exceptions) and _is_repaired(replace(motion, row=motion.row | rest), motion)
+    ordinary = _without_exceptions(motion)
+    return ordinary is not motion and _is_repaired(ordinary, motion)
+
+
+def _without_exceptions(motion: JudgedMotion) -> JudgedMotion:
+    """Return a motion with the errors of the rows that are not off, itself if none is off alone."""
+    found = exceptions_of(motion)
+    rest = {name: motion.row[name] * (of.rest / of.largest) for name, of in found.items()}
+    return replace(motion, row=motion.row | rest) if rest else motion
 
 
 def _is_repaired(later: JudgedMotion, motion: JudgedMotion) -> bool:
@@ -78,14 +84,18 @@ def _is_repaired(later: JudgedMotion, motion: JudgedMotion) -> bool:
 def with_repair(
     path: Path, name: str, recorded: RecordedMotion, problem: Problem, cache: Cache | None, start: Start
 ) -> JudgedMotion:
-    """Measure a recording, also without what many programs log wrongly, if that alone may be wrong."""
+    """Measure a recording, also without what many programs log wrongly, if that alone may be wrong.
+
+    Single rows that are off, in the file or without that, are no reason for or against it.
+    """
     motion = judged_motion(path, name, recorded, problem, cache, start)
-    is_off = any(motion.row.get(one, 0.0) > _FAR * motion.floor(one) for one in TURNING)
+    ordinary = _without_exceptions(motion)
+    is_off = any(ordinary.row.get(one, 0.0) > _FAR * motion.floor(one) for one in TURNING)
     if not is_off or len(recorded.arrays["t_s"]) <= _FEWEST_ROWS:
         return motion
     for wrong, repaired in _repairs(recorded, problem.of_body.scene, start):
         later = judged_motion(path, name, repaired, problem, None, start)
-        if later.row["outcome"] == "ok" and _is_repaired(later, motion):
+        if later.row["outcome"] == "ok" and _is_repaired(_without_exceptions(later), ordinary):
             return replace(motion, repaired=(wrong, later))
     return motion
 

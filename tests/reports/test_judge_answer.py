@@ -188,6 +188,23 @@ def test_attitude_and_omega_of_different_rows_are_said_to_be(
     assert explained.diagnosis is None
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("digits", ["%.17g", "%.6f"])
+def test_a_late_omega_and_a_wrong_row_of_it_are_both_stated(digits: str, tmp_path: Path) -> None:
+    """The one does not hide the other, and nothing is left to search."""
+    q, w = solved(T_S)
+    late = np.concatenate([w[:1], w[:-1]])
+    late[60] += 0.3
+    path = write(tmp_path / "sim.csv", T_S, (q, late), digits)
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[:-1]))  # which has an omega twice
+    (motion,) = judged(path).motions
+    explained = explained_motion(motion, None)
+    text = conclusion(motion, explained)
+    assert "Omega is one row behind the attitude. Moved by one row: Only 1 of 19" in text
+    assert "rows is off in omega, by 0.52 rad/s" in text
+    assert explained.diagnosis is None
+
+
 @pytest.mark.nightly
 def test_a_wrong_motion_is_not_called_right_but_for_a_row(tmp_path: Path) -> None:
     """Damped, with an omega that is one row late as well: both are wrong."""
