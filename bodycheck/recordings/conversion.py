@@ -88,10 +88,11 @@ class RecordedMotion:
         arrays["omega_body_rad_s"], spacings["omega_body_rad_s"] = derived[0], np.full(3, derived[1])
         return replace(self, arrays=arrays, resolution=spacings, has_derived_omega=True)
 
-    def from_second_row(self) -> RecordedMotion | None:
-        """Return the recording without its first row, at times from 0; None if no omega is left."""
-        arrays = {name: values[1:] for name, values in self.arrays.items()}
-        arrays["t_s"] = arrays["t_s"] - arrays["t_s"][0]
+    def rows(self, start: int, stop: int) -> RecordedMotion | None:
+        """Return a part of the recording, of a later start at times from 0; None if no omega is left."""
+        arrays = {name: values[start:stop] for name, values in self.arrays.items()}
+        if start:
+            arrays["t_s"] = arrays["t_s"] - arrays["t_s"][0]
         if not self.has_derived_omega:
             return replace(self, arrays=arrays)
         del arrays["omega_body_rad_s"]

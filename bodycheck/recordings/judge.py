@@ -19,7 +19,7 @@ from bodycheck.examine.diagnosis.recorded import diagnosed_recording
 from bodycheck.examine.explanation.explain import ExplainedCase
 from bodycheck.recordings.column_map import ColumnMap
 from bodycheck.recordings.conversion import RecordedMotion, recorded_motion
-from bodycheck.recordings.judged_motion import JudgedMotion, Start, is_free, quantities_of
+from bodycheck.recordings.judged_motion import TURNING, VAGUE, JudgedMotion, Start, is_free, quantities_of
 from bodycheck.recordings.wrong_rows import is_right_elsewhere, with_repair
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
@@ -28,7 +28,6 @@ from bodycheck.reference_impl.wrench import plan_steps
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion
 from bodycheck.reports.measurement.convergence import Convergence, Criteria, Point, convergence_of
-from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS
 from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, QUANTITIES
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.study import limit
@@ -67,10 +66,10 @@ class Ranking:
     @property
     def ranks(self) -> list[int | None]:
         """The rank of each file; equal ones share it, and a file that did not end well has none."""
-        resolved = [_resolved(row, self.quantity) for row in self.rows]
+        resolved = [_place(motion, self.quantity) for motion in self.motions]
         return [
-            resolved.index(error) + 1 if row["outcome"] == "ok" else None
-            for row, error in zip(self.rows, resolved, strict=True)
+            resolved.index(place) + 1 if motion.row["outcome"] == "ok" else None
+            for motion, place in zip(self.motions, resolved, strict=True)
         ]
 
 
@@ -141,9 +140,10 @@ def judge_files(
     ended = [(row, motion) for row, motion in judged if row["outcome"] == "ok"]
     _check_spans({row["file"]: float(motion.problem.truth.trajectory.t_s[-1]) for row, motion in ended})
     common = [name for name in (*_PREFERRED, *MEASURES) if ended and all(name in row for row, _ in ended)]
-    differing = [name for name in common if len({_resolved(row, name) for row, _ in ended}) > 1]
-    quantity = next(iter(differing or common), "")
-    judged.sort(key=lambda one: (one[0]["outcome"] != "ok", _resolved(one[0], quantity)))
+    ranking = [name for name in common if name in _PREFERRED] or common
+    differing = [name for name in ranking if len({_resolved(motion, name) for _, motion in ended}) > 1]
+    quantity = next(iter(differing or ranking), "")
+    judged.sort(key=lambda one: (one[0]["outcome"] != "ok", _place(one[1], quantity)))
     rows, ranked = zip(*judged, strict=True)
     orders = {} if steps_s is None or len(paths) < 2 else _orders(rows, common, ranked[0].problem)
     return Ranking(rows, quantity, orders, ranked)
@@ -155,10 +155,16 @@ def _file_names(paths: Sequence[Path]) -> list[str]:
     return alone if len({*alone}) == len(paths) else [str(path) for path in paths]
 
 
-def _resolved(row: Mapping[str, Any], quantity: str) -> float:
-    """Return the error of a file, but at least what the truth resolves: smaller ones are not ranked."""
-    floor = FLOOR_BOUNDS * row["truth_bound_rad"] if quantity == ORIENTATION else 0.0
-    return max(float(row.get(quantity, 0.0)), floor)
+def _place(motion: JudgedMotion, quantity: str) -> tuple[float, ...]:
+    """Return the error that files are ranked by, and of equal files those of attitude and omega."""
+    return tuple(_resolved(motion, name) for name in (quantity, *TURNING))
+
+
+def _resolved(motion: JudgedMotion, quantity: str) -> float:
+    """Return the error of a file, 0 where it is not told from the truth: the rest is rounding."""
+    error = float(motion.row.get(quantity, 0.0))
+    is_true = error <= motion.floor(quantity) and motion.floors.get(quantity, 0.0) <= VAGUE
+    return 0.0 if is_true else error
 
 
 def _check_spans(ends_s: Mapping[str, float]) -> None:
@@ -210,6 +216,8 @@ def explained_motion(
     dt_s: the step of the program that wrote it, None if unknown. resolution_text: what is known of its
     resolution (Resolution.with_given). Raises InputError where the step does not fit the times.
     """
+    if motion.part is not None:  # single wrong rows are no part of a motion
+        return explained_motion(motion.part, dt_s, resolution_text)
     problem, trajectory = motion.problem, motion.case.trajectory
     assert trajectory is not None
     scene, resolution = examined(motion, dt_s, resolution_text)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from bodycheck._util.formatting import count, names, number, scientific, step
 from bodycheck.examine.diagnosis.candidate_maps import EXACT
@@ -11,7 +11,7 @@ from bodycheck.examine.explanation.explain import ExplainedCase
 from bodycheck.examine.explanation.explanation_document import explanation_parts
 from bodycheck.recordings.judge import Ranking
 from bodycheck.recordings.judged_motion import FROM_START, VAGUE, JudgedMotion, MomentumChange, is_free
-from bodycheck.recordings.wrong_rows import exceptions_of, is_right_elsewhere
+from bodycheck.recordings.wrong_rows import exceptions_of, is_right_elsewhere, without_exceptions
 from bodycheck.reports.document import Column, Document, Part, Sentence, Table
 from bodycheck.reports.measurement.convergence import Convergence
 from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS
@@ -23,6 +23,7 @@ _CONSERVED = 1e-6  # relative: a smaller change of a conserved quantity is no se
 _PER_CENT = 1e-4  # relative: from there on in per cent
 _FEWEST_STEPS = 4
 _AS_RESOLVED = ", as far as the file resolves it"
+_OF_TIME = 7  # digits, which tell the rows of long recordings apart
 _BACK = 0.1  # of the largest error: a last row that is nearer agrees again
 _FARTHER = 100.0  # of the error of omega, relative, to that of the attitude, where the latter is no cause
 _NOT_NORMAL = {
@@ -39,9 +40,11 @@ def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Senten
     """
     diagnosis = None if case is None else case.diagnosis
     if not motion.case.ok:
-        return [Sentence(f"{motion.name} is unstable: {motion.row['message']}.", "bad", strong=True)]
+        unstable = Sentence(f"{motion.name} is unstable: {motion.row['message']}.", "bad", strong=True)
+        return [unstable, *map(Sentence, _wrong_rows(motion))]
     is_noisy = diagnosis is not None and diagnosis.is_within_noise
-    distance, cause = [*_distance(motion)], [] if case is None else [*_cause(motion, case)]
+    distance = [*_distance(motion)]
+    cause = [] if case is None else [*_cause(motion if motion.part is None else motion.part, case)]
     if wrong := [*_wrong_rows(motion)]:  # which are neither noise nor a motion
         unexplained = diagnosis is not None and diagnosis.verdict == "unexplained"
         is_cause = not (is_noisy or unexplained or is_right_elsewhere(motion))
@@ -86,20 +89,26 @@ def _of_noise(motion: JudgedMotion) -> str:
 
 def _wrong_rows(motion: JudgedMotion) -> Iterator[str]:
     """Yield which rows are off, or late, where the others are within a tenth of it."""
-    if motion.repaired is not None:
-        wrong, repaired = motion.repaired
-        first, *rest = [*_wrong_rows(repaired)] or [next(_distance(repaired))]
-        yield f"{wrong}: {first}"
-        yield from rest
+    if (repair := motion.repaired) is None:
+        yield from _exceptions(motion, motion, {})
         return
+    exceptions = [*_exceptions(repair.motion, motion, repair.first_rows)]
+    first, *rest = exceptions or [next(_distance(repair.motion))]
+    yield f"{repair.wrong}: {first}"
+    yield from rest
+
+
+def _exceptions(motion: JudgedMotion, file: JudgedMotion, first_rows: Mapping[str, int]) -> Iterator[str]:
+    """Yield which rows are off; first_rows: measure -> the row of the file at which it begins."""
+    t_s = file.problem.times - file.problem.times[0]
     stated: set[int] = set()
     for name, found in exceptions_of(motion).items():
-        if stated.issuperset(found.off):  # a wrong row has both wrong
+        off = [row + first_rows.get(name, 0) for row in found.off]
+        if stated.issuperset(off):  # a wrong row has both wrong
             continue
-        stated.update(found.off)
+        stated.update(off)
         of, unit = ("", "rad") if name == ORIENTATION else (" in omega", "rad/s")
-        t_s, off = motion.problem.times, found.off
-        after = f"{number(float(t_s[off[0]] - t_s[0]), 4)} s after the first row"
+        after = f"{number(float(t_s[off[0]]), _OF_TIME)} s after the first row"
         verb, where = ("is", after) if len(off) == 1 else ("are", f"the first {after}")
         size = f"{'' if len(off) == 1 else 'up to '}{number(found.largest, 2)} {unit}"
         others = f"the others by at most {number(found.rest, 2)} {unit}"
@@ -198,8 +207,9 @@ def _distance(motion: JudgedMotion) -> Iterator[str]:
 
 def _is_of_omega(motion: JudgedMotion) -> bool:
     """Whether omega is wrong, and too far off for the error of the attitude to be its cause."""
-    error = motion.row.get("omega_error", 0.0)
-    limit = max(_CONSERVED, _FARTHER * motion.row.get(ORIENTATION, 0.0), motion.floor("omega_error"))
+    row = without_exceptions(motion).row  # of a single row, either may be wrong
+    error = row.get("omega_error", 0.0)
+    limit = max(_CONSERVED, _FARTHER * row.get(ORIENTATION, 0.0), motion.floor("omega_error"))
     return bool(error > limit)
 
 

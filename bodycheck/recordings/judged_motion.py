@@ -68,6 +68,18 @@ class MomentumChange:
 
 
 @dataclass(frozen=True, eq=False)
+class Repair:
+    """What is wrong with the rows of a recording, where nothing else is, and the motion without it.
+
+    first_rows: measure -> the row of the file at which it begins.
+    """
+
+    wrong: str
+    first_rows: Mapping[str, int]
+    motion: JudgedMotion
+
+
+@dataclass(frozen=True, eq=False)
 class JudgedMotion:
     """A recording with the truth at its samples.
 
@@ -79,7 +91,8 @@ class JudgedMotion:
     the rotational energy since the first row, with its sign, over the largest of the truth, None without
     omega. floors: measure -> what the truth and the digits of the file leave open, relative as the
     measure is. start: where the truth starts. has_derived_omega, has_unused_position, assumed: of the
-    recording. repaired: what is wrong with some rows, and the same without it, where nothing else is wrong.
+    recording. repaired: the same without what is wrong with its rows, where nothing else is. part: its
+    longest part without single wrong rows, where more is wrong.
     """
 
     name: str
@@ -95,7 +108,8 @@ class JudgedMotion:
     has_derived_omega: bool = False
     has_unused_position: bool = False
     assumed: str = ""
-    repaired: tuple[str, JudgedMotion] | None = None
+    repaired: Repair | None = None
+    part: JudgedMotion | None = None
 
     @property
     def is_true(self) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +13,13 @@ from bodycheck.recordings.conversion import RecordedMotion
 from bodycheck.recordings.judged_motion import (
     TURNING,
     JudgedMotion,
+    Repair,
     Start,
     is_free,
     judged_motion,
     quantities_of,
 )
-from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.problem import Problem
 
@@ -27,6 +29,7 @@ _LEFT = 1e-3  # of the largest error, without the wrong rows, where these alone 
 _OFF = 0.1  # of the largest error, above which a row is off
 _FEW = 0.01  # of the rows
 _ENOUGH = 5  # rows: of fewer, one that is off is no exception
+_UNSTABLE = 1.0  # rad, or relative: a motion without measures is at least as far off
 _JUMP = 1e-2  # of what is off: an error that grows up to the last row comes nearer to it
 
 
@@ -45,40 +48,52 @@ class Exceptions:
 
 def exceptions_of(motion: JudgedMotion) -> dict[str, Exceptions]:
     """Return, by measure, the few rows that are off in attitude or omega, ten times as far as the others."""
-    found = {}
+    found: dict[str, Exceptions] = {}
     for name in TURNING:
         if name not in motion.row or motion.is_at_floor(name):
             continue
-        errors = motion.case.series[name]
-        largest = float(errors.max())
-        limit = _OFF * largest
-        off = np.flatnonzero(errors > limit)
-        rest = float(np.delete(errors, off).max(initial=0.0))
-        is_growth = off[-1] == len(errors) - 1 and rest > _JUMP * limit
-        if len(errors) >= _ENOUGH and len(off) <= max(1.0, _FEW * len(errors)) and not is_growth:
-            found[name] = Exceptions(len(errors), tuple(off.tolist()), largest, rest)
+        errors, off = motion.case.series[name], tuple[int, ...]()
+        rest = float(errors.max())
+        while len(errors) >= _ENOUGH and (farther := _off(errors, rest)) is not None and farther != off:
+            off, rest = farther, float(np.delete(errors, farther).max(initial=0.0))
+        if off:
+            found[name] = Exceptions(len(errors), off, float(errors.max()), rest)
     return found
+
+
+def _off(errors: Array, largest: float) -> tuple[int, ...] | None:
+    """Return the rows that are off where all but them are within a tenth of the largest; None if many are."""
+    limit = _OFF * largest
+    off = np.flatnonzero(errors > limit)
+    rest = float(np.delete(errors, off).max(initial=0.0))
+    is_growth = off[-1] == len(errors) - 1 and rest > _JUMP * limit
+    return None if len(off) > max(1.0, _FEW * len(errors)) or is_growth else tuple(off.tolist())
 
 
 def is_right_elsewhere(motion: JudgedMotion) -> bool:
     """Whether some rows are wrong, or late, and nothing else: a search for a cause would end at these."""
     if motion.repaired is not None:
         return True
-    ordinary = _without_exceptions(motion)
+    ordinary = without_exceptions(motion)
     return ordinary is not motion and _is_repaired(ordinary, motion)
 
 
-def _without_exceptions(motion: JudgedMotion) -> JudgedMotion:
+def without_exceptions(motion: JudgedMotion) -> JudgedMotion:
     """Return a motion with the errors of the rows that are not off, itself if none is off alone."""
     found = exceptions_of(motion)
     rest = {name: motion.row[name] * (of.rest / of.largest) for name, of in found.items()}
     return replace(motion, row=motion.row | rest) if rest else motion
 
 
-def _is_repaired(later: JudgedMotion, motion: JudgedMotion) -> bool:
+def _is_repaired(later: JudgedMotion, motion: JudgedMotion, left: float = _LEFT) -> bool:
     """Whether a motion without what is wrong is the true one, or leaves little of the errors."""
-    left, whole = (max(one.row.get(name, 0.0) for name in TURNING) for one in (later, motion))
-    return later.is_true or left <= _LEFT * whole
+    return later.is_true or _largest(later) <= left * _largest(motion)
+
+
+def _largest(motion: JudgedMotion) -> float:
+    if not motion.case.ok:
+        return _UNSTABLE
+    return float(max(motion.row.get(name, 0.0) for name in TURNING))
 
 
 def with_repair(
@@ -86,18 +101,54 @@ def with_repair(
 ) -> JudgedMotion:
     """Measure a recording, also without what many programs log wrongly, if that alone may be wrong.
 
-    Single rows that are off, in the file or without that, are no reason for or against it.
+    Single rows that are off, in the file or without that, are no reason for or against it. Where more is
+    wrong than these, also measure the longest part without them.
     """
     motion = judged_motion(path, name, recorded, problem, cache, start)
-    ordinary = _without_exceptions(motion)
+    ordinary = without_exceptions(motion)
     is_off = any(ordinary.row.get(one, 0.0) > _FAR * motion.floor(one) for one in TURNING)
-    if not is_off or len(recorded.arrays["t_s"]) <= _FEWEST_ROWS:
+    if (motion.case.ok and not is_off) or len(recorded.arrays["t_s"]) <= _FEWEST_ROWS:
         return motion
-    for wrong, repaired in _repairs(recorded, problem.of_body.scene, start):
+    repair = _best_repair(path, name, recorded, problem, start, ordinary)
+    if repair is not None:
+        return replace(motion, repaired=repair)
+    if ordinary is motion or _is_repaired(ordinary, motion):
+        return motion
+    return replace(motion, part=_part(path, name, recorded, problem, motion))
+
+
+def _best_repair(
+    path: Path, name: str, recorded: RecordedMotion, problem: Problem, start: Start, motion: JudgedMotion
+) -> Repair | None:
+    """Return the repair that leaves least of the errors of a motion, None if much is left."""
+    found: list[tuple[float, Repair, JudgedMotion]] = []
+    for wrong, first_rows, repaired in _repairs(recorded, start):
         later = judged_motion(path, name, repaired, problem, None, start)
-        if later.row["outcome"] == "ok" and _is_repaired(_without_exceptions(later), ordinary):
-            return replace(motion, repaired=(wrong, later))
-    return motion
+        if later.row["outcome"] == "ok":
+            rest = without_exceptions(later)
+            left = 0.0 if rest.is_true else _largest(rest)
+            found.append((left, Repair(wrong, first_rows, later), rest))
+    if not found:
+        return None
+    _, repair, rest = min(found, key=lambda one: one[0])
+    # at the time of the second row, loads may differ from those at the start
+    is_later = repair.first_rows == _SECOND_ROW and not is_free(problem.of_body.scene)
+    return repair if _is_repaired(rest, motion, _LEFT**2 if is_later else _LEFT) else None
+
+
+def _part(
+    path: Path, name: str, recorded: RecordedMotion, problem: Problem, motion: JudgedMotion
+) -> JudgedMotion | None:
+    """Measure the longest part between rows that are off; None if it is too short."""
+    off = sorted({row for found in exceptions_of(motion).values() for row in found.off})
+    parts = [*pairwise([-1, *off, len(recorded.arrays["t_s"])])]
+    if not is_free(problem.of_body.scene):  # the loads of a later time may differ
+        parts = parts[:1]
+    before, end = max(parts, key=lambda ends: ends[1] - ends[0])
+    if end - before <= _FEWEST_ROWS or (rows := recorded.rows(before + 1, end)) is None:
+        return None
+    part = judged_motion(path, name, rows, problem, None, motion.start if before < 0 else "first-sample")
+    return part if part.case.ok else None
 
 
 _OMEGA_LATE, _ATTITUDE_LATE = "Omega is one row behind the attitude", "The attitude is one row behind omega"
@@ -109,18 +160,22 @@ _APART = (
 )
 """A quantity, the rows by which it is moved, and what is wrong if the motion is the true one then."""
 
+_SECOND_ROW = dict.fromkeys(TURNING, 1)
 
-def _repairs(recorded: RecordedMotion, scene: Scene, start: Start) -> Iterator[tuple[str, RecordedMotion]]:
-    """Yield what may be wrong with a recording, and the recording without it.
+
+def _repairs(recorded: RecordedMotion, start: Start) -> Iterator[tuple[str, dict[str, int], RecordedMotion]]:
+    """Yield what may be wrong with a recording, where its measures then begin, and the recording without it.
 
     Many programs log a first row before the first step, without the velocities, or one quantity before a
     step and the other after it.
     """
     from_first, arrays = start == "first-sample", recorded.arrays
-    if from_first and is_free(scene) and (rest := recorded.from_second_row()) is not None:
-        yield "Only the first row, or the step from it, is wrong. From the second row on", rest
+    if from_first and (rest := recorded.rows(1, len(arrays["t_s"]))) is not None:
+        yield "Only the first row, or the step from it, is wrong. From the second row on", _SECOND_ROW, rest
     has_one_omega = ("omega_body_rad_s" in arrays) != ("omega_world_rad_s" in arrays)
     if has_one_omega and "attitude" in quantities_of(arrays) and not recorded.has_derived_omega:
         # of a motion that starts at its first row, the other two differ in the times alone
         for quantity, rows, wrong in _APART[:2] if from_first else _APART:
-            yield f"{wrong}. Moved by one row", recorded.moved(quantity, rows)
+            of_omega = int((quantity == "omega") == (rows > 0))
+            first_rows = dict(zip(TURNING, (1 - of_omega, of_omega), strict=True))
+            yield f"{wrong}. Moved by one row", first_rows, recorded.moved(quantity, rows)

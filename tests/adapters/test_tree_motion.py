@@ -94,7 +94,7 @@ def _random(seed: int, **options: bool) -> TreeScene:
     return replace(tree, bodies=tuple(bodies), duration_s=_STEPS * _DT_S, samples=2)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(after=1)
 @pytest.mark.nightly(after=5)
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("name", _METHODS)

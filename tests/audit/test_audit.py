@@ -803,7 +803,6 @@ def _damaged(folder: Path, tmp_path: Path, change: Callable[[dict[str, Any]], No
     return parts
 
 
-@pytest.mark.slow
 def test_merging_reports_importers_that_disagree(shards: tuple[Path, Audit], tmp_path: Path) -> None:
     """All shards import all links: other numbers are reported with importer, link, shards and digits."""
 

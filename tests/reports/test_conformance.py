@@ -192,7 +192,7 @@ def test_engine_without_loads_and_gravity_passes_on_what_it_accepts() -> None:
     assert passed >= {"model", "read-back", "readings", "free motion", "reset", "advance", "bad input"}
 
 
-@pytest.mark.slow
+@pytest.mark.slow(after=1)
 @pytest.mark.nightly(after=2)
 @pytest.mark.parametrize("name", [*FREE_FAULTS, "omega kept"])
 def test_mistake_of_an_engine_without_loads_and_gravity_is_found(name: str) -> None:

@@ -201,8 +201,48 @@ def test_a_late_omega_and_a_wrong_row_of_it_are_both_stated(digits: str, tmp_pat
     explained = explained_motion(motion, None)
     text = conclusion(motion, explained)
     assert "Omega is one row behind the attitude. Moved by one row: Only 1 of 19" in text
-    assert "rows is off in omega, by 0.52 rad/s" in text
+    assert "rows is off in omega, by 0.52 rad/s, 3 s after the first row" in text
     assert explained.diagnosis is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("torque", [None, (2.0, 0.0, 1.0)])
+def test_a_first_omega_of_zero_and_a_late_omega_are_told_apart(
+    torque: tuple[float, float, float] | None, tmp_path: Path
+) -> None:
+    """At close rows either leaves little of the error of the other; both begin with an omega of zero."""
+    t_s = np.arange(501) * 1e-3
+    q, w = solved(t_s, torque=None if torque is None else np.array(torque))
+    first, late = w.copy(), np.concatenate([w[:1], w[:-1]])
+    first[0] = late[0] = 0.0
+    body = GivenMotion(INERTIA, torque_body_n_m=torque or (0.0, 0.0, 0.0))
+    texts = []
+    for omega in (first, late):
+        path = write(tmp_path / "sim.csv", t_s, (q, omega), "%.9f")
+        path.write_text("".join(path.read_text().splitlines(keepends=True)[:-1]))
+        texts.append(told(rank([path], body=body)))
+    assert ["Only the first row" in text for text in texts] == [True, False]
+    assert ["Omega is one row behind the attitude" in text for text in texts] == [False, True]
+
+
+@pytest.mark.slow
+def test_a_wrong_row_does_not_change_the_cause_of_the_other_errors(tmp_path: Path) -> None:
+    """It is part of no motion: the factor of the moment of inertia is that without it."""
+    q, w = solved(T_S)
+    q[120] = [0.0, 1.0, 0.0, 0.0]
+    path = write(tmp_path / "sim.csv", T_S, (q, w))
+    text = told(rank([path], body=GivenMotion((40.0, 60.0, 85.0 / 1.005))))
+    assert text.startswith("Only 1 of 201 rows is off, by ")
+    assert "largest principal moment of inertia is multiplied by 1.005 (explains all of the error)" in text
+
+
+def test_wrong_rows_of_different_sizes_are_counted(tmp_path: Path) -> None:
+    """The largest does not hide a smaller one among those that are right."""
+    q, w = solved(T_S)
+    w[50] += 1.0
+    w[90] += 0.01
+    text = told(judged(write(tmp_path / "sim.csv", T_S, (q, w))))
+    assert text.startswith("Only 2 of 201 rows are off in omega, by up to 1.7 rad/s, the first 2.5 s after")
 
 
 @pytest.mark.nightly
@@ -289,7 +329,6 @@ def test_a_wrong_first_row_is_not_taken_for_the_motion(what: str, digits: str, t
     assert "Only the first row" not in told(judged(write(tmp_path / "damped.csv", T_S, (damped, slowed))))
 
 
-@pytest.mark.slow
 def test_an_error_that_grows_up_to_the_last_row_is_one_of_the_motion(tmp_path: Path) -> None:
     """Only the last rows of a damped motion are far off, but those before come near to them."""
     t_s = np.arange(201) * 0.002
@@ -531,6 +570,24 @@ def test_equal_files_are_equally_near(tmp_path: Path) -> None:
     first = judgement_document(rank(files, body=BODY)).parts[0]
     assert isinstance(first, Sentence)
     assert first.text.startswith("a.csv and b.csv are equally near to the truth: ")
+
+
+def test_files_that_differ_by_their_rounding_are_equally_near(tmp_path: Path) -> None:
+    """Beside a worse one, those of equal attitudes are ranked by omega."""
+    q, w = solved(T_S)
+    off = w.copy()
+    off[77] *= 1.01
+    files = [
+        write(tmp_path / "a.csv", T_S, (q, w), "%.6f"),
+        write(tmp_path / "b.csv", T_S, (q, w + 2e-7), "%.6f"),
+        write(tmp_path / "c.csv", T_S, (q, off), "%.6f"),
+        write(tmp_path / "d.csv", T_S, stepped(T_S, 5), "%.6f"),
+    ]
+    assert rank(files[:2], body=BODY).ranks == [1, 1]
+    ranking = rank(files, body=BODY)
+    assert ranking.quantity == "orientation_error_rad"
+    assert [Path(row["file"]).stem for row in ranking.rows] == ["a", "b", "c", "d"]
+    assert ranking.ranks == [1, 1, 3, 4]
 
 
 def test_wrong_rows_of_attitude_and_of_omega_are_both_stated(tmp_path: Path) -> None:

@@ -37,7 +37,6 @@ from tests.helpers.gate_tables import with_tables
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-pytestmark = pytest.mark.slow
 
 pytest.importorskip("matplotlib")
 
