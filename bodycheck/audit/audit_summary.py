@@ -154,8 +154,11 @@ def _of_bodies(audit: Audit, column: ImporterColumn) -> tuple[str, bool]:
     total, merged = sum(states.values()), states["merged"]
     differing = [(link, why) for link, name, why in audit.differing() if name == column.name]
     if (which := said_once(audit).get(column.name)) is not None:
-        others = len(differing) - len(_discarding(audit, column.name))
-        more = f", and changes {count(others, 'link')} otherwise" if others else ""
+        changed = sum(link.held[column.name].state in ("differs", "absent") for link, _ in differing)
+        changed -= len(_discarding(audit, column.name))
+        turning = sum(link.held[column.name].state not in ("differs", "absent") for link, _ in differing)
+        more = f", and changes {count(changed, 'link')} otherwise" if changed else ""
+        more += f", and turns {count(turning, 'link')} otherwise, as by damping" if turning else ""
         spins = [link.spins[column.name] for link in audit.links if column.name in link.spins]
         off = max((one.held_rad or 0.0 for one in spins if one.follows(one.held_rad) is False), default=0.0)
         turned = f", so that a free spin is up to {number(off, 2)} rad off after 1 s" if off else ""

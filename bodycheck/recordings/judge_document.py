@@ -42,7 +42,8 @@ def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Senten
     if not motion.case.ok:
         unstable = Sentence(f"{motion.name} is unstable: {motion.row['message']}.", "bad", strong=True)
         return [unstable, *map(Sentence, _wrong_rows(motion))]
-    is_noisy = diagnosis is not None and diagnosis.is_within_noise
+    is_wrong = diagnosis is not None and diagnosis.verdict == "explained"
+    is_noisy = diagnosis is not None and diagnosis.is_within_noise and not is_wrong
     distance = [*_distance(motion)]
     cause = [] if case is None else [*_cause(motion if motion.part is None else motion.part, case)]
     if wrong := [*_wrong_rows(motion)]:  # which are neither noise nor a motion
@@ -62,7 +63,6 @@ def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Senten
         parts.append("The position is not compared, as the file has no velocity with which it starts.")
     if motion.assumed:
         parts.append(f"Read with {motion.assumed}.")
-    is_wrong = diagnosis is not None and diagnosis.verdict == "explained"
     tint = "bad" if is_wrong else "good" if is_noisy or motion.is_true else "open"
     return [Sentence(text, tint if k == 0 else "none", strong=k == 0) for k, text in enumerate(parts)]
 

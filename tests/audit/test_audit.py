@@ -464,6 +464,21 @@ def test_a_discarded_tensor_says_how_far_the_link_turns_off() -> None:
         assert text.text == f"PyBullet discards every tensor{', ' if said else ''}{said}."
 
 
+def test_a_body_that_only_turns_otherwise_is_not_called_changed() -> None:
+    """Its numbers are those of the file; the damping of the importer is beside them."""
+    column = ImporterColumn("pybullet", "3", "default", "", "ok")
+    discarded = LinkImport("differs", _HELD, _HELD, Difference(0.0, 0.0, 0.5), ("tensor discarded",))
+    agrees = LinkImport("agrees", _HELD, _HELD, Difference(0.0, 0.0, 0.0))
+    links = [
+        LinkAudit(str(k), 2, _HELD, "", "", {column.name: one}, {column.name: Spin(1e-6, 1e-6, alone_rad)})
+        for k, (one, alone_rad) in enumerate([(discarded, None), (discarded, None), (agrees, 0.5)])
+    ]
+    (_, text) = _sentences(Audit("robot.urdf", "urdf", "", [column], links, []))
+    assert text.text == (
+        "PyBullet discards the tensors of 2 of 3 links, and turns 1 link otherwise, as by damping."
+    )
+
+
 @pytest.mark.parametrize(
     ("state", "held_rad", "alone_rad", "said"),
     [

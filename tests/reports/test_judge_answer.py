@@ -245,6 +245,17 @@ def test_wrong_rows_of_different_sizes_are_counted(tmp_path: Path) -> None:
     assert text.startswith("Only 2 of 201 rows are off in omega, by up to 1.7 rad/s, the first 2.5 s after")
 
 
+@pytest.mark.slow
+def test_an_explained_difference_is_not_that_of_the_first_row(tmp_path: Path) -> None:
+    """A wrong sign of one component turns the motion, not the errors of the solver beside it."""
+    t_s = np.arange(301) * 0.05
+    q, w = solved(t_s, 1e-13)  # with errors like noise of 1e-13
+    text = told(judged(write(tmp_path / "sim.csv", t_s, (q, w * [1.0, 1.0, -1.0]))))
+    assert "omega about z is read with the opposite sign (explains all of the error)" in text
+    assert "The truth starts at the first row" not in text
+    assert "Angular momentum is not conserved" in text
+
+
 @pytest.mark.nightly
 def test_a_wrong_motion_is_not_called_right_but_for_a_row(tmp_path: Path) -> None:
     """Damped, with an omega that is one row late as well: both are wrong."""

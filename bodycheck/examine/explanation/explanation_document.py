@@ -60,6 +60,8 @@ def similar_issues(names: Sequence[str]) -> list[Issue]:
 class Evidence:
     """The change of a quantity over one sample interval: its largest difference from the map, over its scale.
 
+    Of the intervals that were fitted, which are spread evenly over a long motion.
+
     after: with the faults in the map. round_off: the difference that round-off makes.
     """
 
@@ -271,7 +273,7 @@ def _evidence_table(evidence: Sequence[Evidence], of: str) -> Table:
         )
         for one in evidence
     )
-    heading = "Evidence, as largest difference from the map over one sample interval"
+    heading = "Evidence, as largest difference from the map over the examined sample intervals"
     return Table(columns, rows, title=f"{heading}{of}")
 
 

@@ -215,10 +215,19 @@ def new_causes(before: Tables, after: Tables) -> dict[StudyKey, str]:
 
 
 def cause_of(diagnosed: Sequence[tuple[Change, str]]) -> str:
-    """Return the cause in the scenario that the text names first, or else in another; "" if none is known."""
+    """Return the cause in the scenario that the text names first, or else in another; "" if none is known.
+
+    The other is named where the cause in the first one was looked for in vain.
+    """
     main = main_of([change for change, _ in diagnosed])
     first = sorted(diagnosed, key=lambda pair: pair[0].scenario != main.scenario)
-    return next((cause for _, cause in first if cause), "")
+    found = next((pair for pair in first if is_known(pair[1])), None)
+    is_unexplained = any(cause == NO_KNOWN_CAUSE for _, cause in diagnosed)
+    if found is None:
+        return NO_KNOWN_CAUSE if is_unexplained else ""
+    change, cause = found
+    is_elsewhere = is_unexplained and change.scenario and change.scenario != main.scenario
+    return f"{cause} in {change.scenario}" if is_elsewhere else cause
 
 
 def releases(before: Tables, after: Tables) -> dict[str, str]:

@@ -299,6 +299,20 @@ def test_a_motion_that_no_fault_explains_is_said_to_be_one() -> None:
     assert line.endswith("in brick (the method is of order 2, not 4).")
 
 
+def test_a_cause_that_is_known_in_another_scenario_is_stated_with_it() -> None:
+    """Where the largest error has no known cause, that of a smaller one says more; it is not that of both."""
+    cases = [{"method": "rk4", "scenario": name} for name in SCENARIOS]
+    before = run(*(case | {ERROR: 1e-4} for case in cases))
+    after = run(*(case | {ERROR: error} for case, error in zip(cases, (1e-1, 1e-2), strict=True)))
+    found = [("unexplained", {}), ("explained", {"faults": "late"})]
+    rows = [
+        {"engine": "mujoco", "verdict": verdict, "diagnosis": "omega is late (explains all)"} | case | faults
+        for case, (verdict, faults) in zip(cases, found, strict=True)
+    ]
+    (line,) = headlines(compare(before, after.with_rows(diagnoses=rows)))
+    assert line.endswith("in brick and 1 more scenario (omega is late, explains all in plate).")
+
+
 @pytest.mark.parametrize("version", ["3.17.0", "4.0.0"])
 def test_methods_with_one_cause_share_a_line(version: str) -> None:
     """The diagnosis is the cause unless the method had it before; a new version is named too."""
