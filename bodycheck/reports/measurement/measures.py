@@ -322,7 +322,6 @@ _ALL = (
         "joint_error_rad",
         "max |q - q*| of any hinge, and the angle to the truth of any ball joint; of trees",
         lambda c: None if c.joints is None else c.joints.angles,
-        _needing("attitude"),
         series=lambda c: None if c.joints is None else c.joints.largest("rad"),
         bound="rad",
         of=_turns,
@@ -331,7 +330,6 @@ _ALL = (
         "joint_error_m",
         "max |q - q*| of any slide; of trees",
         lambda c: None if c.joints is None else c.joints.lengths,
-        _needing("position", "attitude"),
         series=lambda c: None if c.joints is None else c.joints.largest("m"),
         bound="m",
         of=_slides,
@@ -339,7 +337,6 @@ _ALL = (
     Measure(
         "constraint_drift_m",
         "max distance between the points that a joint holds together, of engines that store poses",
-        needs=_needing("position", "attitude"),
         series=lambda c: None if c.joints is None else c.joints.gap_m,
         judged=None,
         of=lambda scene: bool(_joints(scene)),
@@ -347,7 +344,6 @@ _ALL = (
     Measure(
         "constraint_drift_rad",
         "max angle by which a joint turns otherwise than it permits, of engines that store poses",
-        needs=_needing("attitude"),
         series=lambda c: None if c.joints is None else c.joints.gap_rad,
         judged=None,
         of=lambda scene: bool(_joints(scene)),
