@@ -47,7 +47,10 @@ class Exceptions:
 
 
 def exceptions_of(motion: JudgedMotion) -> dict[str, Exceptions]:
-    """Return, by measure, the few rows that are off in attitude or omega, ten times as far as the others."""
+    """Return, by measure, the few rows that are off in attitude or omega, and the errors of the others.
+
+    They are ten times as far off as the others, or stand out of errors that change slowly.
+    """
     found: dict[str, Exceptions] = {}
     for name in TURNING:
         if name not in motion.row or motion.is_at_floor(name):
@@ -56,8 +59,10 @@ def exceptions_of(motion: JudgedMotion) -> dict[str, Exceptions]:
         rest = float(errors.max())
         while len(errors) >= _ENOUGH and (farther := _off(errors, rest)) is not None and farther != off:
             off, rest = farther, float(np.delete(errors, farther).max(initial=0.0))
+        if not off and len(errors) >= _ENOUGH and (off := _standing_out(errors)):
+            rest = float(np.delete(errors, off).max())
         if off:
-            found[name] = Exceptions(len(errors), off, float(errors.max()), rest)
+            found[name] = Exceptions(len(errors), off, float(errors[[*off]].max()), rest)
     return found
 
 
@@ -68,6 +73,18 @@ def _off(errors: Array, largest: float) -> tuple[int, ...] | None:
     rest = float(np.delete(errors, off).max(initial=0.0))
     is_growth = off[-1] == len(errors) - 1 and rest > _JUMP * limit
     return None if len(off) > max(1.0, _FEW * len(errors)) or is_growth else tuple(off.tolist())
+
+
+def _standing_out(errors: Array) -> tuple[int, ...]:
+    """Return the few rows whose error differs from those beside it by ten times any other change of a row."""
+    beside = np.stack([errors[:-2], errors[1:-1], errors[2:]])
+    apart = np.abs(errors[1:-1] - np.median(beside, axis=0))
+    off = 1 + np.flatnonzero(apart > _OFF * apart.max())
+    if not 0 < len(off) <= max(1.0, _FEW * len(errors)):  # none where errors grow throughout
+        return ()
+    changes = np.delete(np.abs(np.diff(errors)), [*(off - 1), *off])
+    is_alone = _OFF * apart[off - 1].min() > changes.max(initial=0.0)
+    return tuple(off.tolist()) if is_alone else ()
 
 
 def is_right_elsewhere(motion: JudgedMotion) -> bool:
