@@ -154,9 +154,8 @@ def _of_bodies(audit: Audit, column: ImporterColumn) -> tuple[str, bool]:
     total, merged = sum(states.values()), states["merged"]
     differing = [(link, why) for link, name, why in audit.differing() if name == column.name]
     if (which := said_once(audit).get(column.name)) is not None:
-        changed = sum(link.held[column.name].state in ("differs", "absent") for link, _ in differing)
-        changed -= len(_discarding(audit, column.name))
-        turning = sum(link.held[column.name].state not in ("differs", "absent") for link, _ in differing)
+        turning = sum(link.held[column.name].state in ("agrees", "rounded") for link, _ in differing)
+        changed = len(differing) - turning - len(_discarding(audit, column.name))
         more = f", and changes {count(changed, 'link')} otherwise" if changed else ""
         more += f", and turns {count(turning, 'link')} otherwise, as by damping" if turning else ""
         spins = [link.spins[column.name] for link in audit.links if column.name in link.spins]

@@ -19,7 +19,7 @@ from bodycheck.examine.diagnosis.recorded import diagnosed_recording
 from bodycheck.examine.explanation.explain import ExplainedCase
 from bodycheck.recordings.column_map import ColumnMap
 from bodycheck.recordings.conversion import RecordedMotion, recorded_motion
-from bodycheck.recordings.judged_motion import TURNING, VAGUE, JudgedMotion, Start, is_free, quantities_of
+from bodycheck.recordings.judged_motion import TURNING, JudgedMotion, Start, is_free, quantities_of
 from bodycheck.recordings.wrong_rows import is_right_elsewhere, with_repair
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
@@ -162,9 +162,8 @@ def _place(motion: JudgedMotion, quantity: str) -> tuple[float, ...]:
 
 def _resolved(motion: JudgedMotion, quantity: str) -> float:
     """Return the error of a file, 0 where it is not told from the truth: the rest is rounding."""
-    error = float(motion.row.get(quantity, 0.0))
-    is_true = error <= motion.floor(quantity) and motion.floors.get(quantity, 0.0) <= VAGUE
-    return 0.0 if is_true else error
+    is_true = quantity not in motion.row or motion.is_true_by(quantity)
+    return 0.0 if is_true else float(motion.row[quantity])
 
 
 def _check_spans(ends_s: Mapping[str, float]) -> None:

@@ -115,9 +115,11 @@ class JudgedMotion:
     def is_true(self) -> bool:
         """Whether attitude and omega are the true ones, to what the file and the truth resolve."""
         compared = [name for name in TURNING if name in self.row]
-        return bool(compared) and all(
-            self.is_at_floor(name) and self.floors.get(name, 0.0) <= VAGUE for name in compared
-        )
+        return bool(compared) and all(map(self.is_true_by, compared))
+
+    def is_true_by(self, measure: str) -> bool:
+        """Whether a measure is within its floor, and that is small enough to tell."""
+        return self.is_at_floor(measure) and self.floors.get(measure, 0.0) <= VAGUE
 
     def floor(self, measure: str) -> float:
         """Return what the truth and the digits of the file leave open."""

@@ -55,24 +55,25 @@ def exceptions_of(motion: JudgedMotion) -> dict[str, Exceptions]:
     for name in TURNING:
         if name not in motion.row or motion.is_at_floor(name):
             continue
-        errors, off = motion.case.series[name], tuple[int, ...]()
-        rest = float(errors.max())
-        while len(errors) >= _ENOUGH and (farther := _off(errors, rest)) is not None and farther != off:
-            off, rest = farther, float(np.delete(errors, farther).max(initial=0.0))
-        if not off and len(errors) >= _ENOUGH and (off := _standing_out(errors)):
-            rest = float(np.delete(errors, off).max())
-        if off:
+        errors = motion.case.series[name]
+        if len(errors) >= _ENOUGH and (off := _far_off(errors) or _standing_out(errors)):
+            rest = float(np.delete(errors, off).max(initial=0.0))
             found[name] = Exceptions(len(errors), off, float(errors[[*off]].max()), rest)
     return found
 
 
-def _off(errors: Array, largest: float) -> tuple[int, ...] | None:
-    """Return the rows that are off where all but them are within a tenth of the largest; None if many are."""
-    limit = _OFF * largest
-    off = np.flatnonzero(errors > limit)
-    rest = float(np.delete(errors, off).max(initial=0.0))
-    is_growth = off[-1] == len(errors) - 1 and rest > _JUMP * limit
-    return None if len(off) > max(1.0, _FEW * len(errors)) or is_growth else tuple(off.tolist())
+def _far_off(errors: Array) -> tuple[int, ...]:
+    """Return the few rows that are ten times as far off as the others; the largest hides no smaller one."""
+    off: tuple[int, ...] = ()
+    while True:
+        limit = _OFF * np.delete(errors, [*off]).max(initial=0.0)
+        farther = np.flatnonzero(errors > limit)
+        is_growth = (
+            farther[-1] == len(errors) - 1 and np.delete(errors, farther).max(initial=0.0) > _JUMP * limit
+        )
+        if len(farther) == len(off) or len(farther) > max(1.0, _FEW * len(errors)) or is_growth:
+            return off
+        off = tuple(farther.tolist())
 
 
 def _standing_out(errors: Array) -> tuple[int, ...]:
@@ -129,7 +130,7 @@ def with_repair(
     repair = _best_repair(path, name, recorded, problem, start, ordinary)
     if repair is not None:
         return replace(motion, repaired=repair)
-    if ordinary is motion or _is_repaired(ordinary, motion):
+    if ordinary is motion or is_right_elsewhere(motion):
         return motion
     return replace(motion, part=_part(path, name, recorded, problem, motion))
 
