@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from html import unescape
 from pathlib import Path
@@ -16,6 +17,7 @@ import pytest
 import bodycheck
 from bodycheck.adapters import registry
 from bodycheck.adapters.registry import register_adapter, registered
+from bodycheck.adapters.step_function import StepFunction, StepState
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs.manifest import Identity
 from bodycheck.runs.request import Request
@@ -256,6 +258,25 @@ def test_adapter_that_cannot_be_pickled_runs_in_the_process(scenario: Path) -> N
         ).results
     assert rows["outcome"].tolist() == ["ok", "failed", "ok", "unstable"]
     assert rows["message"].tolist()[1] == "GeneratorExit:"
+
+
+@pytest.mark.slow
+def test_functions_of_this_process_make_one_motion_at_a_time() -> None:
+    """A step that keeps its slopes in one array of its module is measured like one with arrays of its own."""
+    inside = [0]
+    at_once: set[int] = set()
+
+    def step(state: StepState, dt: float) -> StepState:
+        del dt
+        inside[0] += 1
+        time.sleep(1e-4)  # lets another thread run
+        at_once.add(inside[0])
+        inside[0] -= 1
+        return state
+
+    with registered(StepFunction(step)):
+        bodycheck.run(["free-flight"], engines=["step"], dt_s=[0.2, 0.1], jobs=2, speed=False)
+    assert at_once == {1}
 
 
 def test_invalid_adapter_is_not_registered(expected_message: ExpectedMessage) -> None:

@@ -101,18 +101,14 @@ def read_parquet(database: DuckDBPyConnection, path: Path) -> DuckDBPyRelation:
 
 
 def read_csv(
-    database: DuckDBPyConnection, files: Sequence[Path], columns: Mapping[str, str], empty: Sequence[str]
+    database: DuckDBPyConnection, files: Sequence[Path], columns: Mapping[str, str]
 ) -> DuckDBPyRelation:
-    """Return the rows of CSV files of the same columns, given by their types; paths as for `read_parquet`.
-
-    empty: the columns in which an empty cell is an empty text, rather than missing.
-    """
+    """Return the rows of CSV files of the same columns, given by their types; paths as for `read_parquet`."""
     for file in files:
         check_regular(file)
     return database.read_csv(
         [glob.escape(str(file.absolute())) for file in files],
         columns=dict(columns),
-        force_not_null=list(empty),
         auto_detect=False,
         header=True,
         sep=",",

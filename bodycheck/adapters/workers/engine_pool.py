@@ -242,9 +242,13 @@ class EnginePool:
 
 
 class InProcess:
-    """An engine that exists in this process only: the same requests, but without isolation from the run."""
+    """An engine that exists in this process only: the same requests, but without isolation from the run.
+
+    One answers at a time, whichever thread asks: its functions may keep work arrays between their calls.
+    """
 
     pid = None
+    _answering = threading.Lock()
 
     def __init__(self, adapter: Adapter) -> None:
         try:
@@ -252,14 +256,18 @@ class InProcess:
         except protocol.ProtocolError as error:
             raise UnavailableError(str(error)) from None
         self.engine = Engine(adapter.name, adapter.version, adapter.methods, Build(kind="handed over"))
-        self._handler = RequestHandler(adapter, interruptible=True)
+        self._handler, self._killed = RequestHandler(adapter, interruptible=True), False
 
     def ask(self, request: Message, timeout_s: float) -> Message:  # noqa: ARG002 - it cannot be stopped
         """Return the answer; the time limit has no effect."""
-        return self._handler.answer(request)
+        with self._answering:
+            if self._killed:
+                raise WorkerLostError("the run was stopped")
+            return self._handler.answer(request)
 
     def kill(self) -> None:
-        """Do nothing: there is no process."""
+        """Answer no further request: there is no process to kill."""
+        self._killed = True
 
     def close(self) -> None:
         """Free the prepared case."""

@@ -124,8 +124,12 @@ def _rows(database: DuckDBPyConnection, runs: Sequence[Path], table: str) -> Duc
     views = [f"{table}_{number}" for number in range(len(files))]
     for view, (columns, those) in zip(views, files.items(), strict=True):
         types = {name: _sql_type(name, kind) for name in columns}
-        empty = [name for name in columns if types[name] == _TEXT and name in EMPTY]
-        read_csv(database, those, types, empty).create_view(view)
+        rows = read_csv(database, those, types)
+        # not by force_not_null: of a query that reads some columns, DuckDB applies it to others
+        if texts := [name for name in columns if types[name] == _TEXT and name in EMPTY]:
+            filled = ", ".join(f"coalesce({name}, '{EMPTY[name]}') AS {name}" for name in texts)
+            rows = rows.project(f"* REPLACE ({filled})")
+        rows.create_view(view)
     return database.sql(" UNION ALL BY NAME ".join(f"FROM {view}" for view in views))
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import combinations
 from pathlib import Path
 
 import pytest
@@ -147,15 +148,24 @@ def test_tables_of_runs_with_other_columns_are_read_together(tmp_path: Path) -> 
         (tmp_path / name).mkdir()
         if text is not None:
             (tmp_path / name / "results.csv").write_text(text)
-    sql = "SELECT run_id, engine, steps, dt_s, reused, message, unheard_of FROM results ORDER BY ALL"
-    found = query([tmp_path / name for name in texts], sql).astype(object)
-    assert found.where(found.notna(), None).to_numpy().tolist() == [
+    columns = ["run_id", "engine", "steps", "dt_s", "reused", "message", "unheard_of"]
+
+    def read(names: Sequence[str]) -> list[list[object]]:
+        sql = f"SELECT {', '.join(names)} FROM results ORDER BY run_id, engine"
+        found = query([tmp_path / name for name in texts], sql).astype(object)
+        return found.where(found.notna(), None).to_numpy().tolist()
+
+    rows = read(columns)
+    assert rows == [
         ["later", "a", None, None, None, None, "1e-3"],
         ["new", "a", None, 0.1, True, "", None],
         ["new", "b", None, math.inf, False, "x", None],
         ["old", "a", 3, None, None, "", None],
         ["old", "b, c", 4, None, None, "two\nlines", None],
     ]
+    for count in range(1, len(columns)):
+        for some in combinations(range(len(columns)), count):
+            assert read([columns[one] for one in some]) == [[row[one] for one in some] for row in rows]
 
 
 def test_table_of_no_run_has_its_columns_and_no_row(tmp_path: Path) -> None:
