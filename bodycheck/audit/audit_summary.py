@@ -15,8 +15,8 @@ from bodycheck.reports.document import Sentence
 
 LEVELS: tuple[Severity, ...] = ("error", "warning", "note")
 TINTS = {"error": "bad", "warning": "open", "note": "none"}
-IMPOSSIBLE = ("not-positive", "triangle-inequality", "negative-mass", "zero-mass", "unreadable")
-"""The rules whose errors mean that no body has the numbers of a link."""
+IMPOSSIBLE = ("unreadable", "negative-mass", "zero-mass", "not-positive", "triangle-inequality")
+"""The rules whose errors mean that no body has the numbers of a link, the worst first."""
 
 _DISCARDED = "tensor discarded"
 _NAMES = {"mujoco": "MuJoCo", "pybullet": "PyBullet", "dart": "DART"}
@@ -28,7 +28,8 @@ _EXCEPTION = re.compile(r"^(?:\w*[Ee]rror: )+")
 
 def by_severity(findings: Sequence[LintFinding]) -> list[LintFinding]:
     """Return findings from errors to notes, impossible numbers first, in the order of the file otherwise."""
-    return sorted(findings, key=lambda one: (LEVELS.index(one.severity), one.rule not in IMPOSSIBLE))
+    ranks = {rule: rank for rank, rule in enumerate(IMPOSSIBLE)}
+    return sorted(findings, key=lambda one: (LEVELS.index(one.severity), ranks.get(one.rule, len(ranks))))
 
 
 def answer(audit: Audit) -> list[Sentence]:
@@ -177,7 +178,9 @@ def _of_bodies(audit: Audit, column: ImporterColumn) -> tuple[str, bool]:
     within = f", with {count(merged - into_world, 'link')} merged" if merged > into_world else ""
     fixes = "merges the base into the world" if into_world else "fixes the base to the world"
     base = f", but {fixes}" if any(one.fixed for one in every) else ""
-    numbers = "the impossible numbers" if impossible(audit) else "it"
+    wrong = {finding.link for finding in impossible(audit)}
+    compared = {link.name for link in audit.links if link.held[column.name].state != "not computed"}
+    numbers = "the impossible numbers" if wrong & compared else "the other links" if wrong else "it"
     return f"holds {numbers} {held}{within}{base}", True
 
 

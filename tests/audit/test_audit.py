@@ -393,6 +393,27 @@ def test_answer_begins_with_the_file(tmp_path: Path) -> None:
     )
 
 
+def test_a_mass_below_zero_stands_before_a_tensor_that_is_impossible(tmp_path: Path) -> None:
+    """The first line names the link whose numbers are farther from those of a body."""
+    negative = _inertial(0.1, 0.0).replace('mass value="', 'mass value="-')
+    links = {"arm": _inertial(0.1, 0.0).replace("0.05", "0.9"), "hand": negative}
+    head = _sentences(audit(_robot(tmp_path, links), AuditOptions([])))[0]
+    assert head.text.startswith("robot.urdf: 2 errors: hand, line ")
+
+
+def test_an_importer_is_not_said_to_hold_numbers_that_cannot_be_read() -> None:
+    """A mass like 3,4 is not compared, so nothing is stated of how an importer holds it."""
+    column = ImporterColumn("dart", "6", "default", "", "ok")
+    read, unread = (LinkImport(state, _HELD, _HELD) for state in ("agrees", "not computed"))
+    links = [
+        LinkAudit("arm", 2, _HELD, "", "", {column.name: read}),
+        LinkAudit("hand", 9, None, "mass", "", {column.name: unread}),
+    ]
+    finding = LintFinding("unreadable", "error", "certain", "robot.urdf", 9, "hand", "mass")
+    found = Audit("robot.urdf", "urdf", "", [column], links, [finding])
+    assert _sentences(found)[1].text == "DART holds the other links as written."
+
+
 def test_what_an_importer_always_does_is_said_once() -> None:
     """A tensor that is discarded for every link is a sentence and one row; another cause has rows."""
     discarded = LinkImport(
