@@ -31,8 +31,8 @@ _UNITS = {
     "quaternion": ("rad", "orientation", "bound_rad"),
     "position_m": ("m", "position", "bound_m"),
     "velocity_m_s": ("m/s", "velocity", "bound_m_s"),
-    "omega_body_rad_s": ("rad/s", "angular velocity", "bound_omega_rad_s"),
-    "omega_world_rad_s": ("rad/s", "angular velocity", "bound_omega_rad_s"),
+    "omega_body_rad_s": ("rad/s", "angular velocity, body axes", "bound_omega_rad_s"),
+    "omega_world_rad_s": ("rad/s", "angular velocity, world axes", "bound_omega_rad_s"),
 }
 """Quantity of a body -> unit and words of its error, and the bound of the truth."""
 
@@ -200,25 +200,23 @@ def _complete(scene: TreeScene, own: Mapping[str, Array], t_s: Array) -> Traject
 def tree_judgement(found: JudgedTree) -> Document:
     """Return the conclusion, the cause where one was sought, and one row per quantity."""
     wrong = [one for one in found.errors if one.is_wrong]
-    joints = [one for one in wrong if one.name.startswith("joint")] or wrong
+    joints = [one for one in wrong if one.name.startswith("joint")]
     if not wrong:
         text = "the motion is the truth, to the digits of the file and the bound of the truth"
         first = Sentence(f"{found.path}: {text}", "good", strong=True)
     else:
-        worst = max(joints, key=lambda one: one.error if one.unit in ("rad", "m") else 0.0)
-        text = f"the {worst.quantity} of the {worst.name} is {number(worst.error, 3)} {worst.unit} off"
-        first = Sentence(
-            f"{found.path}: {text} at {number(worst.at_s, 4)} s, the largest error",
-            "bad",
-            strong=True,
-        )
+        worst = max(joints or wrong, key=lambda one: one.error if one.unit in ("rad", "m") else 0.0)
+        off = f"{number(worst.error, 3)} {worst.unit} off at {number(worst.at_s, 4)} s"
+        text = f"{found.path}: the {worst.quantity} of the {worst.name} is {off}, the largest error"
+        first = Sentence(text + " of a joint" * bool(joints), "bad", strong=True)
     cause = () if found.diagnosis is None else (Sentence(f"cause: {found.diagnosis.sentence}"),)
     heads = (Column("of", "name"), Column("error of"), Column("largest", "number"), Column("unit"))
     rows = tuple(
         (one.name, one.quantity, number(one.error, 3), one.unit, f"{number(one.at_s, 4)} s")
         for one in found.errors
     )
-    return Document("bodycheck judge", (first, *cause, Table((*heads, Column("at", "fixed")), rows)))
+    table = Table((*heads, Column("at", "fixed")), rows, "Largest errors")
+    return Document("bodycheck judge", (first, *cause, table))
 
 
 def tree_judgement_data(found: JudgedTree) -> dict[str, Any]:

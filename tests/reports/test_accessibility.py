@@ -17,6 +17,7 @@ ROBOT = """<robot name="arm"><link name="base"><inertial><mass value="2"/>
 <inertia ixx="1" ixy="0" ixz="0" iyy="2" iyz="0" izz="2.5"/></inertial></link></robot>
 """
 CASE = "run/trajectories/free-flight/reference_m1_0.005.npz"
+TREE = "chain/trajectories/free-chain/reference_m1_0.025.npz"
 COMMANDS = {
     "run free-flight --engine reference:m1 --dt 0.01,0.005 --no-speed --out run": "run/report.html",
     "compare run run --html compare.html": "compare.html",
@@ -28,6 +29,7 @@ COMMANDS = {
     "nightly free-flight --engine reference:rk4 --no-speed --history nights": "nights/*/night.html",
     "history list nights": "nights/trends.html",
     "run free-chain --engine reference:m1 --dt 0.025 --no-speed --out chain": "chain/report.html",
+    f"judge {TREE} --scenario free-chain --html tree.html": "tree.html",
     "ensemble intermediate-axis --n 20 --engine reference:rk4 --out bodies": "bodies/report.html",
 }
 """Command -> the page that it writes."""

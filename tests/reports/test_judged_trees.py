@@ -58,14 +58,17 @@ def test_the_truth_is_true(tmp_path: Path, digits: int | None) -> None:
 
 
 def test_motion_of_a_map_is_wrong_by_its_error_and_named(tmp_path: Path) -> None:
-    """M1 errs by 4.97e-2 rad in the second joint; with its step it is known as M1, and without faults."""
+    """M1 errs by 4.97e-2 rad in the second joint; with its step it is known as M1, on the page too."""
     _m1(tmp_path / "m.csv")
-    found = _judged(tmp_path, "--dt", str(_STEP_S))
+    found = _judged(tmp_path, "--dt", str(_STEP_S), "--html", "m.html")
     errors = found["errors"]
     assert isinstance(errors, list)
     (joint,) = [one for one in errors if (one["name"], one["quantity"]) == ("joint of l2", "angle")]
     assert round(joint["error"], 4) == 0.0497
     assert "semi-implicit Euler (M1) of trees" in str(found["cause"])
+    page = (tmp_path / "m.html").read_text()
+    assert all(str(one[key]) in page for one in errors for key in ("name", "quantity", "unit"))
+    assert "semi-implicit Euler (M1) of trees" in page
 
 
 def test_the_arrays_that_a_run_stores_are_read(tmp_path: Path, expected_message: ExpectedMessage) -> None:
