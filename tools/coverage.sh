@@ -6,8 +6,9 @@
 #     bash tools/coverage.sh tests/reports/gates
 #
 # A compiled kernel cannot be watched: tests of the mathematics that are quick without a compiler run again as plain
-# Python, where numpy warns of a NaN or an overflow; compiled kernels do not. A test of processor time is left out:
-# tracing takes longer. Prints the files that are not covered completely; the status is 1 below 95 %, or if a test fails.
+# Python, where numpy warns of a NaN or an overflow; compiled kernels do not. Tests of processor time and of the memory
+# of compiled kernels are left out: tracing takes longer. Prints the files that are not covered completely; the status
+# is 1 below 95 %, or if a test fails.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -19,13 +20,15 @@ export COVERAGE_FILE=$folder/of
 
 failed=0
 compiled=tests/reference_impl/test_load_formulas.py::test_order_under_a_continuous_load
+memory=tests/scenarios/mass_properties/test_mesh_check.py::test_check_takes_at_most_150_bytes_per_triangle
 light=tests/reports/test_page_safety.py::test_a_large_run_stays_light
 signals=tests/test_command_endings.py::test_signal # SIGTERM is handled by coverage here, which stores its lines
 python -m coverage run -m pytest -p tests.helpers.counted_workers --deselect "$light" \
     --deselect "${signals}_within_exec_keeps_its_status" --deselect "${signals}_ends_a_command_like_an_interrupt" "${@:--m slow or not slow}" || failed=1
 python -m coverage run -m pytest -m nightly tests/reference_impl/test_taylor{,_motion}.py || failed=1 # start plain Python
 NUMBA_DISABLE_JIT=1 python -m coverage run -m pytest -m "not slow" \
-    -W "ignore:invalid value:RuntimeWarning" -W "ignore:overflow encountered:RuntimeWarning" --deselect "$compiled" \
+    -W "ignore:invalid value:RuntimeWarning" -W "ignore:overflow encountered:RuntimeWarning" \
+    --deselect "$compiled" --deselect "$memory" \
     $(printf 'tests/reference_impl/test_%s.py ' "${plain[@]}") tests/scenarios/mass_properties || failed=1
 python -m coverage combine --quiet
 cp "$COVERAGE_FILE" .coverage # with the tests of each line
