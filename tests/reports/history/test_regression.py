@@ -179,6 +179,23 @@ def test_a_method_has_not_recovered_while_one_of_its_values_is_worse(monkeypatch
     assert recovered == [set(), set(), {"accuracy", "verdict"}]
 
 
+def test_a_worse_verdict_is_new_again_once_it_is_more_severe(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A lower order that becomes a motion without convergence is reported again, the way back is not."""
+    verdicts = ["converges", "lower-order", "does-not-converge", "lower-order"]
+    runs = [
+        with_tables(
+            tables(k, WORSE if k else {}),
+            methods=[METHOD | {"order": None, "order_low": None, "order_high": None, "verdict": verdict}],
+        )
+        for k, verdict in enumerate(verdicts)
+    ]
+    newly = [
+        [one.newly for one in found.open if one.change.kind == "verdict"]
+        for found in judgements_of(*runs, monkeypatch=monkeypatch)[1:]
+    ]
+    assert newly == [[True], [True], [False]]
+
+
 @pytest.mark.parametrize(("order", "is_open"), [(None, True), (4.0, False)])
 def test_a_lower_order_stays_open_until_an_order_is_measured(
     monkeypatch: pytest.MonkeyPatch, order: float | None, is_open: bool
