@@ -27,7 +27,7 @@ _EXCEPTION = re.compile(r"^(?:\w*[Ee]rror: )+")
 
 
 def by_severity(findings: Sequence[LintFinding]) -> list[LintFinding]:
-    """Return findings from errors to notes, impossible numbers first, in the order of the file otherwise."""
+    """Return findings from errors to notes, each from the worst impossible numbers, then as in the file."""
     ranks = {rule: rank for rank, rule in enumerate(IMPOSSIBLE)}
     return sorted(findings, key=lambda one: (LEVELS.index(one.severity), ranks.get(one.rule, len(ranks))))
 
@@ -150,7 +150,8 @@ def _of_bodies(audit: Audit, column: ImporterColumn) -> tuple[str, bool]:
         why = _EXCEPTION.sub("", _OUTPUT.sub("", column.message)).strip()
         verb = {"failed": "refuses it", "timeout": "does not end in time"}.get(column.outcome, column.outcome)
         return f"{verb} ({why[:_MAX_MESSAGE]})" if why else verb, False
-    every = [link.held[column.name] for link in audit.links if column.name in link.held]
+    links = [link for link in audit.links if column.name in link.held]
+    every = [link.held[column.name] for link in links]
     states = Counter(one.state for one in every)
     total, merged = sum(states.values()), states["merged"]
     differing = [(link, why) for link, name, why in audit.differing() if name == column.name]
@@ -179,7 +180,7 @@ def _of_bodies(audit: Audit, column: ImporterColumn) -> tuple[str, bool]:
     fixes = "merges the base into the world" if into_world else "fixes the base to the world"
     base = f", but {fixes}" if any(one.fixed for one in every) else ""
     wrong = {finding.link for finding in impossible(audit)}
-    compared = {link.name for link in audit.links if link.held[column.name].state != "not computed"}
+    compared = {link.name for link in links if link.held[column.name].state != "not computed"}
     numbers = "the impossible numbers" if wrong & compared else "the other links" if wrong else "it"
     return f"holds {numbers} {held}{within}{base}", True
 
