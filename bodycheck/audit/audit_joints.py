@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -174,8 +175,13 @@ def _size(model: ModelFile) -> float:
 def _orders(
     joints: Sequence[JointAudit], imports: Mapping[str, tuple[str, HeldJoints]]
 ) -> dict[str, list[str]]:
-    """Return importer -> its joints that move, in its order, where that is not the order of the file."""
-    names = [joint.stated.name for joint in joints if joint.stated.motion != "fixed" and joint.stated.name]
+    """Return importer -> its joints that move, in its order, where that is not the order of the file.
+
+    A name that several joints of the file have says nothing of their order.
+    """
+    known = Counter(joint.stated.name for joint in joints)
+    moving = [joint.stated.name for joint in joints if joint.stated.motion != "fixed"]
+    names = [name for name in moving if name and known[name] == 1]
     found = {}
     for importer, (_, held) in imports.items():
         order = [joint.name for link in held.links for joint in link.joints if joint.name in set(names)]

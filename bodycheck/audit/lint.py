@@ -20,6 +20,7 @@ from bodycheck.audit.shape_lint import against_shapes, closer_to_shapes, fits_sh
 from bodycheck.audit.shaped_link import is_placeholder
 from bodycheck.reference_impl.dynamics import parallel_axis_tensor
 from bodycheck.scenarios.model_files.exact_arithmetic import doubles
+from bodycheck.scenarios.model_files.joint import StatedJoint
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, triangle_excess
 from bodycheck.scenarios.model_files.shape_sizes import half_extents, span_along, uniform
 
@@ -41,6 +42,7 @@ def lint(model: ModelFile) -> Iterator[LintFinding]:
             found = [finding for rule in RULES for finding in rule(link, model)]
             beyond = any(finding.rule == "beyond-shape" for finding in found)
             yield from (one for one in found if not (beyond and one.rule == "placeholder-inertia"))
+    yield from _repeated_joints(model)
     yield from _twins(model)
     yield from _beyond_model(model)
 
@@ -215,6 +217,18 @@ def _beyond_model(model: ModelFile) -> Iterator[LintFinding]:
             )
             most = f"moments of at most {number(body.mass_kg * size**2, 2)} kg m^2 within that size"
             yield _finding("beyond-model", "note", "possible", link, message, most)
+
+
+def _repeated_joints(model: ModelFile) -> Iterator[LintFinding]:
+    """Report joints of a URDF that have the name of one above; joints of nested models may share names."""
+    firsts: dict[str, StatedJoint] = {}
+    joints = [(link, link.joint) for link in model.links if link.joint is not None and link.joint.name]
+    for link, joint in sorted(joints, key=lambda one: one[1].line) if model.format == "urdf" else ():
+        first = firsts.setdefault(joint.name, joint)
+        if first is not joint:
+            message = f"another joint has the name {joint.name!r:.60}, in line {first.line}"
+            found = _finding("repeated-joint", "error", "certain", link, message, "a name for each joint")
+            yield replace(found, line=joint.line)
 
 
 def _missing(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:

@@ -14,11 +14,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bodycheck._util.errors import InputError
-from bodycheck.adapters.importers import joint_of, matrices_of
+from bodycheck.adapters.importers import ImportedLink, joint_of, matrices_of
 from bodycheck.adapters.workers.engine_pool import EnginePool
-from bodycheck.audit.audit import FOLLOWS, SINGLE, Audit, read_audit, write_audit
+from bodycheck.audit.audit import FOLLOWS, SINGLE, Audit, ImporterColumn, read_audit, write_audit
 from bodycheck.audit.audit_against import audit_against
 from bodycheck.audit.audit_document import alerts_of, audit_data, audit_document, failures
+from bodycheck.audit.audit_joints import HeldJoints, audited_joints
 from bodycheck.audit.audit_page import audit_page
 from bodycheck.audit.audit_run import AuditOptions, imported_audit
 from bodycheck.audit.joint_causes import (
@@ -31,6 +32,7 @@ from bodycheck.audit.joint_causes import (
     Quantity,
     joint_causes,
 )
+from bodycheck.audit.lint import lint
 from bodycheck.reference_impl.trees.tree_dynamics import tree_dynamics
 from bodycheck.reports.document import Sentence
 from bodycheck.scenarios.model_files import read_model
@@ -294,6 +296,28 @@ def test_what_a_file_does_not_state_is_added() -> None:
     )
     found = joint_causes(facts, held, facts.placement)
     assert [cause.partition(" added")[0] for cause in found] == ["limits", "damping", "armature", "mimic"]
+
+
+def test_two_joints_of_one_name_are_an_error_and_have_no_order(tmp_path: Path) -> None:
+    """The second one is found in its line; an importer that gives it another name has no other order."""
+    model = _read(_URDF.replace('name="second"', 'name="first"'), tmp_path)
+    (finding,) = [one for one in lint(model) if one.severity == "error"]
+    assert (finding.rule, finding.link, finding.line) == ("repeated-joint", "b", 11)
+    assert "'first', in line 8" in finding.message
+    moving = [StatedJoint(name, "hinge", 0, (0.0, 1.0, 0.0)) for name in ("first", "first_2")]
+    zero, one = [0.0] * 3, np.eye(3).tolist()
+    links = [
+        ImportedLink(link.name, 1.0, zero, one, zero, one, at - 1, (joint,))
+        for at, (link, joint) in enumerate(
+            zip(model.links, [StatedJoint("", "free", 0), *moving], strict=True)
+        )
+    ]
+    held = HeldJoints.of(links, {link.name: link for link in links}, model)
+    joints, orders = audited_joints(model, {"e:default": ("e", held)})
+    column = ImporterColumn("e", "1", "default", "", "ok")
+    found = Audit("model.xml", "urdf", "", [column], [], [finding], joints=joints, orders=orders)
+    text = " ".join(part.text for part in audit_document(found).parts if isinstance(part, Sentence))
+    assert "another order" not in text
 
 
 @pytest.fixture(scope="module")
