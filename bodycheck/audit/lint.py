@@ -72,9 +72,16 @@ def _range(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
 
 
 def _finding(
-    rule: str, severity: Severity, confidence: Confidence, link: ModelLink, message: str, expected: str = ""
+    rule: str,
+    severity: Severity,
+    confidence: Confidence,
+    link: ModelLink,
+    message: str,
+    expected: str = "",
+    line: int = 0,
 ) -> LintFinding:
-    return LintFinding(rule, severity, confidence, str(link.file), link.place, link.name, message, expected)
+    place = line or link.place
+    return LintFinding(rule, severity, confidence, str(link.file), place, link.name, message, expected)
 
 
 def _written(link: ModelLink) -> Body | None:
@@ -227,8 +234,8 @@ def _repeated_joints(model: ModelFile) -> Iterator[LintFinding]:
         first = firsts.setdefault(joint.name, joint)
         if first is not joint:
             message = f"another joint has the name {joint.name!r:.60}, in line {first.line}"
-            found = _finding("repeated-joint", "error", "certain", link, message, "a name for each joint")
-            yield replace(found, line=joint.line)
+            expected = "a name for each joint"
+            yield _finding("repeated-joint", "error", "certain", link, message, expected, joint.line)
 
 
 def _missing(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
@@ -307,8 +314,14 @@ def _unreadable(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:  # 
         yield _finding("unreadable", "error", "certain", link, message, expected.removesuffix(")"))
 
 
+def _mistaken(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:  # noqa: ARG001 - rules are alike
+    for one in link.mistakes:
+        yield _finding(one.rule, "error", "certain", link, one.message, one.expected, one.line)
+
+
 RULES: tuple[Callable[[ModelLink, ModelFile], Iterator[LintFinding]], ...] = (
     _unreadable,
+    _mistaken,
     _mass,
     _possible,
     against_shapes,

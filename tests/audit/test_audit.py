@@ -206,6 +206,24 @@ def test_linter_reports_a_wrong_inertia_with_its_line(
     assert findings[0].expected
 
 
+@pytest.mark.parametrize("form", ["urdf", "sdf"])
+def test_linter_reports_a_second_inertial(form: str, tmp_path: Path) -> None:
+    """The error is in the line of the second one, and names the one whose numbers are read."""
+    path = _file(tmp_path, more=f'{_BOX}\n<inertial><mass value="3"/><inertia {_GOOD}/></inertial>')
+    if form == "sdf":
+        path.write_text(
+            '<sdf version="1.9"><model name="m"><link name="arm">\n<inertial>'
+            "<mass>2</mass></inertial>\n<inertial><mass>3</mass></inertial></link></model></sdf>"
+        )
+    model = read_model(path)
+    (found,) = [one for one in lint(model) if one.severity == "error"]
+    lines = {"urdf": (3, 9), "sdf": (2, 3)}[form]
+    assert (found.rule, found.link, found.line) == ("repeated-inertial", "arm", lines[1])
+    assert found.message == f"has 2 elements <inertial>, of which the first is read, in line {lines[0]}"
+    assert model.links[0].stated is not None
+    assert model.links[0].stated.inertia.mass == 2
+
+
 def _robot(folder: Path, links: dict[str, str], joint: str = "continuous") -> Path:
     """Write links, name -> content, in lines of their own; all but the first hang on that by a joint."""
     first, *others = links
@@ -742,7 +760,7 @@ def _sentences(found: Audit) -> list[Sentence]:
 @pytest.mark.slow
 def test_file_that_no_importer_reads_counts_against_it(tmp_path: Path) -> None:
     """No difference was found because nothing was compared, which the first sentence states."""
-    more = f'<inertial><mass value="3"/><inertia {_GOOD}/></inertial>'
+    more = '<collision><geometry><box size="1 2"/></geometry></collision>'
     found = audit(_file(tmp_path, more=more), AuditOptions(["mujoco"]))
     head, mujoco, *_ = _sentences(found)
     assert (head.tint, mujoco.tint) == ("open", "bad")

@@ -72,13 +72,23 @@ class WeighedMesh:
     triangles: Triangles
 
 
+@dataclass(frozen=True)
+class Mistake:
+    """A mistake of the file in a link that is read nevertheless: the rule, the line, and what is expected."""
+
+    rule: str
+    line: int
+    message: str
+    expected: str
+
+
 @dataclass(frozen=True, eq=False)
 class ModelLink:
     """A link (URDF, SDFormat) or body (MJCF).
 
     shapes: those that collide, and all geoms of MJCF; visuals: those of URDF and SDFormat that are only seen.
     stated None: without inertia; unread: why it cannot be computed here; malformed: because of a mistake in
-    the file. static: part of a model of SDFormat that never moves.
+    the file. mistakes: of the file in what is read. static: part of a model of SDFormat that never moves.
     inertia_scaling: the factor of <contact><inertia_scaling>, an element that only Bullet reads.
     meshes: those of MJCF that the inertia follows from. several: the joints of a body of MJCF that has more
     than one, the first next to the parent; then `joint` is None.
@@ -96,6 +106,7 @@ class ModelLink:
     inertia_scaling: float = 1.0
     visuals: tuple[Shape, ...] = ()
     malformed: bool = False
+    mistakes: tuple[Mistake, ...] = ()
     static: bool = False
     meshes: tuple[WeighedMesh, ...] = ()
     several: tuple[StatedJoint, ...] = ()

@@ -35,7 +35,13 @@ from bodycheck.scenarios.model_files.sdf_frames import (
     pose,
     relative_to,
 )
-from bodycheck.scenarios.model_files.urdf import MOMENTS, geometries, in_a_loop, resolved
+from bodycheck.scenarios.model_files.urdf import (
+    MOMENTS,
+    geometries,
+    in_a_loop,
+    repeated_inertial,
+    resolved,
+)
 from bodycheck.scenarios.model_files.xml_file import Node
 
 _SIZES = {
@@ -192,6 +198,7 @@ class _Reader:
                     unread,
                     visuals=visuals,
                     malformed=malformed,
+                    mistakes=tuple(repeated_inertial(node)),
                     static=static,
                 )
             )

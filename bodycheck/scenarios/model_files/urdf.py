@@ -16,7 +16,7 @@ import numpy as np
 from bodycheck._util.errors import InputError
 from bodycheck.scenarios.model_files.exact_arithmetic import ExactInertia, Frame, exact, mp, rotation_of_rpy
 from bodycheck.scenarios.model_files.joint import UNLIMITED, StatedJoint, limit_of
-from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, Shape, StatedInertia
+from bodycheck.scenarios.model_files.model_file import Mistake, ModelFile, ModelLink, Shape, StatedInertia
 from bodycheck.scenarios.model_files.xml_file import Node
 
 _MOVABLE = ("revolute", "continuous", "prismatic", "floating", "planar", "spherical")
@@ -74,7 +74,17 @@ def _link(
         scaling,
         tuple(_shapes(node, "visual")),
         malformed=bool(unread),
+        mistakes=tuple(repeated_inertial(node)),
     )
+
+
+def repeated_inertial(link: Node) -> Iterator[Mistake]:
+    """Yield the mistake of a link that has more than one <inertial>."""
+    first, *others = [node.line for node in link.children("inertial")] or [0]
+    if others:
+        amount = f"{len(others) + 1} elements <inertial>"
+        message = f"has {amount}, of which the first is read, in line {first}"
+        yield Mistake("repeated-inertial", others[0], message, "one <inertial>")
 
 
 def resolved(name: str, model: Path) -> Path:
