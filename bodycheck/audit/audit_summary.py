@@ -29,6 +29,7 @@ _EXCEPTION = re.compile(r"^(?:\w*[Ee]rror: )+")
 def by_severity(findings: Sequence[LintFinding]) -> list[LintFinding]:
     """Return findings from errors to notes, each from the worst impossible numbers, then as in the file."""
     ranks = {rule: rank for rank, rule in enumerate(IMPOSSIBLE)}
+    ranks["missing-moment"] = ranks["not-positive"]  # which it makes of the same link, and which follows it
     return sorted(findings, key=lambda one: (LEVELS.index(one.severity), ranks.get(one.rule, len(ranks))))
 
 

@@ -206,6 +206,26 @@ def test_linter_reports_a_wrong_inertia_with_its_line(
     assert findings[0].expected
 
 
+@pytest.mark.parametrize("name", ["ixx", "iyy", "izz", "ixy", "ixz", "iyz"])
+def test_linter_reports_a_moment_that_is_missing(name: str, tmp_path: Path) -> None:
+    """URDF requires all six; the first line names it, not the tensor that a 0 in its place makes impossible.
+
+    In SDFormat each has a default.
+    """
+    path = _file(tmp_path, inertia=_GOOD.replace(f"{name}=", "moment="))
+    found = audit(path, AuditOptions([]))
+    (finding,) = [one for one in found.findings if one.rule == "missing-moment"]
+    assert (finding.severity, finding.link, finding.line) == ("error", "arm", 6)
+    others = len(found.findings) - 1
+    more = f" (and {others} more below)" if others else ""
+    assert _sentences(found)[0].text.endswith(f": arm, line 6: <inertia> has no {name}: read as 0{more}")
+    path.write_text(
+        '<sdf version="1.9"><model name="m"><link name="arm"><inertial><mass>2</mass>'
+        "<inertia><ixx>0.5</ixx></inertia></inertial></link></model></sdf>"
+    )
+    assert "missing-moment" not in [one.rule for one in lint(read_model(path))]
+
+
 @pytest.mark.parametrize("form", ["urdf", "sdf"])
 def test_linter_reports_a_second_inertial(form: str, tmp_path: Path) -> None:
     """The error is in the line of the second one, and names the one whose numbers are read."""

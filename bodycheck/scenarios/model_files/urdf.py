@@ -74,8 +74,18 @@ def _link(
         scaling,
         tuple(_shapes(node, "visual")),
         malformed=bool(unread),
-        mistakes=tuple(repeated_inertial(node)),
+        mistakes=(*repeated_inertial(node), *_missing_moments(node)),
     )
+
+
+def _missing_moments(link: Node) -> Iterator[Mistake]:
+    """Yield the mistake of an <inertia> without one of its six numbers, all of which URDF requires."""
+    inertial = link.child("inertial")
+    inertia = None if inertial is None else inertial.child("inertia")
+    missing = [] if inertia is None else [name for _, _, name in MOMENTS if name not in inertia]
+    if inertia is not None and missing:
+        message = f"<inertia> has no {', '.join(missing)}: read as 0"
+        yield Mistake("missing-moment", inertia.line, message, "ixx, ixy, ixz, iyy, iyz and izz")
 
 
 def repeated_inertial(link: Node) -> Iterator[Mistake]:
