@@ -183,6 +183,8 @@ def _of_bodies(audit: Audit, column: ImporterColumn) -> tuple[str, bool]:
     wrong = {finding.link for finding in impossible(audit)}
     compared = {link.name for link in links if link.held[column.name].state != "not computed"}
     numbers = "the impossible numbers" if wrong & compared else "the other links" if wrong else "it"
+    if not wrong and any(finding.rule == "zero-axis" for finding in audit.findings):
+        numbers = "the links"  # no importer is compared with an axis that is none
     return f"holds {numbers} {held}{within}{base}", True
 
 

@@ -223,6 +223,9 @@ def _placement_causes(facts: JointFacts, held: Placement | None) -> Iterator[str
     if names:
         yield " or ".join(names[:_MOST_NAMES])
         return
+    if not np.isfinite([*held.rotation.ravel(), *held.position_m]).all():
+        yield "joint frame not finite"
+        return
     turned = float(np.linalg.norm(log_matrix(given.rotation.T @ held.rotation)))
     moved = float(np.linalg.norm(held.position_m - given.position_m))
     parts = [f"turned by {number(math.degrees(turned), 4)} degrees"] if turned > SINGLE else []

@@ -319,9 +319,18 @@ def _mistaken(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:  # no
         yield _finding(one.rule, "error", "certain", link, one.message, one.expected, one.line)
 
 
+def _zero_axis(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:  # noqa: ARG001 - rules are alike
+    for joint in link.joints:
+        if joint.motion in ("hinge", "slide", "planar") and joint.axis is not None and not any(joint.axis):
+            which = f"joint {joint.name!r:.60}" if joint.name else "its joint"
+            message, expected = f"the axis of {which} is (0, 0, 0)", "a direction, such as (0, 0, 1)"
+            yield _finding("zero-axis", "error", "certain", link, message, expected, joint.line)
+
+
 RULES: tuple[Callable[[ModelLink, ModelFile], Iterator[LintFinding]], ...] = (
     _unreadable,
     _mistaken,
+    _zero_axis,
     _mass,
     _possible,
     against_shapes,

@@ -16,12 +16,22 @@ from scipy.spatial.transform import Rotation
 from bodycheck._util.errors import InputError
 from bodycheck.adapters.importers import ImportedLink, joint_of, matrices_of
 from bodycheck.adapters.workers.engine_pool import EnginePool
-from bodycheck.audit.audit import FOLLOWS, SINGLE, Audit, ImporterColumn, read_audit, write_audit
+from bodycheck.audit.audit import (
+    FOLLOWS,
+    SINGLE,
+    Audit,
+    ImporterColumn,
+    LinkAudit,
+    LinkImport,
+    read_audit,
+    write_audit,
+)
 from bodycheck.audit.audit_against import audit_against
 from bodycheck.audit.audit_document import alerts_of, audit_data, audit_document, failures
 from bodycheck.audit.audit_joints import HeldJoints, audited_joints
 from bodycheck.audit.audit_page import audit_page
 from bodycheck.audit.audit_run import AuditOptions, imported_audit
+from bodycheck.audit.audit_summary import answer
 from bodycheck.audit.joint_causes import (
     AXES,
     FACTORS,
@@ -194,7 +204,7 @@ def _from_jacobians(turn: float, push: float, wrist: float) -> Array:
     [
         (_URDF.replace('type="continuous"', 'type="planar"'), "'planar'"),
         (_URDF.replace('type="continuous"', 'type="floating"'), "'floating'"),
-        (_URDF.replace('axis xyz="0 1 0"', 'axis xyz="0 0 0"'), "axis"),
+        (_URDF.replace('axis xyz="0 1 0"', 'axis xyz="0 0 0"'), "is (0, 0, 0)"),
         (_chain(160), "more than 150 moving bodies"),
     ],
 )  # fmt: skip
@@ -296,6 +306,38 @@ def test_what_a_file_does_not_state_is_added() -> None:
     )
     found = joint_causes(facts, held, facts.placement)
     assert [cause.partition(" added")[0] for cause in found] == ["limits", "damping", "armature", "mimic"]
+
+
+@pytest.mark.parametrize(
+    ("text", "link", "line"),
+    [
+        (_URDF.replace('axis xyz="0 1 0"', 'axis xyz="0 0 0"'), "b", 11),
+        (_MJCF.replace('type="slide" axis="0 0 2"', 'type="slide" axis="0 0 0"'), "arm", 10),
+        (
+            '<sdf version="1.7"><model name="m"><link name="a"/><link name="b"/>\n'
+            '<joint name="j" type="prismatic"><parent>a</parent><child>b</child>'
+            "<axis><xyz>0 0 0</xyz></axis></joint></model></sdf>",
+            "b",
+            2,
+        ),
+    ],
+)
+def test_an_axis_of_no_direction_is_an_error_and_not_compared(
+    text: str, link: str, line: int, tmp_path: Path
+) -> None:
+    """The joint is found in its line; an importer that holds it is said to hold the links."""
+    (finding,) = [one for one in lint(_read(text, tmp_path)) if one.severity == "error"]
+    assert (finding.rule, finding.link, finding.line) == ("zero-axis", link, line)
+    column = ImporterColumn("dart", "6", "default", "", "ok")
+    body = LinkAudit(link, 1, None, "", "", {column.name: LinkImport("agrees")})
+    found = Audit("model.xml", "urdf", "", [column], [body], [finding])
+    assert [part.text for part in answer(found)][1] == "DART holds the links as written."
+
+
+def test_a_frame_that_is_not_finite_is_a_difference_with_a_name() -> None:
+    """An importer that normalises an axis of zero holds NaN for all that hangs on it."""
+    held = Placement(np.full((3, 3), np.nan), np.full(3, np.nan))
+    assert _causes(lambda joint: joint, held) == ("joint frame not finite",)
 
 
 def test_two_joints_of_one_name_are_an_error_and_have_no_order(tmp_path: Path) -> None:

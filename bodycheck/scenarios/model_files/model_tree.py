@@ -106,7 +106,8 @@ class _Builder:
         if kind not in _RATES and (kind != "free" or parent >= 0):
             raise InputError(f"{link.file}:{joint.line}: joint {joint.name!r:.60} is {joint.kind!r:.30}")
         if kind in ("hinge", "slide") and (joint.axis is None or not any(joint.axis)):
-            raise InputError(f"{link.file}:{joint.line}: the axis of joint {joint.name!r:.60} is not known")
+            what = "not known" if joint.axis is None else "(0, 0, 0)"
+            raise InputError(f"{link.file}:{joint.line}: the axis of joint {joint.name!r:.60} is {what}")
         at = exact(joint.at_m)
         mass, centre, tensor = (mp.mpf(0), at, exact(np.zeros((3, 3))))
         if carried is not None:
