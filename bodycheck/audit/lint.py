@@ -29,6 +29,7 @@ _NEAR = 1e-9  # of the limits, relative to the largest moment: 40 digits decide
 _RANGE = (1e-45, 1e45)  # of numbers whose products, up to the square of m r^2, are doubles
 _FAR = 10.0  # times the size of the model
 _OF_THE_PART = "the tensor of the part"
+_PLACE = re.compile(r":(\d+): (?=<)")
 _SIDES = re.compile(r"(?<![a-z])(left|right|l|r)(?![a-z])", re.IGNORECASE)
 _OTHER_SIDE = {"left": "right", "right": "left", "l": "r", "r": "l"}
 
@@ -309,9 +310,12 @@ def _with_case(side: str) -> str:
 
 def _unreadable(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:  # noqa: ARG001 - rules are alike
     if link.malformed:
-        what, _, expected = link.unread.partition(" (expected ")
-        message = what.removeprefix(f"{link.file}:")
-        yield _finding("unreadable", "error", "certain", link, message, expected.removesuffix(")"))
+        file, line, what = _PLACE.split(link.unread, maxsplit=1)  # the file may be an included one
+        wrong, _, expected = what.partition(" (expected ")
+        expected = expected.removesuffix(")")
+        message = f"{wrong} is not {expected}" if expected else wrong
+        found = _finding("unreadable", "error", "certain", link, message, expected, int(line))
+        yield replace(found, file=file)
 
 
 def _mistaken(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:  # noqa: ARG001 - rules are alike

@@ -439,6 +439,50 @@ def test_a_mass_below_zero_stands_before_a_tensor_that_is_impossible(tmp_path: P
     assert head.text.startswith("robot.urdf: 2 errors: hand, line ")
 
 
+@pytest.mark.parametrize(
+    ("text", "line", "said"),
+    [
+        (
+            _LINK.replace("{inertia}", _GOOD.replace("0.03", "0,03")),
+            6,
+            "<inertia>: ixx = '0,03' is not a finite number",
+        ),
+        (_LINK.replace(' value="{mass}"', ""), 5, "<mass>: has no attribute 'value'"),
+        (_LINK.replace("0.1 0.2 -0.1", "0.1 0.2"), 4, "<origin>: xyz = '0.1 0.2' is not 3 finite numbers"),
+        (
+            '<sdf version="1.9"><model name="m"><link name="arm">\n<inertial>\n<mass>2 kg</mass>'
+            "</inertial></link></model></sdf>",
+            3,
+            "<mass>: '2 kg' is not a finite number",
+        ),
+        (
+            '<mujoco><worldbody><body name="arm">\n<inertial pos="0 0" mass="1" diaginertia="1 1 1"/>'
+            "</body></worldbody></mujoco>",
+            2,
+            "<inertial>: pos = '0 0' is not 3 finite numbers",
+        ),
+    ],
+)
+def test_first_line_says_which_number_cannot_be_read(text: str, line: int, said: str, tmp_path: Path) -> None:
+    """It has one line number, that of the element, and what is wrong with it."""
+    path = tmp_path / "robot.urdf"
+    path.write_text(text.format(name="arm", mass="2", inertia=_GOOD, more=""))
+    found = audit(path, AuditOptions([]))
+    assert _sentences(found)[0].text == f"robot.urdf: 1 error: arm, line {line}: {said}"
+    assert [(one.file, one.line) for one in found.findings] == [(str(path), line)]
+
+
+def test_a_number_of_an_included_file_that_cannot_be_read_is_found_there(tmp_path: Path) -> None:
+    """The finding is in that file, in the line of the element."""
+    (tmp_path / "part.xml").write_text('<mujoco>\n<geom size="x"/></mujoco>')
+    path = tmp_path / "robot.xml"
+    path.write_text(
+        '<mujoco><worldbody><body name="arm"><include file="part.xml"/></body></worldbody></mujoco>'
+    )
+    (found,) = lint(read_model(path))
+    assert (found.rule, found.file, found.line) == ("unreadable", str(tmp_path / "part.xml"), 2)
+
+
 def test_an_importer_is_not_said_to_hold_numbers_that_cannot_be_read() -> None:
     """A mass like 3,4 is not compared, so nothing is stated of how an importer holds it."""
     column = ImporterColumn("dart", "6", "default", "", "ok")

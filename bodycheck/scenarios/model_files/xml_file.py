@@ -153,8 +153,9 @@ class Node:
 
     def numbers(self, name: str, count: int | None = None, default: str | None = None) -> list[float]:
         """Return the numbers of an attribute; raises InputError if they are not `count` finite numbers."""
+        text = self.text(name, default)
         try:
-            return finite(self.text(name, default), count)
+            return finite(text, count)
         except ValueError as error:
             raise InputError(f"{self.where}: {name} = {error}") from None
 
