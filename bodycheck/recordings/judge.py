@@ -15,7 +15,7 @@ from bodycheck._util.errors import InputError
 from bodycheck.examine.diagnosis.attitude_readings import attitude_diagnosis, conserving_reading
 from bodycheck.examine.diagnosis.diagnosis import Diagnosis, obstacle
 from bodycheck.examine.diagnosis.quantity_resolution import Resolution
-from bodycheck.examine.diagnosis.recorded import diagnosed_recording
+from bodycheck.examine.diagnosis.recorded import diagnosed_recording, is_sampled_at
 from bodycheck.examine.explanation.explain import ExplainedCase
 from bodycheck.recordings.column_map import ColumnMap
 from bodycheck.recordings.conversion import RecordedMotion, recorded_motion
@@ -203,7 +203,7 @@ def examined(
         resolution = resolution.with_given(resolution_text)
     scene = _sampled_at(motion.problem.of_body.scene, t_s, resolution.stamp)
     if dt_s is not None:
-        _check_step(scene, t_s, dt_s)
+        _check_step(scene, t_s, dt_s, resolution.stamp)
     return scene, resolution
 
 
@@ -261,16 +261,15 @@ def _of_attitudes(motion: JudgedMotion, scene: Scene, trajectory: Trajectory) ->
 
 def _sampled_at(scene: Scene, t_s: Array, resolution_s: float) -> Scene:
     """Return the scene with the samples of a file, where these are evenly spaced from 0."""
-    end = float(t_s[-1])
-    evenly = np.arange(len(t_s)) * end / max(len(t_s) - 1, 1)
-    if len(t_s) < 2 or not np.allclose(t_s, evenly, rtol=0.0, atol=max(1e-9 * end, resolution_s)):
+    if len(t_s) < 2:
         return scene
-    return replace(scene, duration_s=end, samples=len(t_s))
+    sampled = replace(scene, duration_s=float(t_s[-1]), samples=len(t_s))
+    return sampled if is_sampled_at(sampled, t_s, resolution_s) else scene
 
 
-def _check_step(scene: Scene, t_s: Array, dt_s: float) -> None:
+def _check_step(scene: Scene, t_s: Array, dt_s: float, resolution_s: float) -> None:
     """Raise InputError where the samples of a file do not fit the step."""
-    if scene.samples != len(t_s) or scene.duration_s != t_s[-1]:
+    if not is_sampled_at(scene, t_s, resolution_s):
         raise InputError(f"--dt {dt_s}: needs evenly spaced times that begin at 0")
     try:
         plan_steps(scene, dt_s)

@@ -10,7 +10,16 @@ from bodycheck.examine.diagnosis.candidate_maps import EXACT
 from bodycheck.examine.explanation.explain import ExplainedCase
 from bodycheck.examine.explanation.explanation_document import explanation_parts
 from bodycheck.recordings.judge import Ranking
-from bodycheck.recordings.judged_motion import FROM_START, VAGUE, JudgedMotion, MomentumChange, is_free
+from bodycheck.recordings.judged_motion import (
+    FROM_START,
+    NEGLIGIBLE,
+    TRAVELLING,
+    TURNING,
+    VAGUE,
+    JudgedMotion,
+    MomentumChange,
+    is_free,
+)
 from bodycheck.recordings.wrong_rows import exceptions_of, is_right_elsewhere, without_exceptions
 from bodycheck.reports.document import Column, Document, Part, Sentence, Table
 from bodycheck.reports.measurement.convergence import Convergence
@@ -19,7 +28,6 @@ from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, SIGNED
 from bodycheck.reports.render.styles import heading
 
 _DIGITS = 3
-_CONSERVED = 1e-6  # relative: a smaller change of a conserved quantity is no sentence of its own
 _PER_CENT = 1e-4  # relative: from there on in per cent
 _FEWEST_STEPS = 4
 _AS_RESOLVED = ", as far as the file resolves it"
@@ -30,6 +38,13 @@ _NOT_NORMAL = {
     "quaternion_norm_error": "The quaternions are not normalised: |q| differs from 1",
     "orthogonality_error": "The matrices are not orthogonal: R^T R differs from the identity",
 }
+_OFF_IN = {
+    ORIENTATION: ("", "rad"),
+    "omega_error": (" in omega", "rad/s"),
+    "position_error": (" in position", "m"),
+    "velocity_error": (" in velocity", "m/s"),
+}
+"""Measure -> what is off in a row, and its unit."""
 _ENERGIES = ("rotational_energy_drift", "energy_drift")
 
 
@@ -56,7 +71,7 @@ def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Senten
         of_noise = [_of_noise(motion)] if motion.start == "first-sample" else []
         parts = [*cause[::-1], *distance[::-1], *of_noise]
     else:
-        parts = [*distance, *cause, *_conservation(motion)]
+        parts = [*distance[:1], *cause, *distance[1:], *_conservation(motion)]
     parts += _norms(motion)
     parts += _derived(motion)
     if motion.has_unused_position:
@@ -107,7 +122,7 @@ def _exceptions(motion: JudgedMotion, file: JudgedMotion, first_rows: Mapping[st
         if stated.issuperset(off):  # a wrong row has both wrong
             continue
         stated.update(off)
-        of, unit = ("", "rad") if name == ORIENTATION else (" in omega", "rad/s")
+        of, unit = _OFF_IN[name]
         after = f"{number(float(t_s[off[0]]), _OF_TIME)} s after the first row"
         verb, where = ("is", after) if len(off) == 1 else ("are", f"the first {after}")
         size = f"{'' if len(off) == 1 else 'up to '}{number(found.largest, 2)} {unit}"
@@ -118,7 +133,7 @@ def _exceptions(motion: JudgedMotion, file: JudgedMotion, first_rows: Mapping[st
 def _norms(motion: JudgedMotion) -> Iterator[str]:
     """Yield that attitudes are no rotations, beyond the digits of the file."""
     for name, sentence in _NOT_NORMAL.items():
-        if motion.row.get(name, 0.0) > _CONSERVED and not motion.is_at_floor(name):
+        if motion.row.get(name, 0.0) > NEGLIGIBLE and not motion.is_at_floor(name):
             yield f"{sentence} by up to {_share(motion.row[name])}."
 
 
@@ -140,7 +155,7 @@ def _conservation(motion: JudgedMotion) -> Iterator[str]:
     name = next((name for name in _ENERGIES if f"{name}{SIGNED}" in row), None)
     if free and motion.energy is not None:
         signed, floor = motion.energy, motion.floors.get("rotational_energy_drift", 0.0)
-        if abs(signed) > max(FLOOR_BOUNDS * floor, _CONSERVED):
+        if abs(signed) > max(FLOOR_BOUNDS * floor, NEGLIGIBLE):
             yield f"The body {gain_word(signed)} up to {_share(abs(signed))} of its rotational energy."
         elif motion.momentum is None:
             yield f"Rotational energy is conserved to a relative {number(max(abs(signed), floor), 2)}."
@@ -163,10 +178,10 @@ def _momentum_sentence(change: MomentumChange, floor: float, *, free: bool) -> s
     if not free:
         sizes = f"{_share(change.size)} in size and {direction} rad in direction"
         return f"Angular momentum is off the truth by up to {sizes}."
-    if largest < _CONSERVED:
+    if largest < NEGLIGIBLE:
         sizes = f"{number(change.size, 2)} of |L| and {number(change.direction_rad, 2)} rad"
         return f"Angular momentum is conserved to {sizes}."
-    if change.size < _CONSERVED:
+    if change.size < NEGLIGIBLE:
         turned = f"its direction turns by up to {direction} rad, its size is kept"
         return f"Angular momentum is not conserved: {turned}."
     sizes = f"its size changes by up to {_share(change.size)}, its direction by {direction} rad"
@@ -174,7 +189,23 @@ def _momentum_sentence(change: MomentumChange, floor: float, *, free: bool) -> s
 
 
 def _distance(motion: JudgedMotion) -> Iterator[str]:
-    """Yield how far the motion is from the truth, by its attitude, or else by omega or the position."""
+    """Yield how far attitude or omega, and the path, are from the truth, the larger error first."""
+    row, turned = motion.row, [*_turned(motion)]
+    name = motion.off_path or (None if turned else next((one for one in TRAVELLING if one in row), None))
+    path = [] if name is None else [_path_error(row, name)]
+    is_path_larger = name is not None and row[name] > max(row.get(one, 0.0) for one in TURNING)
+    yield from [*path, *turned] if is_path_larger else [*turned, *path]
+
+
+def _path_error(row: Mapping[str, float], name: str) -> str:
+    unit = _OFF_IN[name][1]
+    return (
+        f"The {name.removesuffix('_error')} is {number(row[f'{name}_abs'], _DIGITS)} {unit} from the truth."
+    )
+
+
+def _turned(motion: JudgedMotion) -> Iterator[str]:
+    """Yield how far attitude, or else omega, is from the truth."""
     row, until = motion.row, number(motion.row["compared_until_s"], 4)
     if ORIENTATION in row:
         largest, final = row[ORIENTATION], row["orientation_error_final_rad"]
@@ -199,17 +230,13 @@ def _distance(motion: JudgedMotion) -> Iterator[str]:
             yield f"Omega is the true one for {until} s, to {error} of |omega|{_AS_RESOLVED}."
         else:
             yield f"Omega is {_share(row['omega_error'])} of |omega| from the truth within {until} s."
-    elif "position_error_abs" in row:
-        yield f"The position is {number(row['position_error_abs'], _DIGITS)} m from the truth."
-    elif "velocity_error_abs" in row:
-        yield f"The velocity is {number(row['velocity_error_abs'], _DIGITS)} m/s from the truth."
 
 
 def _is_of_omega(motion: JudgedMotion) -> bool:
     """Whether omega is wrong, and too far off for the error of the attitude to be its cause."""
     row = without_exceptions(motion).row  # of a single row, either may be wrong
     error = row.get("omega_error", 0.0)
-    limit = max(_CONSERVED, _FARTHER * row.get(ORIENTATION, 0.0), motion.floor("omega_error"))
+    limit = max(NEGLIGIBLE, _FARTHER * row.get(ORIENTATION, 0.0), motion.floor("omega_error"))
     return bool(error > limit)
 
 
@@ -220,6 +247,7 @@ def _angle(rad: float) -> str:
 def _cause(motion: JudgedMotion, case: ExplainedCase) -> Iterator[str]:
     found, dt_s = case.diagnosis, case.case.dt_s
     is_right = ORIENTATION in motion.row and motion.is_at_floor(ORIENTATION) and not _is_of_omega(motion)
+    is_right = is_right and motion.off_path is None
     if found is None or (motion.has_derived_omega and found.verdict == "healthy" and not is_right):
         if motion.has_derived_omega and not is_right:
             yield (
@@ -251,8 +279,8 @@ def _cause(motion: JudgedMotion, case: ExplainedCase) -> Iterator[str]:
             method = found.sentence.replace("no fault", "the error of a method without a fault", 1)
             sentence = f"likely cause: {method}" if is_cause else found.sentence
             yield f"{sentence[:1].upper()}{sentence[1:]}."
-    elif (
-        max(motion.row.get(ORIENTATION, 1.0), motion.row.get("omega_error", 0.0)) > _CONSERVED
+    elif motion.off_path or (
+        max(motion.row.get(ORIENTATION, 1.0), motion.row.get("omega_error", 0.0)) > NEGLIGIBLE
         and not is_right
     ):
         hint = "" if dt_s is not None else "; with --dt, the step of the program, more causes are tried"

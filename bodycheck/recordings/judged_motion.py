@@ -49,6 +49,12 @@ FROM_START = "_from_start"
 TURNING = (ORIENTATION, "omega_error")
 """The errors by which a turning motion is the true one."""
 
+TRAVELLING = ("position_error", "velocity_error")
+"""The errors by which the path of the centre of mass is the true one."""
+
+NEGLIGIBLE = 1e-6
+"""Relative: a smaller change of a conserved quantity, or error of the path, is no sentence of its own."""
+
 VAGUE = 0.1
 """In rad, or relative: what a file resolves no better says nothing about the motion."""
 
@@ -113,9 +119,15 @@ class JudgedMotion:
 
     @property
     def is_true(self) -> bool:
-        """Whether attitude and omega are the true ones, to what the file and the truth resolve."""
+        """Whether the motion is the true one, to what the file and the truth resolve."""
         compared = [name for name in TURNING if name in self.row]
-        return bool(compared) and all(map(self.is_true_by, compared))
+        return bool(compared) and all(map(self.is_true_by, compared)) and self.off_path is None
+
+    @property
+    def off_path(self) -> str | None:
+        """The error by which the path is not the true one; None where it is, or where this is not known."""
+        measured = (name for name in TRAVELLING if name in self.row and name in self.floors)
+        return next((name for name in measured if self.row[name] > max(NEGLIGIBLE, self.floor(name))), None)
 
     def is_true_by(self, measure: str) -> bool:
         """Whether a measure is within its floor, and that is small enough to tell."""
@@ -282,7 +294,36 @@ def _floors(
         bound = float(np.max(truth.bound_omega_rad_s[:n])) / speed
         turned = columns["truth_bound_rad"] - float(np.max(truth.bound_rad[:n]))
         found["omega_error"] = bound + omega / speed + turned
-    return found
+    return found | _path_floors(columns["truth_bound_rad"], problem, resolution, start)
+
+
+def _path_floors(
+    turned_rad: float, problem: Problem, resolution: Resolution, start: Start
+) -> dict[str, float]:
+    """Return what truth and digits leave open of position and velocity, relative as the measures are.
+
+    A rounded start moves the path in time, and by turned_rad the forces in body axes. Nothing is known where
+    it changes the forces otherwise, by a pivot or by loads that depend on the path.
+    """
+    scene, truth, n = problem.of_body.scene, problem.truth, problem.compared
+    if scene.pivot is not None or scene.continuous_loads:
+        return {}
+    t_s, speeds = truth.trajectory.t_s[:n], truth.trajectory.velocity_m_s[:n]
+    elapsed, pushed = float(t_s[-1] - t_s[0]), 0.0
+    if scene.loads and n > 1:
+        pushed = largest_norm(np.gradient(speeds, t_s, axis=0) - scene.gravity) * turned_rad
+    rounded_m, rounded_m_s = _HALF_SPACING * resolution.position, _HALF_SPACING * resolution.velocity
+    position = float(np.max(truth.bound_m[:n])) + rounded_m + resolution.stamp * largest_norm(speeds)
+    velocity = float(np.max(truth.bound_m_s[:n])) + rounded_m_s
+    velocity += resolution.stamp * float(np.linalg.norm(scene.gravity))
+    if start == "first-sample":
+        position += rounded_m + (rounded_m_s + 0.5 * pushed * elapsed) * elapsed
+        velocity += rounded_m_s + pushed * elapsed
+    scales = problem.scales
+    open_m = ((position, scales.length_scale_m), (velocity, scales.speed_scale_m_s))
+    return {
+        name: error / scale for name, (error, scale) in zip(TRAVELLING, open_m, strict=True) if scale > 0.0
+    }
 
 
 def _started(

@@ -11,6 +11,7 @@ import numpy as np
 
 from bodycheck.recordings.conversion import RecordedMotion
 from bodycheck.recordings.judged_motion import (
+    TRAVELLING,
     TURNING,
     JudgedMotion,
     Repair,
@@ -37,7 +38,7 @@ _JUMP = 1e-2  # of what is off: an error that grows up to the last row comes nea
 class Exceptions:
     """Few rows that are off, of all that were compared.
 
-    off: their places, in order. largest, rest: the largest error of these and of the others, in rad or rad/s.
+    off: their places, in order. largest, rest: the largest error of these and of the others, in SI units.
     """
 
     rows: int
@@ -47,13 +48,13 @@ class Exceptions:
 
 
 def exceptions_of(motion: JudgedMotion) -> dict[str, Exceptions]:
-    """Return, by measure, the few rows that are off in attitude or omega, and the errors of the others.
+    """Return, by measure, the few rows that are off, and the errors of the others.
 
     They are ten times as far off as the others, or stand out of errors that change slowly.
     """
     found: dict[str, Exceptions] = {}
-    for name in TURNING:
-        if name not in motion.row or motion.is_at_floor(name):
+    for name in (*TURNING, *TRAVELLING):
+        if name not in motion.row or motion.is_at_floor(name) or (name in TRAVELLING and not motion.off_path):
             continue
         errors = motion.case.series[name]
         if len(errors) >= _ENOUGH and (off := _far_off(errors) or _standing_out(errors)):

@@ -417,6 +417,88 @@ def test_a_tensor_and_gravity_are_read(tmp_path: Path) -> None:
     assert judged(path).rows[0]["position_error"] > 0.1
 
 
+def thrown(path: Path, at: Array, velocity: Array, digits: str = "%.9f") -> Ranking:
+    """Return the judgement of a right rotation on a path (n, 3) with velocities (n, 3), under gravity."""
+    q, w = solved(T_S)
+    head = "t_s,x_m,y_m,z_m,qw,qx,qy,qz,vx_m_s,vy_m_s,vz_m_s,wx_body_rad_s,wy_body_rad_s,wz_body_rad_s"
+    np.savetxt(path, np.column_stack([T_S, at, q, velocity, w]), digits, ",", header=head, comments="")
+    return rank([path], body=GivenMotion(np.diag(INERTIA).ravel().tolist(), 12.0, None, GRAVITY))
+
+
+GRAVITY = np.array([0.0, 0.0, -9.81])
+THROWN = np.array([3.0, -1.0, 12.0])
+
+
+def fallen(gravity: Array) -> tuple[Array, Array]:
+    """Return the parabola of a throw, and its velocities."""
+    t = T_S[:, None]
+    return 1.0 + THROWN * t + 0.5 * gravity * t**2, THROWN + gravity * t
+
+
+@pytest.mark.slow(after=1)
+@pytest.mark.parametrize(
+    ("factor", "unit", "size", "cause"),
+    [
+        (1.62 / 9.81, 1.0, "The position is 410 m from the truth.", "gravity is multiplied by 0.1651"),
+        (-1.0, 1.0, "The position is 981 m from the truth.", "gravity is reversed"),
+        (1.0, 1000.0, "The position is ", "the position is read in mm"),
+    ],
+)
+def test_a_wrong_path_of_a_right_rotation_is_stated_first_with_its_cause(
+    factor: float, unit: float, size: str, cause: str, tmp_path: Path
+) -> None:
+    """A right attitude does not hide that the body is elsewhere."""
+    at, velocity = fallen(factor * GRAVITY)
+    ranking = thrown(tmp_path / "sim.csv", unit * at, velocity)
+    (motion,) = ranking.motions
+    case = explained_motion(motion, None)
+    first, second, *others = conclusions(motion, case)
+    assert first.text.startswith(size)
+    assert first.tint == "bad"
+    assert cause in second.text
+    assert others[0].text.startswith("The attitude is the true one")
+
+
+@pytest.mark.parametrize("digits", ["%.17g", "%.9f", "%.3f", "%.2f"])
+def test_a_right_path_is_not_accused_whatever_its_digits(digits: str, tmp_path: Path) -> None:
+    """A rounded start leaves the later positions open, and no more than that is told from the truth."""
+    (motion,) = thrown(tmp_path / "sim.csv", *fallen(GRAVITY), digits).motions
+    assert motion.off_path is None
+    assert "position" not in conclusion(motion, None)
+
+
+def test_a_wrong_row_of_a_right_path_is_stated(tmp_path: Path) -> None:
+    """One position that is off is the row's, not that of the motion."""
+    at, velocity = fallen(GRAVITY)
+    at[90] += 5.0
+    ranking = thrown(tmp_path / "sim.csv", at, velocity)
+    assert told(ranking).startswith("Only 1 of 201 rows is off in position, by 8.7 m, 4.5 s after the first")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_of_rows_at_irregular_times_is_no_fault(seed: int, tmp_path: Path) -> None:
+    """The rows are compared at their own times, not at those of evenly spaced ones."""
+    rng = np.random.default_rng(seed)
+    t_s = np.sort(np.r_[0.0, rng.uniform(0.0, 10.0, 180), 10.0])
+    q, w = solved(t_s)
+    noisy = Rotation.from_quat(q, scalar_first=True) * Rotation.from_rotvec(rng.normal(0.0, 2e-3, (182, 3)))
+    motion = (noisy.as_quat(scalar_first=True), w + rng.normal(0.0, 3e-3, (182, 3)))
+    text = told(judged(write(tmp_path / "sim.csv", t_s, motion)))
+    found = re.search(r"No fault: .* to the noise of the file, (\S+) rad in attitude and (\S+) rad/s", text)
+    assert found, text
+    assert [float(one) for one in found.groups()] == pytest.approx([2e-3, 3e-3], rel=0.2)
+
+
+@pytest.mark.slow
+def test_a_wrong_inertia_is_found_at_irregular_times(tmp_path: Path) -> None:
+    """Times that are not evenly spaced do not hide a cause."""
+    t_s = np.sort(np.r_[0.0, np.random.default_rng(4).uniform(0.0, 10.0, 180), 10.0])
+    path = write(tmp_path / "sim.csv", t_s, solved(t_s), "%.9f")
+    ranking = rank([path], body=GivenMotion((40.0, 63.0, 85.0)))
+    assert "the middle principal moment of inertia is multiplied by 0.952" in told(ranking)
+
+
 @pytest.mark.slow
 def test_rates_alone_are_judged_by_energy_and_omega(tmp_path: Path) -> None:
     """Without an attitude, momentum and orientation are left out, and not diagnosed."""

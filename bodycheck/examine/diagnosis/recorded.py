@@ -89,8 +89,7 @@ def diagnosed_recording(
     if misread is not None:
         return replace(misread, start=start)
     step = dt_s
-    is_even = len(trajectory.t_s) == scene.samples and trajectory.t_s[-1] == scene.duration_s
-    if is_even:  # the samples are then where the scene has them, whatever the stamps are rounded to
+    if is_sampled_at(scene, trajectory.t_s, resolution.stamp):  # whatever the stamps are rounded to
         resolution, trajectory = replace(resolution, stamp=0.0), replace(trajectory, t_s=scene.sample_times)
         step = scene.sample_interval_s if dt_s is None else dt_s
     from_rows = from_first_row or start is not None or not at_start
@@ -115,6 +114,14 @@ def diagnosed_recording(
         later = _later(scene, made_by, step or scene.sample_interval_s, trajectory)
         start = start_difference(scene, trajectory, known, resolution, later)
     return replace(found, start=start)
+
+
+def is_sampled_at(scene: Scene, t_s: Array, resolution_s: float) -> bool:
+    """Whether times are those of the samples of a scene, which are evenly spaced, to their resolution."""
+    end = float(t_s[-1])
+    if len(t_s) != scene.samples or end != scene.duration_s:
+        return False
+    return np.allclose(t_s, scene.sample_times, rtol=0.0, atol=max(1e-9 * end, resolution_s))
 
 
 def _of_misread_omega(

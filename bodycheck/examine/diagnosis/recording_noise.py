@@ -20,7 +20,7 @@ from bodycheck.examine.diagnosis.quantity_resolution import Resolution
 from bodycheck.examine.diagnosis.transitions import QUANTITIES, Transitions
 
 _FEWEST = 50  # transitions
-_LARGEST_TURN_RAD = 0.5  # between rows, so that A is nearly 1
+_LARGEST_TURN_RAD, _MOST = 0.5, 0.95  # between most of the rows, so that A is nearly 1
 _ABOVE = 3.0  # times the deviation that the resolution leaves: less is no noise of its own
 _SAME = 0.1  # of the correlation of neighbours
 _RATES = {"position": "velocity", "attitude": "omega"}
@@ -34,7 +34,7 @@ def with_noise(transitions: Transitions) -> Resolution | None:
     path, given = transitions.trajectory, transitions.resolution
     interval_s = np.diff(path.t_s)
     turned = np.linalg.norm(path.omega_body[:-1], axis=-1) * interval_s
-    if len(transitions.indices) < _FEWEST or np.max(turned) > _LARGEST_TURN_RAD:
+    if len(transitions.indices) < _FEWEST or np.quantile(turned, _MOST) > _LARGEST_TURN_RAD:
         return None
     gaps = transitions.healthy_gaps(EXACT)[0]
     square_s = float(np.mean(interval_s**2))
