@@ -41,7 +41,8 @@ def make_tables(
     **manifest: Any,
 ) -> Tables:
     """Return a run with rows like CASE, METHOD and stability.csv, with the given cells replaced."""
-    method_rows = [{**METHOD, **cells} for cells in methods or []]
+    orders = [{**METHOD, **cells} for cells in methods or []]
+    method_rows = [{"order_low": row["order"], "order_high": row["order"], **row} for row in orders]
     return Tables(
         run_id="made-up",
         manifest={"dt_s": None, "tolerances": None, "engines": {}, **manifest},

@@ -173,6 +173,8 @@ def _row_of_method(gate: Gate, columns: Mapping[str, Any], found: Mapping[str, A
             if is_order and verdict.state in ("converges", "too-few-points") and found.get("finest_dt_s"):
                 detail += f", but {_no_order(found.get('points') or 0)}"
         why = f"no {measure.column}: {detail}"
+    elif is_order and (open_ := _left_open(gate, value, found)):
+        value, why = None, open_
     return GateRow(
         **_identity(columns),
         at="",
@@ -182,6 +184,20 @@ def _row_of_method(gate: Gate, columns: Mapping[str, Any], found: Mapping[str, A
         about=found.get("about", ""),
         errors=_errors_by_step(columns, measure.quantity or "", run) if is_order else (),
         is_wrong=is_wrong,
+    )
+
+
+def _left_open(gate: Gate, order: float, found: Mapping[str, Any]) -> str:
+    """Return why an order off a bound may yet keep it, by its 95 % interval; "" where it does not."""
+    low, high = found["order_low"], found["order_high"]
+    is_open = (gate.min_value is not None and order < gate.min_value <= high) or (
+        gate.max_value is not None and low <= gate.max_value < order
+    )
+    if not is_open:
+        return ""
+    return (
+        f"order {number(order, 3)}, but with 95 % anything from {number(low, 3)} to {number(high, 3)}, "
+        "so that it may keep the bound; where the finest errors are near round-off, take coarser steps"
     )
 
 

@@ -248,14 +248,17 @@ def test_step_matches_to_round_off() -> None:
     ("bound", "cells", "status"),
     [
         ({"lower": 3.9, "upper": 4.1}, {"order": 4.0}, "passed"),
-        ({"lower": 3.9, "upper": 4.1}, {"order": 3.89}, "failed"),
+        ({"lower": 3.9, "upper": 4.1}, {"order": 3.85, "order_low": 3.8, "order_high": 3.89}, "failed"),
+        ({"lower": 3.9, "upper": 4.1}, {"order": 3.85, "order_low": 3.7, "order_high": 4.0}, "nothing"),
+        ({"upper": 4.1}, {"order": 4.2, "order_low": 4.05, "order_high": 4.35}, "nothing"),
+        ({"upper": 4.1}, {"order": 4.2, "order_low": 4.15, "order_high": 4.25}, "failed"),
         ({"upper": 1.0}, {"order": -2.0}, "passed"),
         ({"lower": 0.0}, {"order": None, "verdict": "at-floor"}, "nothing"),
         ({"lower": 0.0}, {"quantity": "energy_drift"}, "nothing"),
     ],
 )
 def test_order_is_compared_with_its_bounds(bound: dict[str, Any], cells: dict[str, Any], status: str) -> None:
-    """Only a measured order of the requested quantity can pass."""
+    """Only a measured order of the requested quantity can pass, and only one that is known to fail fails."""
     requested = gate(measure="order.orientation_error_rad", **bound)
     assert one(requested, {}, methods=[cells]).status == status
 
