@@ -53,7 +53,7 @@ TRAVELLING = ("position_error", "velocity_error")
 """The errors by which the path of the centre of mass is the true one."""
 
 NEGLIGIBLE = 1e-6
-"""Relative: a smaller change of a conserved quantity, or error of the path, is no sentence of its own."""
+"""Relative: smaller changes of a conserved quantity, and errors of the path, are not stated alone."""
 
 VAGUE = 0.1
 """In rad, or relative: what a file resolves no better says nothing about the motion."""
