@@ -15,13 +15,12 @@ from bodycheck._util.errors import InputError
 from bodycheck.examine.diagnosis.attitude_readings import attitude_diagnosis, conserving_reading
 from bodycheck.examine.diagnosis.diagnosis import Diagnosis, obstacle
 from bodycheck.examine.diagnosis.quantity_resolution import Resolution
-from bodycheck.examine.diagnosis.recorded import diagnosed_recording, is_sampled_at
+from bodycheck.examine.diagnosis.recorded import diagnosed_recording
 from bodycheck.examine.explanation.explain import ExplainedCase
 from bodycheck.recordings.column_map import ColumnMap
 from bodycheck.recordings.conversion import RecordedMotion, recorded_motion
 from bodycheck.recordings.judged_motion import TURNING, JudgedMotion, Start, is_free, quantities_of
 from bodycheck.recordings.wrong_rows import is_right_elsewhere, with_repair
-from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import plan_steps
@@ -201,9 +200,11 @@ def examined(
     resolution, t_s = motion.resolution, motion.case.trajectory.t_s
     if resolution_text is not None:
         resolution = resolution.with_given(resolution_text)
-    scene = _sampled_at(motion.problem.of_body.scene, t_s, resolution.stamp)
+    scene = motion.problem.of_body.scene
+    if motion.is_even:
+        scene = replace(scene, duration_s=float(t_s[-1]), samples=len(t_s))
     if dt_s is not None:
-        _check_step(scene, t_s, dt_s, resolution.stamp)
+        _check_step(scene, motion, dt_s)
     return scene, resolution
 
 
@@ -237,6 +238,7 @@ def explained_motion(
             dt_s,
             known=known,
             resolution=resolution,
+            is_even=motion.is_even,
             from_first_row=motion.start == "first-sample",
         )
     if found is not None:
@@ -259,17 +261,9 @@ def _of_attitudes(motion: JudgedMotion, scene: Scene, trajectory: Trajectory) ->
     return found or attitude_diagnosis(attitude, truth.attitude, motion.floors[ORIENTATION])
 
 
-def _sampled_at(scene: Scene, t_s: Array, resolution_s: float) -> Scene:
-    """Return the scene with the samples of a file, where these are evenly spaced from 0."""
-    if len(t_s) < 2:
-        return scene
-    sampled = replace(scene, duration_s=float(t_s[-1]), samples=len(t_s))
-    return sampled if is_sampled_at(sampled, t_s, resolution_s) else scene
-
-
-def _check_step(scene: Scene, t_s: Array, dt_s: float, resolution_s: float) -> None:
+def _check_step(scene: Scene, motion: JudgedMotion, dt_s: float) -> None:
     """Raise InputError where the samples of a file do not fit the step."""
-    if not is_sampled_at(scene, t_s, resolution_s):
+    if not motion.is_even:
         raise InputError(f"--dt {dt_s}: needs evenly spaced times that begin at 0")
     try:
         plan_steps(scene, dt_s)

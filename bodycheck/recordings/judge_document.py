@@ -245,7 +245,7 @@ def _angle(rad: float) -> str:
 
 
 def _cause(motion: JudgedMotion, case: ExplainedCase) -> Iterator[str]:
-    found, dt_s = case.diagnosis, case.case.dt_s
+    found, takes_step = case.diagnosis, case.case.dt_s is None and motion.is_even
     is_right = ORIENTATION in motion.row and motion.is_at_floor(ORIENTATION) and not _is_of_omega(motion)
     is_right = is_right and motion.off_path is None
     if found is None or (motion.has_derived_omega and found.verdict == "healthy" and not is_right):
@@ -265,7 +265,7 @@ def _cause(motion: JudgedMotion, case: ExplainedCase) -> Iterator[str]:
         yield f"{found.sentence[:1].upper()}{found.sentence[1:]}."
     elif found.per_sample is not None:
         off = number(found.per_sample, 2)
-        hint = "" if dt_s is not None else "; --dt, the step of the program, tells them apart"
+        hint = "; --dt, the step of the program, tells them apart" * takes_step
         if _is_of_omega(motion):  # which no solver makes: the attitude is far better than its omega
             yield "Omega is not the rate of this attitude, and no known fault of a reading explains it."
         elif not is_right:
@@ -283,7 +283,7 @@ def _cause(motion: JudgedMotion, case: ExplainedCase) -> Iterator[str]:
         max(motion.row.get(ORIENTATION, 1.0), motion.row.get("omega_error", 0.0)) > NEGLIGIBLE
         and not is_right
     ):
-        hint = "" if dt_s is not None else "; with --dt, the step of the program, more causes are tried"
+        hint = "; with --dt, the step of the program, more causes are tried" * takes_step
         yield f"No known fault, and no pair of the nearest, explains it{hint}."
 
 

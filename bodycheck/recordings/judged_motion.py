@@ -124,6 +124,15 @@ class JudgedMotion:
         return bool(compared) and all(map(self.is_true_by, compared)) and self.off_path is None
 
     @property
+    def is_even(self) -> bool:
+        """Whether the times are evenly spaced from 0, to their resolution, so that steps may fit them."""
+        t_s = self.case.trajectory.t_s if self.case.trajectory is not None else np.zeros(0)
+        if len(t_s) < 2:
+            return False
+        even = np.arange(len(t_s)) * t_s[-1] / (len(t_s) - 1)
+        return np.allclose(t_s, even, rtol=0.0, atol=max(1e-9 * float(t_s[-1]), self.resolution.stamp))
+
+    @property
     def off_path(self) -> str | None:
         """The error by which the path is not the true one; None where it is, or where this is not known."""
         measured = (name for name in TRAVELLING if name in self.row and name in self.floors)

@@ -499,6 +499,19 @@ def test_a_wrong_inertia_is_found_at_irregular_times(tmp_path: Path) -> None:
     assert "the middle principal moment of inertia is multiplied by 0.952" in told(ranking)
 
 
+def test_a_step_is_not_asked_for_where_times_take_none(tmp_path: Path) -> None:
+    """The rows of a program whose cause is not found have to be evenly spaced to be made by its steps."""
+    q, w = stepped(T_S, 1)
+    for rows, asks in (
+        (slice(None), True),
+        (np.sort(np.random.default_rng(1).permutation(201)[:150]), False),
+    ):
+        motion = (q[rows], w[rows] * [1.0, 1.02, 1.0])
+        path = write(tmp_path / "sim.csv", T_S[rows] - T_S[rows][0], motion)
+        text = told(judged(path))
+        assert ("--dt" in text) == asks, text
+
+
 @pytest.mark.slow
 def test_rates_alone_are_judged_by_energy_and_omega(tmp_path: Path) -> None:
     """Without an attitude, momentum and orientation are left out, and not diagnosed."""

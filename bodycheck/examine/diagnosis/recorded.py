@@ -54,15 +54,16 @@ def diagnosed_recording(
     *,
     known: frozenset[str],
     resolution: Resolution,
+    is_even: bool,
     from_first_row: bool,
 ) -> Diagnosis | None:
     """Return what made a recording; None where it cannot be examined.
 
     scene: with the samples of the recording. truth: at its times. dt_s: the step of the program; None if it
     is unknown or there is none: then the exact motion is tried, and maps with one step per sample. known: the
-    quantities that the recording has. from_first_row: whether the scene starts where the recording does, so
-    that a wrong reading has moved its start, too. Not examined are recordings with an `obstacle`, and those
-    with too many steps between two samples.
+    quantities that the recording has. is_even: whether the times are those of the scene. from_first_row:
+    whether the scene starts where the recording does, so that a wrong reading has moved its start, too. Not
+    examined are recordings with an `obstacle`, and those with too many steps between two samples.
     """
     if known & {"attitude", "omega"} == {"attitude"}:
         return attitude_diagnosis(trajectory.attitude, truth.attitude, resolution.attitude)
@@ -82,6 +83,7 @@ def diagnosed_recording(
             dt_s,
             known=known,
             resolution=replace(resolution, omega=resolution.omega * finer),
+            is_even=is_even,
             from_first_row=from_first_row,
         )
 
@@ -89,7 +91,7 @@ def diagnosed_recording(
     if misread is not None:
         return replace(misread, start=start)
     step = dt_s
-    if is_sampled_at(scene, trajectory.t_s, resolution.stamp):  # whatever the stamps are rounded to
+    if is_even:  # the samples are then where the scene has them, whatever the stamps are rounded to
         resolution, trajectory = replace(resolution, stamp=0.0), replace(trajectory, t_s=scene.sample_times)
         step = scene.sample_interval_s if dt_s is None else dt_s
     from_rows = from_first_row or start is not None or not at_start
@@ -114,14 +116,6 @@ def diagnosed_recording(
         later = _later(scene, made_by, step or scene.sample_interval_s, trajectory)
         start = start_difference(scene, trajectory, known, resolution, later)
     return replace(found, start=start)
-
-
-def is_sampled_at(scene: Scene, t_s: Array, resolution_s: float) -> bool:
-    """Whether times are those of the samples of a scene, which are evenly spaced, to their resolution."""
-    end = float(t_s[-1])
-    if len(t_s) != scene.samples or end != scene.duration_s:
-        return False
-    return np.allclose(t_s, scene.sample_times, rtol=0.0, atol=max(1e-9 * end, resolution_s))
 
 
 def _of_misread_omega(
