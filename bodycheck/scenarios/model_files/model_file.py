@@ -73,7 +73,7 @@ class WeighedMesh:
 
 
 @dataclass(frozen=True)
-class Mistake:
+class ModelMistake:
     """A mistake of the file in a link that is read nevertheless: the rule, the line, and what is expected."""
 
     rule: str
@@ -106,7 +106,7 @@ class ModelLink:
     inertia_scaling: float = 1.0
     visuals: tuple[Shape, ...] = ()
     malformed: bool = False
-    mistakes: tuple[Mistake, ...] = ()
+    mistakes: tuple[ModelMistake, ...] = ()
     static: bool = False
     meshes: tuple[WeighedMesh, ...] = ()
     several: tuple[StatedJoint, ...] = ()

@@ -16,7 +16,13 @@ import numpy as np
 from bodycheck._util.errors import InputError
 from bodycheck.scenarios.model_files.exact_arithmetic import ExactInertia, Frame, exact, mp, rotation_of_rpy
 from bodycheck.scenarios.model_files.joint import UNLIMITED, StatedJoint, limit_of
-from bodycheck.scenarios.model_files.model_file import Mistake, ModelFile, ModelLink, Shape, StatedInertia
+from bodycheck.scenarios.model_files.model_file import (
+    ModelFile,
+    ModelLink,
+    ModelMistake,
+    Shape,
+    StatedInertia,
+)
 from bodycheck.scenarios.model_files.xml_file import Node
 
 _MOVABLE = ("revolute", "continuous", "prismatic", "floating", "planar", "spherical")
@@ -78,23 +84,23 @@ def _link(
     )
 
 
-def _missing_moments(link: Node) -> Iterator[Mistake]:
+def _missing_moments(link: Node) -> Iterator[ModelMistake]:
     """Yield the mistake of an <inertia> without one of its six numbers, all of which URDF requires."""
     inertial = link.child("inertial")
     inertia = None if inertial is None else inertial.child("inertia")
     missing = [] if inertia is None else [name for _, _, name in MOMENTS if name not in inertia]
     if inertia is not None and missing:
         message = f"<inertia> has no {', '.join(missing)}: read as 0"
-        yield Mistake("missing-moment", inertia.line, message, "ixx, ixy, ixz, iyy, iyz and izz")
+        yield ModelMistake("missing-moment", inertia.line, message, "ixx, ixy, ixz, iyy, iyz and izz")
 
 
-def repeated_inertial(link: Node) -> Iterator[Mistake]:
+def repeated_inertial(link: Node) -> Iterator[ModelMistake]:
     """Yield the mistake of a link that has more than one <inertial>."""
     first, *others = [node.line for node in link.children("inertial")] or [0]
     if others:
         amount = f"{len(others) + 1} elements <inertial>"
         message = f"has {amount}, of which the first is read, in line {first}"
-        yield Mistake("repeated-inertial", others[0], message, "one <inertial>")
+        yield ModelMistake("repeated-inertial", others[0], message, "one <inertial>")
 
 
 def resolved(name: str, model: Path) -> Path:
