@@ -191,7 +191,8 @@ def _momentum_sentence(change: MomentumChange, floor: float, *, free: bool) -> s
 def _distance(motion: JudgedMotion) -> Iterator[str]:
     """Yield how far attitude or omega, and the path, are from the truth, the larger error first."""
     row, turned = motion.row, [*_turned(motion)]
-    name = motion.off_path or (None if turned else next((one for one in TRAVELLING if one in row), None))
+    measured = motion.path_errors or (() if turned else [one for one in TRAVELLING if one in row])
+    name = next(iter(measured), None)
     path = [] if name is None else [_path_error(row, name)]
     is_path_larger = name is not None and row[name] > max(row.get(one, 0.0) for one in TURNING)
     yield from [*path, *turned] if is_path_larger else [*turned, *path]
@@ -247,7 +248,7 @@ def _angle(rad: float) -> str:
 def _cause(motion: JudgedMotion, case: ExplainedCase) -> Iterator[str]:
     found, takes_step = case.diagnosis, case.case.dt_s is None and motion.is_even
     is_right = ORIENTATION in motion.row and motion.is_at_floor(ORIENTATION) and not _is_of_omega(motion)
-    is_right = is_right and motion.off_path is None
+    is_right = is_right and not motion.path_errors
     if found is None or (motion.has_derived_omega and found.verdict == "healthy" and not is_right):
         if motion.has_derived_omega and not is_right:
             yield (
@@ -279,7 +280,7 @@ def _cause(motion: JudgedMotion, case: ExplainedCase) -> Iterator[str]:
             method = found.sentence.replace("no fault", "the error of a method without a fault", 1)
             sentence = f"likely cause: {method}" if is_cause else found.sentence
             yield f"{sentence[:1].upper()}{sentence[1:]}."
-    elif motion.off_path or (
+    elif motion.path_errors or (
         max(motion.row.get(ORIENTATION, 1.0), motion.row.get("omega_error", 0.0)) > NEGLIGIBLE
         and not is_right
     ):

@@ -121,7 +121,7 @@ class JudgedMotion:
     def is_true(self) -> bool:
         """Whether the motion is the true one, to what the file and the truth resolve."""
         compared = [name for name in TURNING if name in self.row]
-        return bool(compared) and all(map(self.is_true_by, compared)) and self.off_path is None
+        return bool(compared) and all(map(self.is_true_by, compared)) and not self.path_errors
 
     @property
     def is_even(self) -> bool:
@@ -133,10 +133,10 @@ class JudgedMotion:
         return np.allclose(t_s, even, rtol=0.0, atol=max(1e-9 * float(t_s[-1]), self.resolution.stamp))
 
     @property
-    def off_path(self) -> str | None:
-        """The error by which the path is not the true one; None where it is, or where this is not known."""
+    def path_errors(self) -> tuple[str, ...]:
+        """The errors by which the path is not the true one; none where what is left open is not known."""
         measured = (name for name in TRAVELLING if name in self.row and name in self.floors)
-        return next((name for name in measured if self.row[name] > max(NEGLIGIBLE, self.floor(name))), None)
+        return tuple(name for name in measured if self.row[name] > max(NEGLIGIBLE, self.floor(name)))
 
     def is_true_by(self, measure: str) -> bool:
         """Whether a measure is within its floor, and that is small enough to tell."""
@@ -329,9 +329,9 @@ def _path_floors(
         position += rounded_m + (rounded_m_s + 0.5 * pushed * elapsed) * elapsed
         velocity += rounded_m_s + pushed * elapsed
     scales = problem.scales
-    open_m = ((position, scales.length_scale_m), (velocity, scales.speed_scale_m_s))
+    left_open = ((position, scales.length_scale_m), (velocity, scales.speed_scale_m_s))
     return {
-        name: error / scale for name, (error, scale) in zip(TRAVELLING, open_m, strict=True) if scale > 0.0
+        name: error / scale for name, (error, scale) in zip(TRAVELLING, left_open, strict=True) if scale > 0.0
     }
 
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from bodycheck.recordings.conversion import RecordedMotion
 from bodycheck.recordings.judged_motion import (
-    TRAVELLING,
     TURNING,
     JudgedMotion,
     Repair,
@@ -53,9 +52,8 @@ def exceptions_of(motion: JudgedMotion) -> dict[str, Exceptions]:
     They are ten times as far off as the others, or stand out of errors that change slowly.
     """
     found: dict[str, Exceptions] = {}
-    for name in (*TURNING, *TRAVELLING):
-        if name not in motion.row or motion.is_at_floor(name) or (name in TRAVELLING and not motion.off_path):
-            continue
+    turning = (name for name in TURNING if name in motion.row and not motion.is_at_floor(name))
+    for name in (*turning, *motion.path_errors):
         errors = motion.case.series[name]
         if len(errors) >= _ENOUGH and (off := _far_off(errors) or _standing_out(errors)):
             rest = float(np.delete(errors, off).max(initial=0.0))

@@ -173,8 +173,8 @@ def _row_of_method(gate: Gate, columns: Mapping[str, Any], found: Mapping[str, A
             if is_order and verdict.state in ("converges", "too-few-points") and found.get("finest_dt_s"):
                 detail += f", but {_no_order(found.get('points') or 0)}"
         why = f"no {measure.column}: {detail}"
-    elif is_order and (open_ := _left_open(gate, value, found)):
-        value, why = None, open_
+    elif is_order and (doubt := _left_open(gate, value, found)):
+        value, why = None, doubt
     return GateRow(
         **_identity(columns),
         at="",
