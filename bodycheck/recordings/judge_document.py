@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from bodycheck._util.formatting import count, names, number, scientific, step
 from bodycheck.examine.diagnosis.candidate_maps import EXACT
+from bodycheck.examine.diagnosis.diagnosis import ALL, Diagnosis
 from bodycheck.examine.explanation.explain import ExplainedCase
 from bodycheck.examine.explanation.explanation_document import explanation_parts
 from bodycheck.recordings.judge import Ranking
@@ -58,20 +59,21 @@ def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Senten
         unstable = Sentence(f"{motion.name} is unstable: {motion.row['message']}.", "bad", strong=True)
         return [unstable, *map(Sentence, _wrong_rows(motion))]
     is_wrong = diagnosis is not None and diagnosis.verdict == "explained"
-    is_noisy = diagnosis is not None and diagnosis.is_within_noise and not is_wrong
+    is_noisy = diagnosis is not None and diagnosis.is_within_noise and diagnosis.verdict == "healthy"
+    of_noise = [] if diagnosis is None else [*_of_noise(motion, diagnosis)]
     distance = [*_distance(motion)]
     cause = [] if case is None else [*_cause(motion if motion.part is None else motion.part, case)]
     if wrong := [*_wrong_rows(motion)]:  # which are neither noise nor a motion
         unexplained = diagnosis is not None and diagnosis.verdict == "unexplained"
-        is_cause = not (is_noisy or unexplained or is_right_elsewhere(motion))
+        is_only_noise = is_noisy and motion.part is None
+        is_cause = not (is_only_noise or unexplained or is_right_elsewhere(motion))
         # the size and the rows themselves first; of rows that are late, the size stands in the distance
         parts = [*distance[:1], *wrong, *distance[1:]] if motion.repaired else [*wrong, *distance]
-        parts += cause if is_cause else ()
+        parts += [*cause, *of_noise] if is_cause else ()
     elif is_noisy:  # which alone changes what is conserved
-        of_noise = [_of_noise(motion)] if motion.start == "first-sample" else []
         parts = [*cause[::-1], *distance[::-1], *of_noise]
     else:
-        parts = [*distance[:1], *cause, *distance[1:], *_conservation(motion)]
+        parts = [*distance[:1], *cause, *distance[1:], *_conservation(motion), *of_noise]
     parts += _norms(motion)
     parts += _derived(motion)
     if motion.has_unused_position:
@@ -94,12 +96,17 @@ def _derived(motion: JudgedMotion) -> Iterator[str]:
         yield f"The file has no omega: it is derived from the attitudes, to {known_to} rad/s."
 
 
-def _of_noise(motion: JudgedMotion) -> str:
-    """Return where the difference from the truth comes from, which starts at a noisy first row."""
+def _of_noise(motion: JudgedMotion, found: Diagnosis) -> Iterator[str]:
+    """Yield what of the difference from the truth is noise, where the truth starts at a noisy row."""
+    if not found.is_within_noise or motion.start != "first-sample" or found.share > ALL:
+        return
     largest, final = (motion.row.get(name, 0.0) for name in (ORIENTATION, "orientation_error_final_rad"))
-    if final < _BACK * largest:
-        return "The truth starts at the first row, and the last one agrees with it: rows in between are off."
-    return "The truth starts at the first row: its noise, or the errors of a solver, make that difference."
+    if found.verdict != "healthy":
+        yield "The truth starts at the first row, whose noise makes part of these differences."
+    elif final < _BACK * largest:
+        yield "The truth starts at the first row, and the last one agrees with it: rows in between are off."
+    else:
+        yield "The truth starts at the first row: its noise, or the errors of a solver, make that difference."
 
 
 def _wrong_rows(motion: JudgedMotion) -> Iterator[str]:
@@ -127,6 +134,8 @@ def _exceptions(motion: JudgedMotion, file: JudgedMotion, first_rows: Mapping[st
         verb, where = ("is", after) if len(off) == 1 else ("are", f"the first {after}")
         size = f"{'' if len(off) == 1 else 'up to '}{number(found.largest, 2)} {unit}"
         others = f"the others by at most {number(found.rest, 2)} {unit}"
+        if found.noise:
+            others = f"the noise of the others is {number(found.noise, 2)} {unit}"
         yield f"Only {len(off)} of {found.rows} rows {verb} off{of}, by {size}, {where}; {others}."
 
 

@@ -19,6 +19,7 @@ from bodycheck.recordings.judged_motion import (
     judged_motion,
     quantities_of,
 )
+from bodycheck.recordings.noisy_rows import rows_out_of_noise
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.problem import Problem
@@ -37,28 +38,41 @@ _JUMP = 1e-2  # of what is off: an error that grows up to the last row comes nea
 class Exceptions:
     """Few rows that are off, of all that were compared.
 
-    off: their places, in order. largest, rest: the largest error of these and of the others, in SI units.
+    off: their places, in order. largest, rest: the largest error of these and of the others, in SI units;
+    largest is the distance from the rows beside it where they stand out of noise. noise: its standard
+    deviation. left: what the others leave of the largest error.
     """
 
     rows: int
     off: tuple[int, ...]
     largest: float
     rest: float
+    left: float
+    noise: float = 0.0
 
 
 def exceptions_of(motion: JudgedMotion) -> dict[str, Exceptions]:
     """Return, by measure, the few rows that are off, and the errors of the others.
 
-    They are ten times as far off as the others, or stand out of errors that change slowly.
+    They are ten times as far off as the others, or stand out of noise, or of errors that change slowly.
     """
-    found: dict[str, Exceptions] = {}
     turning = (name for name in TURNING if name in motion.row and not motion.is_at_floor(name))
-    for name in (*turning, *motion.path_errors):
-        errors = motion.case.series[name]
-        if len(errors) >= _ENOUGH and (off := _far_off(errors) or _standing_out(errors)):
-            rest = float(np.delete(errors, off).max(initial=0.0))
-            found[name] = Exceptions(len(errors), off, float(errors[[*off]].max()), rest)
-    return found
+    found = {name: _exceptions(motion, name) for name in (*turning, *motion.path_errors)}
+    return {name: one for name, one in found.items() if one is not None}
+
+
+def _exceptions(motion: JudgedMotion, measure: str) -> Exceptions | None:
+    sizes = errors = motion.case.series[measure]
+    if len(errors) < _ENOUGH:
+        return None
+    noise = 0.0
+    off = _far_off(errors)
+    if not off and (found := rows_out_of_noise(motion, measure)) is not None:
+        off, sizes, noise = found
+    if not (off := off or _standing_out(errors)):
+        return None
+    rest = float(np.delete(errors, off).max(initial=0.0))
+    return Exceptions(len(errors), off, float(sizes[[*off]].max()), rest, rest / float(errors.max()), noise)
 
 
 def _far_off(errors: Array) -> tuple[int, ...]:
@@ -98,7 +112,7 @@ def is_right_elsewhere(motion: JudgedMotion) -> bool:
 def without_exceptions(motion: JudgedMotion) -> JudgedMotion:
     """Return a motion with the errors of the rows that are not off, itself if none is off alone."""
     found = exceptions_of(motion)
-    rest = {name: motion.row[name] * (of.rest / of.largest) for name, of in found.items()}
+    rest = {name: motion.row[name] * of.left for name, of in found.items()}
     return replace(motion, row=motion.row | rest) if rest else motion
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -261,6 +263,31 @@ def test_wrong_rows_of_different_sizes_are_counted(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("noise", [0.0, 1e-4])
+def test_a_scaled_axis_of_a_gyro_is_named(axis: int, noise: float, tmp_path: Path) -> None:
+    """One component of omega that is 2 % too large is neither all of omega nor the body's."""
+    q, w = solved(T_S)
+    scale = np.where(np.arange(3) == axis, 1.02, 1.0)
+    w = w * scale + noise * np.random.default_rng(axis).standard_normal(w.shape)
+    text = told(judged(write(tmp_path / "sim.csv", T_S, (q, w), "%.9f")))
+    found = re.search(rf"Likely cause: omega about {'xyz'[axis]} is multiplied by (1\.0\d+) when it is", text)
+    assert found, text
+    assert float(found[1]) == pytest.approx(1.02, abs=3e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("axis", range(3))
+def test_a_component_of_the_wrong_sign_is_not_all_of_the_velocity(axis: int, tmp_path: Path) -> None:
+    """As of a program whose axis points the other way."""
+    at, velocity = fallen(GRAVITY)
+    velocity[:, axis] *= -1.0
+    text = told(thrown(tmp_path / "sim.csv", at, velocity))
+    assert f"the velocity along {'xyz'[axis]} is read with the opposite sign" in text
+    assert "the velocity is read" not in text
+
+
+@pytest.mark.slow
 def test_an_explained_difference_is_not_that_of_the_first_row(tmp_path: Path) -> None:
     """A wrong sign of one component turns the motion, not the errors of the solver beside it."""
     t_s = np.arange(301) * 0.05
@@ -490,6 +517,71 @@ def test_noise_of_rows_at_irregular_times_is_no_fault(seed: int, tmp_path: Path)
     assert [float(one) for one in found.groups()] == pytest.approx([2e-3, 3e-3], rel=0.2)
 
 
+def noisy(seed: int, draw: Callable[[np.random.Generator], Array]) -> tuple[Array, Array]:
+    """Return a right motion with noise of 2e-3 rad and rad/s; draw: (201, 6) numbers of deviation 1."""
+    q, w = solved(T_S)
+    noise = 2e-3 * draw(np.random.default_rng(seed))
+    turned = Rotation.from_quat(q, scalar_first=True) * Rotation.from_rotvec(noise[:, :3])
+    return turned.as_quat(scalar_first=True), w + noise[:, 3:]
+
+
+def normal(rng: np.random.Generator) -> Array:
+    """Return white noise (201, 6)."""
+    return rng.standard_normal((201, 6))
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("quantity", "of"), [("attitude", ""), ("omega", " in omega")])
+def test_a_wrong_row_is_told_from_noise(seed: int, quantity: str, of: str, tmp_path: Path) -> None:
+    """It is 20 times as far off, but nearer to the truth than what the noise of the first row leads to."""
+    q, w = noisy(seed, normal)
+    if quantity == "omega":
+        w[120, 1] += 0.04
+    else:
+        turned = Rotation.from_quat(q[120], scalar_first=True) * Rotation.from_rotvec([0.0, 0.04, 0.0])
+        q[120] = turned.as_quat(scalar_first=True)
+    (motion,) = judged(write(tmp_path / "sim.csv", T_S, (q, w))).motions
+    text = conclusion(motion, None)
+    assert re.match(
+        rf"Only 1 of 201 rows is off{of}, by 0\.0[34]\d+ rad(/s)?, 6 s after the first row; ", text
+    )
+    assert float(text.split("the noise of the others is ")[1].split()[0]) == pytest.approx(2e-3, rel=0.2)
+
+
+@pytest.mark.slow
+def test_a_wrong_row_in_noise_hides_no_cause(tmp_path: Path) -> None:
+    """The motion beside it is that of another moment of inertia."""
+    q, w = noisy(1, normal)
+    w[60, 1] += 0.05
+    ranking = rank([write(tmp_path / "sim.csv", T_S, (q, w))], body=GivenMotion((40.0, 66.0, 85.0)))
+    text = told(ranking)
+    assert text.startswith("Only 1 of 201 rows is off in omega, by 0.048 rad/s, 3 s after the first row; ")
+    assert "the middle principal moment of inertia is multiplied by 0.909" in text or "by 0.908" in text
+    assert "whose noise makes part of these differences" in text
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    "draw",
+    [
+        normal,
+        lambda rng: rng.laplace(0.0, math.sqrt(0.5), (201, 6)),
+        lambda rng: rng.standard_t(5, (201, 6)) * math.sqrt(0.6),
+        lambda rng: rng.uniform(-math.sqrt(3.0), math.sqrt(3.0), (201, 6)),
+        lambda rng: normal(rng) * np.where(np.arange(201) < 100, 1.0, 10.0)[:, None],
+        lambda rng: normal(rng) + 30.0 * (np.arange(201) >= 100)[:, None],
+        lambda rng: normal(rng) + 30.0 * np.isin(np.arange(201), [60, 61])[:, None],
+    ],
+    ids=["normal", "Laplace", "t5", "uniform", "growing", "a step", "two rows"],
+)
+def test_noise_and_steps_are_no_single_wrong_rows(
+    seed: int, draw: Callable[[np.random.Generator], Array], tmp_path: Path
+) -> None:
+    """Noise of any usual distribution, and what changes from one row on, accuse no row."""
+    (motion,) = judged(write(tmp_path / "sim.csv", T_S, noisy(seed, draw))).motions
+    assert " off" not in conclusion(motion, None)
+
+
 @pytest.mark.slow
 def test_a_wrong_inertia_is_found_at_irregular_times(tmp_path: Path) -> None:
     """Times that are not evenly spaced do not hide a cause."""
@@ -502,11 +594,12 @@ def test_a_wrong_inertia_is_found_at_irregular_times(tmp_path: Path) -> None:
 def test_a_step_is_not_asked_for_where_times_take_none(tmp_path: Path) -> None:
     """The rows of a program whose cause is not found have to be evenly spaced to be made by its steps."""
     q, w = stepped(T_S, 1)
+    w += np.outer(0.02 * np.sin(3.0 * T_S), [0.0, 1.0, 0.0])
     for rows, asks in (
         (slice(None), True),
         (np.sort(np.random.default_rng(1).permutation(201)[:150]), False),
     ):
-        motion = (q[rows], w[rows] * [1.0, 1.02, 1.0])
+        motion = (q[rows], w[rows])
         path = write(tmp_path / "sim.csv", T_S[rows] - T_S[rows][0], motion)
         text = told(judged(path))
         assert ("--dt" in text) == asks, text

@@ -99,9 +99,9 @@ class Diagnosis:
     round_off: their round-off, or 1 where they are whitened (whitening.py). order: of the method, where the
     verdict is lower-order. start: how a recording begins off its scenario. equal_maps: other known maps that
     make the same motion, to the digits of a recording. within: these digits in words, or the noise that is in
-    their place (is_within_noise). per_sample: the largest
-    difference from the exact motion over one sample interval, of an exact motion that is not exact to the
-    digits. refuted_by: the scene in which the faults would act, and do not. fits: of the faults and of alike.
+    their place. is_within_noise: whether there is noise. per_sample: the largest difference
+    from the exact motion over one sample interval, of an exact motion that is not exact to the digits.
+    refuted_by: the scene in which the faults would act, and do not. fits: of the faults and of alike.
     """
 
     verdict: str

@@ -115,7 +115,7 @@ def diagnosed_recording(
     if start is not None and made_by is not None and scene.pivot is None:
         later = _later(scene, made_by, step or scene.sample_interval_s, trajectory)
         start = start_difference(scene, trajectory, known, resolution, later)
-    return replace(found, start=start)
+    return replace(found, start=start, is_within_noise=bool(resolution.noise))
 
 
 def _of_misread_omega(
@@ -198,7 +198,7 @@ def _without_fault(
         first, *others = matches
         names = tuple(base.name for base in others)
         healthy = Diagnosis("healthy", first.name, first.text, within=within, equal_maps=names)
-        return replace(healthy, is_within_noise=bool(resolution.noise)), first
+        return healthy, first
     if search.fine is not None and search.fine.scene.pivot is None:
         omega = search.fine.of_quantities(frozenset({"omega"}))
         rules = strapdown_rules(exactly) if "attitude" in known else []

@@ -71,6 +71,14 @@ _DEGREES = (
 )
 
 
+_COMPONENTS = {
+    "omega": ("w", "omega_body", "omega about", "compare omega with the derivative of the attitude"),
+    "velocity": ("v", "velocity_m_s", "the velocity along", "compare it with the derivative of the position"),
+    "position": ("x", "position_m", "the position along", "compare its derivative with the velocity"),
+}
+"""Quantity -> its names in a reading, in a trajectory and with an axis, and what confirms a wrong reading."""
+
+
 def _omega_matrix(name: str, sentence: str, matrix: Array) -> Fault:
     """Return the fault that omega is multiplied by an orthogonal matrix (3, 3) when it is read."""
     return Fault(
@@ -83,6 +91,34 @@ def _omega_matrix(name: str, sentence: str, matrix: Array) -> Fault:
         ),
         applies=lambda at: at.rotates,
         confirm="compare omega with the derivative of the attitude",
+    )
+
+
+def _axis_scaled(quantity: str, axis: int) -> Fault:
+    """Return the fault that one component of a quantity is multiplied by a factor when it is read."""
+    name, array, of_axis, confirm = _COMPONENTS[quantity]
+    letter = "xyz"[axis]
+    component = f"{of_axis} {letter}"
+
+    def scaled(r: ReportedStates, factor: float) -> ReportedStates:
+        factors = np.where(np.arange(3) == axis, factor, 1.0)
+        return replace(r, **{name: np.einsum("i,i...->i...", factors, getattr(r, name))})
+
+    def applies(at: FaultContext) -> bool:
+        moves = np.any(getattr(at.transitions.trajectory, array), axis=0)
+        is_one_of_several = bool(moves[axis] and np.any(np.delete(moves, axis)))  # else all are scaled
+        return is_one_of_several and (quantity == "omega" or at.shows_translation)
+
+    return Fault(
+        f"{quantity}-{letter}-read-scaled",
+        "reading",
+        f"{component} is multiplied by {{0}} when it is read",
+        Misread(lambda r, s, _: scaled(r, s[0]), lambda r, s, _: scaled(r, 1.0 / s[0])),
+        (FACTOR,),
+        near(1.0, -1.0),
+        applies,
+        ((-1.0, f"{component} is read with the opposite sign"),),
+        confirm=confirm,
     )
 
 
@@ -186,11 +222,8 @@ def reading_faults() -> Iterator[Fault]:
         applies=lambda at: at.rotates,
         confirm="compare omega with the derivative of the attitude",
     )
-    for axis, name in enumerate("xyz"):
-        sign = 1.0 - 2.0 * np.eye(3)[axis]
-        yield _omega_matrix(
-            f"omega-{name}-reversed", f"omega about {name} is read with the opposite sign", np.diag(sign)
-        )
+    for axis in range(3):
+        yield _axis_scaled("omega", axis)
     for order in list(permutations(range(3)))[1:]:
         axes = ["xyz"[k] for k in order]
         yield _omega_matrix(
@@ -239,6 +272,9 @@ def reading_faults() -> Iterator[Fault]:
         ),
         confirm="compare its derivative with the velocity",
     )
+    for quantity in ("velocity", "position"):
+        for axis in range(3):
+            yield _axis_scaled(quantity, axis)
     yield Fault(
         "velocity-read-in-body-axes",
         "reading",
