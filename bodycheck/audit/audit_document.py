@@ -25,7 +25,6 @@ from bodycheck.audit.audit_summary import (
     TINTS,
     answer,
     by_severity,
-    impossible,
     joint_groups,
     moving_joints,
     repeated,
@@ -395,13 +394,12 @@ def alerts_of(audit: Audit, *, differences: bool) -> list[Alert]:
 
 
 def failures(audit: Audit, fail_on: Sequence[str]) -> list[str]:
-    """Return what an audit fails on: impossible numbers, findings of a severity or above, and differences."""
+    """Return what an audit fails on: errors, findings of a lower severity, and differences."""
     if "never" in fail_on:
         return []
     found = []
-    limits = [LEVELS.index(level) for level in LEVELS if level in fail_on]
-    bad = [one for one in audit.findings if limits and LEVELS.index(one.severity) <= max(limits)]
-    if bad := bad or impossible(audit):
+    least = max(LEVELS.index(level) for level in LEVELS if level == "error" or level in fail_on)
+    if bad := [one for one in audit.findings if LEVELS.index(one.severity) <= least]:
         found.append(count(len(bad), "finding"))
     if "difference" in fail_on:
         wrong = [name for name, one in audit.matrices.items() if one.is_wrong]

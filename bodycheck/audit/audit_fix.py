@@ -15,7 +15,7 @@ from bodycheck._util.formatting import names
 from bodycheck.audit.audit import Audit, LintFinding
 from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.model_files.exact_arithmetic import doubles
-from bodycheck.scenarios.model_files.urdf import MOMENTS
+from bodycheck.scenarios.model_files.urdf_mistakes import MOMENTS
 from bodycheck.scenarios.model_files.xml_file import read_bytes
 
 

@@ -18,13 +18,14 @@ from bodycheck.audit.audit import Body, Confidence, LintFinding, Severity
 from bodycheck.audit.mesh_lint import weighed_meshes
 from bodycheck.audit.shape_lint import against_shapes, closer_to_shapes, fits_shapes, slip_of, with_shapes
 from bodycheck.audit.shaped_link import is_placeholder
+from bodycheck.audit.slips import half_unit
 from bodycheck.reference_impl.dynamics import parallel_axis_tensor
-from bodycheck.scenarios.model_files.exact_arithmetic import doubles
+from bodycheck.scenarios.model_files.exact_arithmetic import Exact, doubles
 from bodycheck.scenarios.model_files.joint import StatedJoint
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, triangle_excess
 from bodycheck.scenarios.model_files.shape_sizes import half_extents, span_along, uniform
 
-_DECIMALS = 1e-6  # a violation below this follows from decimals that were rounded in the file
+_DECIMALS = (1e-6, 1e-5)  # of the largest moment: what rounded decimals may break is between these
 _NEAR = 1e-9  # of the limits, relative to the largest moment: 40 digits decide
 _RANGE = (1e-45, 1e45)  # of numbers whose products, up to the square of m r^2, are doubles
 _FAR = 10.0  # times the size of the model
@@ -127,7 +128,7 @@ def _possible(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
     elif not moments[0] > 0.0:
         message = f"impossible tensor, I1 <= 0: I1 is {number(float(moments[0]), 6)} kg m^2"
         found = _finding("not-positive", "error", "certain", link, message, "a positive definite tensor")
-    elif (excess := triangle_excess(moments)) > _DECIMALS:
+    elif (excess := triangle_excess(moments)) > _left_by_decimals(link.stated.inertia.tensor):
         message = f"impossible tensor, I1 + I2 < I3: {vector(moments)} kg m^2"
         most = f"a largest moment of at most {number(float(moments[0] + moments[1]), 9)} kg m^2"
         found = _finding("triangle-inequality", "error", "certain", link, message, most)
@@ -141,6 +142,13 @@ def _possible(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
         yield with_shapes(found, link, model)
     else:
         yield replace(slip, rule=found.rule, severity="error", message=f"{found.message}; {slip.message}")
+
+
+def _left_by_decimals(tensor: Exact) -> float:
+    """Return what the last digits of the numbers leave open of I1 + I2 - I3, over the largest of them."""
+    values = doubles(tensor)
+    half = sum(abs(x) * half_unit(x) for x in map(float, values.ravel()))
+    return min(max(half / float(np.max(np.abs(values))), _DECIMALS[0]), _DECIMALS[1])
 
 
 def _about(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:  # noqa: ARG001 - rules are alike
@@ -320,7 +328,9 @@ def _unreadable(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:  # 
 
 def _mistaken(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:  # noqa: ARG001 - rules are alike
     for one in link.mistakes:
-        yield _finding(one.rule, "error", "certain", link, one.message, one.expected, one.line)
+        severity: Severity = "error" if one.is_certain else "warning"
+        confidence: Confidence = "certain" if one.is_certain else "likely"
+        yield _finding(one.rule, severity, confidence, link, one.message, one.expected, one.line)
 
 
 def _zero_axis(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:  # noqa: ARG001 - rules are alike

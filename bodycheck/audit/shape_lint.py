@@ -38,6 +38,7 @@ _RATIO = 2.0  # of a moment to that of the shape, or its inverse, from which it 
 _SIMPLIFIED = 1.1  # how far simplified shapes may stay behind the moment of the real ones
 _ROUND_OFF = 1e-6
 _ISOTROPIC = 0.1  # relative difference of moments below which axes do not matter
+_SAME_MOMENTS = 1e-4  # relative
 _CLOSER = 0.3  # relative difference from the shapes up to which a tensor about the origin is noted
 _CERTAIN = 10.0  # digits that a slip explains
 _NEARLY = 1.3  # of a ratio to a power of 1000: shapes of uniform density are no closer than that
@@ -56,7 +57,7 @@ def against_shapes(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
     rules: tuple[Callable[[Shaped], LintFinding | None], ...] = (_beyond, _outside)
     if shaped.solids and not is_placeholder(link):
         exact = agrees(shaped, EXPLAINED) or _of_outer_box(shaped)
-        rules += (_centre, _density) if exact else (_slip, _centre, _symmetry, _about, _unit, _ratio)
+        rules += (_centre, _density) if exact else (_slip, _centre, _symmetry, _turned, _about, _unit, _ratio)
     for rule in rules:
         if (finding := rule(shaped)) is not None:
             yield finding
@@ -243,6 +244,25 @@ def _symmetry(shaped: Shaped) -> LintFinding | None:
         )
         turned = MassProperties(body.mass_kg, body.centre_m, right)
         return shaped.finding("shape-slip", "warning", message, turned)
+    return None
+
+
+def _turned(shaped: Shaped) -> LintFinding | None:
+    """Find the principal moments of the shapes, to four digits, about other axes."""
+    own, own_axes = shaped.body.principal
+    for _, solid in shaped.solids:
+        moments, axes = solid.principal()
+        gaps = np.abs(np.subtract.outer(moments, moments)) + moments[2] * np.eye(3)
+        alone = np.min(gaps, axis=1) > _ISOTROPIC * moments[2]  # whose axis is determined
+        if not alone.any() or np.any(np.abs(own - moments) > _SAME_MOMENTS * moments):
+            continue
+        cosines = np.abs(np.sum(own_axes * axes, axis=0))[alone]
+        angle = number(float(np.arccos(np.min(np.minimum(cosines, 1.0)))), 2)
+        message = (
+            f"the principal moments are those of its shapes, but their axes are turned by {angle} rad: "
+            "is the rotation of the inertial frame left out, or in degrees?"
+        )
+        return shaped.finding("shape-slip", "warning", message, solid)
     return None
 
 

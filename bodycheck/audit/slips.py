@@ -99,7 +99,7 @@ def explained(
         off = np.where(absent, 0.0, np.abs(found - given) / np.abs(given))
     off = np.where(np.isnan(off), inf, off)
     fits = new & (off <= _LOOSEST).all(axis=1) & (~absent | (np.abs(given) <= 1e-4 * scale)).all(axis=1)
-    quanta = np.array([_quantum(float(x)) for x in given])
+    quanta = np.array([half_unit(float(x)) for x in given])
     best: tuple[float, int] = (_DIGITS + log10(len(names)), -1)
     for k in np.flatnonzero(fits):
         digits = _digits(found[k], off[k], quanta, absent[k])
@@ -125,7 +125,7 @@ def _digits(found: Array, off: Array, quanta: Array, absent: Array) -> float:
     return total
 
 
-def _quantum(value: float) -> float:
+def half_unit(value: float) -> float:
     """Return half a unit of the last digit of a number as written, relative to it."""
     if value == 0.0:
         return 1.0

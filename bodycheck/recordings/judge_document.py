@@ -309,7 +309,7 @@ def judgement_document(
         found = conclusions(ranking.motions[0], next(iter(cases), None))
         parts: list[Part] = [*(one for one in found if one.text != opening), _measure_table(ranking)]
     else:
-        parts = [*_ranking_parts(ranking)]
+        parts = [*_ranking_parts(ranking, is_explained=bool(cases))]
         if cases:
             parts += [
                 Sentence(f"{motion.name}: {conclusion(motion, case)}")
@@ -343,7 +343,7 @@ def _meaning(name: str) -> str:
     return MEASURES[pure].formula + next((text for end, text in of_it.items() if name.endswith(end)), "")
 
 
-def _ranking_parts(ranking: Ranking) -> Iterator[Part]:
+def _ranking_parts(ranking: Ranking, *, is_explained: bool) -> Iterator[Part]:
     energies = _ENERGIES[::-1]
     energy = next((name for name in energies if any(name in row for row in ranking.rows)), energies[0])
     measures = dict.fromkeys(filter(None, (ranking.quantity, "omega_error", energy, f"{energy}{FROM_START}")))
@@ -365,7 +365,8 @@ def _ranking_parts(ranking: Ranking) -> Iterator[Part]:
         for rank, row in zip(ranking.ranks, ranking.rows, strict=True)
     )
     yield Sentence(_ranking_sentence(ranking), strong=True)
-    for motion in ranking.motions:  # which neither the ranking nor an order shows
+    # neither the ranking nor an order shows wrong rows, but each explanation begins with them
+    for motion in () if is_explained else ranking.motions:
         yield from (Sentence(f"{motion.name}: {text}") for text in _wrong_rows(motion))
     yield Sentence(_order_sentence(ranking))
     yield Table(columns, rows, title="Files by their distance from the truth")

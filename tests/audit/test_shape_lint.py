@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bodycheck.audit.audit import LintFinding
 from bodycheck.audit.lint import lint
@@ -58,6 +60,23 @@ def test_large_moment_on_the_wrong_axis_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("moments", "severity"),
+    [
+        ((0.111112, 0.222224, 0.333336), ""),
+        ((0.111112, 0.222223, 0.333336), "note"),
+        ((0.111112, 0.222223, 0.333340), "error"),
+        ((0.111112000, 0.222223001, 0.333336002), "error"),
+    ],
+)
+def test_a_plate_may_break_the_triangle_by_its_last_digits(
+    moments: tuple[float, ...], severity: str, tmp_path: Path
+) -> None:
+    """I1 + I2 = I3 of a thin plate, off by 1 in the sixth digit, by more, or with digits that show it."""
+    found = _lint(_inertial(1.0, moments), tmp_path)
+    assert [one.severity for one in found if one.rule == "triangle-inequality"] == [severity] * bool(severity)
+
+
+@pytest.mark.parametrize(
     ("moments", "rule"),
     [
         ((1, 1, 2.5), "triangle-inequality"),
@@ -75,6 +94,39 @@ def test_a_bound_has_the_tensor_of_the_shapes_beside_it(
     assert found.shapes_kg_m2 == pytest.approx((1 / 6, 0, 0, 1 / 3, 0, 13 / 30), rel=1e-8)
     assert 'ixx="0.166666667" ixy="0" ixz="0" iyy="0.333333333" iyz="0" izz="0.433333333"' in found.expected
     assert {one.shapes_kg_m2 for one in _lint(_inertial(10, moments), tmp_path)} <= {None}
+
+
+def _in_frame(angles: Sequence[float], written: str) -> str:
+    """Return 10 kg of 0.6 x 0.4 x 0.2 m, turned by (0.3, -0.4, 0.5), stated in a frame at these angles."""
+    turned = Rotation.from_euler("xyz", [0.3, -0.4, 0.5]).as_matrix()
+    frame = Rotation.from_euler("xyz", angles).as_matrix()
+    tensor = frame.T @ turned @ np.diag([1 / 6, 1 / 3, 13 / 30]) @ turned.T @ frame
+    names = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+    inertia = " ".join(f'{name}="{tensor[place]:.9g}"' for name, place in names.items())
+    origin = f'<origin rpy="{written}"/>' if written else ""
+    return f'<inertial>{origin}<mass value="10"/><inertia {inertia}/></inertial>'
+
+
+@pytest.mark.parametrize(
+    ("written", "rules"),
+    [
+        ("0.7 0.2 -1.1", []),
+        ("", ["shape-slip"]),
+        ("40.107045659 11.459155903 -63.025357464", ["angles-in-degrees", "shape-slip"]),
+    ],
+    ids=["right", "left out", "in degrees"],
+)
+def test_a_wrong_rotation_of_the_inertial_frame_is_found(
+    written: str, rules: list[str], tmp_path: Path
+) -> None:
+    """The moments are those of the shape, about other axes; expected are the numbers in the stated axes."""
+    box = _shape('box size="0.6 0.4 0.2"', 'rpy="0.3 -0.4 0.5"')
+    found = _lint(_in_frame([0.7, 0.2, -1.1], written) + box, tmp_path)
+    assert [one.rule for one in found] == rules
+    if rules:
+        assert {one.severity for one in found} == {"warning"}
+        assert "their axes are turned by" in found[-1].message
+        assert found[-1].shapes_kg_m2 is not None
 
 
 def test_box_around_partial_shapes_is_no_slip(tmp_path: Path) -> None:

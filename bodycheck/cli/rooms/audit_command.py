@@ -35,7 +35,7 @@ _TIMEOUT_S = 60.0
 _OF_SPELLINGS = ("spellings", "engine", "timeout_s", "json", "quiet")
 _OF_LINT = ("model", "lint", "fail_on", "fix", "html", "sarif", "json", "quiet")
 _OF_AGAINST = ("model", "against", "fail_on", "html", "sarif", "json", "quiet")
-_FAIL_ON = ("impossible", "never", "note", "warning", "error", "difference")
+_FAIL_ON = ("error", "warning", "note", "difference", "never")
 
 
 @audit_commands.command(
@@ -45,7 +45,7 @@ _FAIL_ON = ("impossible", "never", "note", "warning", "error", "difference")
         "bodycheck audit robot.urdf",
         "bodycheck audit robot.urdf --engine mujoco,pybullet==3.2.7 --html audit.html",
         "bodycheck audit --spellings --engine mujoco,mujoco==3.12.0",
-        "bodycheck audit robot.xml --lint --fail-on error --sarif audit.sarif",
+        "bodycheck audit robot.xml --lint --fail-on warning --sarif audit.sarif",
         "bodycheck audit robot.urdf --lint --fix corrected.urdf",
         "bodycheck audit robot.usda --against robot.urdf",
     ),
@@ -85,11 +85,11 @@ def audit(
     fail_on: Annotated[
         str,
         typer.Option(
-            help="Exit with status 1 on numbers that no body has or that cannot be read (impossible), also "
-            "on findings of a severity or above (note, warning, error), on any difference or failed import "
-            "(difference), or on both, like error,difference; or in no case (never)."
+            help="Exit with status 1 on errors of the file (error), also on findings of a lower severity "
+            "(warning, note), on any difference or failed import (difference), or on both, like "
+            "warning,difference; or in no case (never)."
         ),
-    ] = "impossible",
+    ] = "error",
     fix: Annotated[
         Path | None,
         typer.Option(

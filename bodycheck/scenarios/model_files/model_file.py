@@ -74,12 +74,16 @@ class WeighedMesh:
 
 @dataclass(frozen=True)
 class ModelMistake:
-    """A mistake of the file in a link that is read nevertheless: the rule, the line, and what is expected."""
+    """A mistake of the file in a link that is read nevertheless: the rule, the line, and what is expected.
+
+    is_certain: whether it is one, whatever was meant.
+    """
 
     rule: str
     line: int
     message: str
     expected: str
+    is_certain: bool = True
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,13 +35,8 @@ from bodycheck.scenarios.model_files.sdf_frames import (
     pose,
     relative_to,
 )
-from bodycheck.scenarios.model_files.urdf import (
-    MOMENTS,
-    geometries,
-    in_a_loop,
-    repeated_inertial,
-    resolved,
-)
+from bodycheck.scenarios.model_files.urdf import geometries, in_a_loop, resolved
+from bodycheck.scenarios.model_files.urdf_mistakes import MOMENTS, repeated_inertial
 from bodycheck.scenarios.model_files.xml_file import Node
 
 _SIZES = {

@@ -19,22 +19,13 @@ from bodycheck.scenarios.model_files.joint import UNLIMITED, StatedJoint, limit_
 from bodycheck.scenarios.model_files.model_file import (
     ModelFile,
     ModelLink,
-    ModelMistake,
     Shape,
     StatedInertia,
 )
+from bodycheck.scenarios.model_files.urdf_mistakes import MOMENTS, SIZES, mistakes_of
 from bodycheck.scenarios.model_files.xml_file import Node
 
 _MOVABLE = ("revolute", "continuous", "prismatic", "floating", "planar", "spherical")
-
-MOMENTS = ((0, 0, "ixx"), (1, 1, "iyy"), (2, 2, "izz"), (0, 1, "ixy"), (0, 2, "ixz"), (1, 2, "iyz"))
-"""Row, column and name of each number of <inertia>."""
-SIZES = {
-    "box": ("size",),
-    "sphere": ("radius",),
-    "cylinder": ("radius", "length"),
-    "capsule": ("radius", "length"),
-}
 
 
 def read_urdf(root: Any, path: Path) -> ModelFile:
@@ -49,7 +40,7 @@ def read_urdf(root: Any, path: Path) -> ModelFile:
         if known[name] > 1:
             raise InputError(f"{node.where}: another link has the name {name!r}")
     parents = _parents(robot, set(names))
-    for child in in_a_loop({child: parent for child, (parent, _, _) in parents.items()}):
+    for child in in_a_loop({child: parent for child, (parent, *_) in parents.items()}):
         raise InputError(f"{robot.where}: link {child!r} is its own ancestor")
     links = [_link(node, name, path, parents) for node, name in zip(nodes, names, strict=True)]
     meshes = {mesh.text("filename") for mesh in _meshes(robot)}
@@ -58,10 +49,10 @@ def read_urdf(root: Any, path: Path) -> ModelFile:
 
 
 def _link(
-    node: Node, name: str, path: Path, parents: Mapping[str, tuple[str, Frame, StatedJoint]]
+    node: Node, name: str, path: Path, parents: Mapping[str, tuple[str, Frame, StatedJoint, Node]]
 ) -> ModelLink:
     """Return a link; one whose numbers cannot be read states why."""
-    parent, pose, joint = parents.get(name, (None, Frame.of(), None))
+    parent, pose, joint, hung_from = parents.get(name, (None, Frame.of(), None, None))
     stated, unread, scaling = None, "", 1.0
     try:
         stated, scaling = _stated(node), _inertia_scaling(node)
@@ -80,27 +71,8 @@ def _link(
         scaling,
         tuple(_shapes(node, "visual")),
         malformed=bool(unread),
-        mistakes=(*repeated_inertial(node), *_missing_moments(node)),
+        mistakes=tuple(mistakes_of(node, hung_from)),
     )
-
-
-def _missing_moments(link: Node) -> Iterator[ModelMistake]:
-    """Yield the mistake of an <inertia> without one of its six numbers, all of which URDF requires."""
-    inertial = link.child("inertial")
-    inertia = None if inertial is None else inertial.child("inertia")
-    missing = [] if inertia is None else [name for _, _, name in MOMENTS if name not in inertia]
-    if inertia is not None and missing:
-        message = f"<inertia> has no {', '.join(missing)}: read as 0"
-        yield ModelMistake("missing-moment", inertia.line, message, "ixx, ixy, ixz, iyy, iyz and izz")
-
-
-def repeated_inertial(link: Node) -> Iterator[ModelMistake]:
-    """Yield the mistake of a link that has more than one <inertial>."""
-    first, *others = [node.line for node in link.children("inertial")] or [0]
-    if others:
-        amount = f"{len(others) + 1} elements <inertial>"
-        message = f"has {amount}, of which the first is read, in line {first}"
-        yield ModelMistake("repeated-inertial", others[0], message, "one <inertial>")
 
 
 def resolved(name: str, model: Path) -> Path:
@@ -140,9 +112,9 @@ def _meshes(robot: Node) -> list[Node]:
     return found
 
 
-def _parents(robot: Node, names: set[str]) -> dict[str, tuple[str, Frame, StatedJoint]]:
-    """Return child -> (parent, its pose in the parent, the joint)."""
-    found: dict[str, tuple[str, Frame, StatedJoint]] = {}
+def _parents(robot: Node, names: set[str]) -> dict[str, tuple[str, Frame, StatedJoint, Node]]:
+    """Return child -> (parent, its pose in the parent, the joint, its element)."""
+    found: dict[str, tuple[str, Frame, StatedJoint, Node]] = {}
     for node in robot.children("joint"):
         ends = []
         for tag in ("parent", "child"):
@@ -155,7 +127,7 @@ def _parents(robot: Node, names: set[str]) -> dict[str, tuple[str, Frame, Stated
         parent, child = ends
         if child in found:
             raise InputError(f"{node.where}: link {child!r} has two parents")
-        found[child] = (parent, _origin(node), _joint(node))
+        found[child] = (parent, _origin(node), _joint(node), node)
     return found
 
 
