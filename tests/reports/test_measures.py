@@ -57,7 +57,7 @@ from bodycheck.reports.measurement.measures import (
 from bodycheck.reports.measurement.scales import Scales, scene_scales
 from bodycheck.reports.measurement.work import power, work_done, working_loads
 from bodycheck.reports.run_files.tables import TABLES
-from bodycheck.scenarios.library import load_one
+from bodycheck.scenarios.library import load_any, load_one, scenario_names, tree_names
 
 PLACE = np.array([1.0, -2.0, 0.5])
 BRICK = RigidBody(2.0, np.diag([1.0, 2.0, 3.0]))
@@ -931,6 +931,24 @@ def test_measures_need_quantities_that_a_state_has() -> None:
     scene = Scene(RigidBody(1.0, np.diag([1.0, 2.0, 2.5])), start, (), np.zeros(3), duration_s=1.0, samples=3)
     needed = set().union(*(one.needs(scene) for one in measures.MEASURES.values()))
     assert needed == {"position", "attitude", "velocity", "omega"}
+
+
+@pytest.mark.parametrize("scenario", [*scenario_names(), *tree_names()])
+def test_invariants_need_quantities_that_a_state_has(scenario: str) -> None:
+    """One that needed another would never be measured on a recording."""
+    for one in invariants_of(load_any([scenario])[0][1].scene):
+        assert one.needs <= {"position", "attitude", "velocity", "omega"}
+
+
+@pytest.mark.parametrize("unit", ["m", "rad"])
+def test_the_drift_of_a_constraint_is_how_far_its_joints_come_apart(unit: str) -> None:
+    """Engines that store poses have it; others have no joints that could come apart."""
+    measure, apart = measures.MEASURES[f"constraint_drift_{unit}"], np.array([0.0, 2e-3, 1e-3])
+    compared: Any = SimpleNamespace(joints=SimpleNamespace(**{f"gap_{unit}": apart}))
+    assert measure.series is not None
+    assert measure.series(compared) is apart
+    without: Any = SimpleNamespace(joints=None)
+    assert measure.series(without) is None
 
 
 @pytest.mark.parametrize(

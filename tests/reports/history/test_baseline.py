@@ -7,12 +7,15 @@ import json
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
 
 from bodycheck._util.errors import InputError
+from bodycheck.reports.document import Sentence, Table
 from bodycheck.reports.history import baseline
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import (
+    SUMMARY_KEYS,
     NightlyRun,
     baseline_of,
     check_files,
@@ -21,6 +24,7 @@ from bodycheck.reports.history.baseline import (
     read_summary_file,
     seal_run,
 )
+from bodycheck.reports.history.history_output import history_document
 from tests.helpers.expected_messages import ExpectedMessage
 
 MANIFEST: dict[str, Any] = {
@@ -254,3 +258,15 @@ def test_each_unusable_run_is_left_out_with_its_reason(tmp_path: Path) -> None:
         assert [why == "is dated in the future" for _, why in faults] == [name in future for name in expected]
         for name in future:
             (tmp_path / name).rmdir()
+
+
+@pytest.mark.parametrize("name", ["engines", "machine"])
+def test_what_all_runs_have_is_listed_once(name: str) -> None:
+    """Beside the rows of a list of runs; a column has it where the runs differ."""
+    kept = {key: SUMMARY.get(key, 0) for key in SUMMARY_KEYS}
+    for other, is_once in ((kept[name], True), ("another", False)):
+        table, *sentences = history_document(pd.DataFrame([kept, {**kept, name: other}])).parts
+        assert isinstance(table, Table)
+        said = [one.text for one in sentences if isinstance(one, Sentence)]
+        assert (f"{name.capitalize()}: {kept[name]}" in said) == is_once
+        assert (name in [column.head for column in table.columns]) != is_once
