@@ -37,7 +37,7 @@ FOLLOWS = "all of it comes from the bodies and joints that differ"
 """The cause of a mass matrix that is right for what an importer holds."""
 
 _NOTICEABLE = 3.0  # times the error of the engine itself
-_FLOOR_RAD = 1e-9
+_FLOOR_RAD = 1e-7  # importers find the principal axes of a nearly symmetric tensor to some 1e-9
 _LARGEST = 1e100  # kg, kg m^2: products of larger numbers leave the range of doubles
 
 

@@ -19,8 +19,9 @@ from bodycheck.audit.mesh_lint import weighed_meshes
 from bodycheck.audit.shape_lint import against_shapes, closer_to_shapes, fits_shapes, slip_of, with_shapes
 from bodycheck.audit.shaped_link import is_placeholder
 from bodycheck.audit.slips import half_unit
+from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import parallel_axis_tensor
-from bodycheck.scenarios.model_files.exact_arithmetic import Exact, doubles
+from bodycheck.scenarios.model_files.exact_arithmetic import doubles
 from bodycheck.scenarios.model_files.joint import StatedJoint
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, triangle_excess
 from bodycheck.scenarios.model_files.shape_sizes import half_extents, span_along, uniform
@@ -31,7 +32,7 @@ _RANGE = (1e-45, 1e45)  # of numbers whose products, up to the square of m r^2, 
 _FAR = 10.0  # times the size of the model
 _OF_THE_PART = "the tensor of the part"
 _PLACE = re.compile(r":(\d+): (?=<)")
-_SIDES = re.compile(r"(?<![a-z])(left|right|l|r)(?![a-z])", re.IGNORECASE)
+_SIDES = re.compile(r"(?<![a-z])(left|right|[fbhmr]?[lr]|[lr][fbhm])(?![a-z])", re.IGNORECASE)
 _OTHER_SIDE = {"left": "right", "right": "left", "l": "r", "r": "l"}
 
 
@@ -128,8 +129,10 @@ def _possible(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
     elif not moments[0] > 0.0:
         message = f"impossible tensor, I1 <= 0: I1 is {number(float(moments[0]), 6)} kg m^2"
         found = _finding("not-positive", "error", "certain", link, message, "a positive definite tensor")
-    elif (excess := triangle_excess(moments)) > _left_by_decimals(link.stated.inertia.tensor):
+    elif (excess := triangle_excess(moments)) > min(max(_left_open(link), _DECIMALS[0]), _DECIMALS[1]):
         message = f"impossible tensor, I1 + I2 < I3: {vector(moments)} kg m^2"
+        if excess <= _left_open(link):
+            message += ", as its last digits may make it: more of them are needed"
         most = f"a largest moment of at most {number(float(moments[0] + moments[1]), 9)} kg m^2"
         found = _finding("triangle-inequality", "error", "certain", link, message, most)
     elif excess > 1e-12:
@@ -144,11 +147,11 @@ def _possible(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
         yield replace(slip, rule=found.rule, severity="error", message=f"{found.message}; {slip.message}")
 
 
-def _left_by_decimals(tensor: Exact) -> float:
-    """Return what the last digits of the numbers leave open of I1 + I2 - I3, over the largest of them."""
-    values = doubles(tensor)
-    half = sum(abs(x) * half_unit(x) for x in map(float, values.ravel()))
-    return min(max(half / float(np.max(np.abs(values))), _DECIMALS[0]), _DECIMALS[1])
+def _left_open(link: ModelLink) -> float:
+    """Return what half a unit of the last digits leaves open of I1 + I2 - I3, over the largest number."""
+    assert link.stated is not None
+    values = doubles(link.stated.inertia.tensor)
+    return float(sum(abs(x) * half_unit(x) for x in map(float, values.ravel())) / np.max(np.abs(values)))
 
 
 def _about(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:  # noqa: ARG001 - rules are alike
@@ -281,15 +284,18 @@ def _mirrored(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
         if math.prod(shape.scale) < 0.0:
             message = f"the scale {vector(shape.scale)} of a mesh mirrors it: inside out in some engines"
             yield _finding("mirrored-axes", "note", "certain", link, message, "a mirrored mesh file")
-    other = model.by_name.get(_SIDES.sub(lambda side: _with_case(side[0]), link.name))
+    other = model.by_name.get(_SIDES.sub(_other_side, link.name))
     body = _written(link)
     if other is None or other is link or body is None or link.name > other.name:
         return
     twin = _written(other)
     if twin is None or twin.mass_kg != body.mass_kg:
         return
-    for axis in range(3):
-        M = np.diag([-1.0 if k == axis else 1.0 for k in range(3)])
+    mirrors = [np.diag(1.0 - 2.0 * one) for one in np.eye(3)]
+    if any(_is_only_tensor_mirrored(body, twin, M) for M in mirrors):
+        message = f"its tensor is the mirror image of that of {link.name}, but its centre of mass is the same"
+        yield _finding("mirrored-axes", "warning", "likely", other, message, "a mirrored centre of mass")
+    for axis, M in enumerate(mirrors):
         size = float(np.max(np.abs(body.inertia_kg_m2)))
         centres = np.allclose(M @ body.centre_m, twin.centre_m, rtol=1e-6, atol=1e-9)
         if centres and abs(body.centre_m[axis]) > 1e-6:
@@ -311,7 +317,27 @@ def _mirrored(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
             return
 
 
-def _with_case(side: str) -> str:
+def _is_only_tensor_mirrored(body: Body, twin: Body, M: Array) -> bool:
+    """Whether a tensor that is not its own mirror image is mirrored, and a centre off the plane is not."""
+    size = float(np.max(np.abs(body.inertia_kg_m2)))
+    mirrored, centre = M @ body.inertia_kg_m2 @ M, body.centre_m
+    is_odd = np.max(np.abs(mirrored - body.inertia_kg_m2)) > 1e-3 * size
+    is_mirrored = np.max(np.abs(mirrored - twin.inertia_kg_m2)) <= 1e-5 * size
+    is_off = np.linalg.norm(M @ centre - centre) > 1e-3 * body.gyration_m
+    is_copied = np.allclose(centre, twin.centre_m, rtol=1e-6, atol=1e-9)
+    return bool(is_odd and is_mirrored and is_off and is_copied)
+
+
+def _other_side(found: re.Match[str]) -> str:
+    """Return left for right, l for r, and FL for FR or LF for RF, as of the legs of a robot, in its case."""
+    side = found[0]
+    if len(side) == 2:
+        first, last = side[0], side[1]
+        return first + _in_case(last) if last.lower() in _OTHER_SIDE else _in_case(first) + last
+    return _in_case(side)
+
+
+def _in_case(side: str) -> str:
     other = _OTHER_SIDE[side.lower()]
     return other.upper() if side.isupper() else other.capitalize() if side[0].isupper() else other
 

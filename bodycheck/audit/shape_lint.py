@@ -11,10 +11,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from bodycheck._util.formatting import number, vector
+from bodycheck._util.formatting import number
 from bodycheck.audit.audit import Body, LintFinding
+from bodycheck.audit.shape_room import (
+    IN_MM,
+    centre_beyond,
+    centre_left_out,
+    impossible_density,
+    outside,
+    without_numbers,
+    wrong_density,
+)
 from bodycheck.audit.shaped_link import (
-    CENTRE_OFF,
     EXPLAINED,
     Shaped,
     agrees,
@@ -30,8 +38,6 @@ from bodycheck.scenarios.model_files.exact_arithmetic import doubles
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink
 from bodycheck.scenarios.shapes import DENSITIES
 
-_NOTED, _FAR = 3.0, 10.0  # times the densities of materials; the latter also times the size of the shapes
-_OUTSIDE = 1.0  # times the size of the shapes: of 292 links of PyBullet's data, none is beyond a quarter
 _FITS = 0.05  # the same for a tensor with few decimals
 _PARTIAL = 0.9  # of the edge of the box around all shapes, below which some of them are a part only
 _RATIO = 2.0  # of a moment to that of the shape, or its inverse, from which it is a note
@@ -42,7 +48,6 @@ _SAME_MOMENTS = 1e-4  # relative
 _CLOSER = 0.3  # relative difference from the shapes up to which a tensor about the origin is noted
 _CERTAIN = 10.0  # digits that a slip explains
 _NEARLY = 1.3  # of a ratio to a power of 1000: shapes of uniform density are no closer than that
-_IN_MM = "a mass in kg, and shapes in m: are these in mm?"
 _POWERS = (1e-9, 1e-6, 1e-3, 1e3, 1e6, 1e9)
 
 
@@ -54,10 +59,21 @@ def against_shapes(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
     if not body.possible or not (link.shapes or link.visuals):
         return
     shaped = Shaped(model, link, body)
-    rules: tuple[Callable[[Shaped], LintFinding | None], ...] = (_beyond, _outside)
+    rules: tuple[Callable[[Shaped], LintFinding | None], ...] = (_beyond, outside)
     if shaped.solids and not is_placeholder(link):
         exact = agrees(shaped, EXPLAINED) or _of_outer_box(shaped)
-        rules += (_centre, _density) if exact else (_slip, _centre, _symmetry, _turned, _about, _unit, _ratio)
+        others = (
+            _slip,
+            centre_left_out,
+            _symmetry,
+            _turned,
+            centre_beyond,
+            _unit,
+            impossible_density,
+            _about,
+            _ratio,
+        )
+        rules += (centre_left_out, wrong_density, centre_beyond) if exact else others
     for rule in rules:
         if (finding := rule(shaped)) is not None:
             yield finding
@@ -134,38 +150,8 @@ def _beyond(shaped: Shaped) -> LintFinding | None:
     found = shaped.finding("beyond-shape", "error" if certain else "warning", message)
     slip = _slip(shaped) or _unit(shaped)
     if slip is None:  # the density may vary: the numbers of a uniform one are not the right ones
-        return _without_numbers(found, found.expected)
+        return without_numbers(found, found.expected)
     return replace(slip, severity=found.severity, message=f"{slip.message}; {message}")
-
-
-def _outside(shaped: Shaped) -> LintFinding | None:
-    """Find a centre of mass that is far from the shapes, in units of the diagonal of the box around them."""
-    if shaped.collisions is None or shaped.visuals is None or not shaped.collisions + shaped.visuals:
-        return None  # of a size that is not known
-    low, high = shaped.span
-    centre = shaped.body.centre_m
-    away = float(np.linalg.norm(np.maximum(0.0, np.maximum(low - centre, centre - high))))
-    size = float(np.linalg.norm(high - low))
-    if away <= _OUTSIDE * size:
-        return None
-    box = f"in a box with a diagonal of {number(size, 3)} m"
-    message = f"its centre of mass is {number(away, 3)} m from its shapes, {box}"
-    found = shaped.finding("centre-of-mass", "warning" if away > _FAR * size else "note", message)
-    return _without_numbers(found, "a centre of mass near its shapes, in m")
-
-
-def _density(shaped: Shaped) -> LintFinding | None:
-    """Find a mass and a tensor that agree, at a density that is far from that of any material."""
-    density = shaped.density_kg_m3
-    beyond = max(DENSITIES[0] / density, density / DENSITIES[1])
-    if beyond <= _NOTED:
-        return None
-    message = (
-        f"{number(shaped.body.mass_kg)} kg need {number(density, 2)} kg/m^3 in its shapes, "
-        "whose tensor for this mass is that of the file"
-    )
-    found = shaped.finding("unit-slip", "warning" if beyond > _FAR else "note", message)
-    return _without_numbers(found, "a mass in kg, and shapes in m")
 
 
 def _slip(shaped: Shaped) -> LintFinding | None:
@@ -195,17 +181,13 @@ def _slip(shaped: Shaped) -> LintFinding | None:
     if _plausible(ratio * own):
         if not _plausible(own):  # then the tensor is right, and the mass is not
             message = f"{needed}, and the tensor is that of {mass} kg"
-            return _without_numbers(shaped.finding("unit-slip", "warning", message), f"a mass of {mass} kg")
+            return without_numbers(shaped.finding("unit-slip", "warning", message), f"a mass of {mass} kg")
         finding = shaped.finding("shape-slip", "warning", message, best.right)
         return _with_digits(finding, best.digits) if best.slip.startswith(NO_MASS) else finding
     if not _plausible(own):
-        return _without_numbers(shaped.finding("unit-slip", "warning", f"{needed}; {message}"), _IN_MM)
+        return without_numbers(shaped.finding("unit-slip", "warning", f"{needed}; {message}"), IN_MM)
     message += f", which needs {number(ratio * own, 2)} kg/m^3 in its shapes"
     return _with_digits(shaped.finding("unit-slip", "warning", message, best.right), best.digits)
-
-
-def _without_numbers(finding: LintFinding, expected: str) -> LintFinding:
-    return replace(finding, expected=expected, inertia_kg_m2=None, centre_m=None)
 
 
 def _plausible(density: float) -> bool:
@@ -266,26 +248,6 @@ def _turned(shaped: Shaped) -> LintFinding | None:
     return None
 
 
-def _centre(shaped: Shaped) -> LintFinding | None:
-    """Find a centre of mass that is left out, where the tensor is that of the shapes to three digits."""
-    body = shaped.body
-    for _, solid in shaped.solids:
-        off = body.centre_m - solid.centre
-        if np.linalg.norm(off) <= CENTRE_OFF * body.gyration_m:
-            return None
-    for _, solid in shaped.solids:
-        if not near(body.inertia_kg_m2, solid.inertia, EXPLAINED):
-            continue
-        for what, centre in (("at the origin of the link", 0.0), ("mirrored at the origin", -solid.centre)):
-            if np.allclose(body.centre_m, centre, rtol=0.0, atol=EXPLAINED * body.gyration_m):
-                message = (
-                    f"the tensor is that of its shapes about their centre, {vector(solid.centre)} m, "
-                    f"but the centre of mass is {what}"
-                )
-                return shaped.finding("centre-of-mass", "warning", message, solid)
-    return None
-
-
 def _about(shaped: Shaped) -> LintFinding | None:
     """Note a tensor that is closer to that of the shapes if it was about the link's origin."""
     body = shaped.body
@@ -320,7 +282,7 @@ def _unit(shaped: Shaped) -> LintFinding | None:
                 ).replace("e+0", "e")
                 found = shaped.finding("unit-slip", "warning", message, solid)
                 if power < 1.0 and shaped.density_kg_m3 < DENSITIES[0]:
-                    return _without_numbers(found, _IN_MM)
+                    return without_numbers(found, IN_MM)
                 return found
     return None
 

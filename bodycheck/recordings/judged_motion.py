@@ -321,10 +321,13 @@ def _path_floors(
     elapsed, pushed = float(t_s[-1] - t_s[0]), 0.0
     if scene.loads and n > 1:
         pushed = largest_norm(np.gradient(speeds, t_s, axis=0) - scene.gravity) * turned_rad
-    rounded_m, rounded_m_s = _HALF_SPACING * resolution.position, _HALF_SPACING * resolution.velocity
-    position = float(np.max(truth.bound_m[:n])) + rounded_m + resolution.stamp * largest_norm(speeds)
+    # the bounds of rounding are strict, and those of the truth an estimate, of which FLOOR_BOUNDS are allowed
+    spacings = np.array([resolution.position, resolution.velocity])
+    rounded_m, rounded_m_s = (_HALF_SPACING / FLOOR_BOUNDS * spacings).tolist()
+    stamp_s = resolution.stamp / FLOOR_BOUNDS
+    position = float(np.max(truth.bound_m[:n])) + rounded_m + stamp_s * largest_norm(speeds)
     velocity = float(np.max(truth.bound_m_s[:n])) + rounded_m_s
-    velocity += resolution.stamp * float(np.linalg.norm(scene.gravity))
+    velocity += stamp_s * float(np.linalg.norm(scene.gravity))
     if start == "first-sample":
         position += rounded_m + (rounded_m_s + 0.5 * pushed * elapsed) * elapsed
         velocity += rounded_m_s + pushed * elapsed

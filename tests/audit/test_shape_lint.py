@@ -129,13 +129,71 @@ def test_a_wrong_rotation_of_the_inertial_frame_is_found(
         assert found[-1].shapes_kg_m2 is not None
 
 
+_ARM = _shape('box size="0.4 0.06 0.06"', 'xyz="0.2 0.01 0"')
+
+
+@pytest.mark.parametrize(
+    ("xyz", "said"),
+    [
+        ("0.15 0.012 0", ""),
+        ("0.02 0.012 0", ""),
+        ("0 0 0", "its centre of mass is at the origin of the link"),
+        ("-0.15 0.012 0", "as one with the opposite sign of x could"),
+    ],
+)
+def test_a_centre_that_no_mass_within_the_shapes_has_is_found(xyz: str, said: str, tmp_path: Path) -> None:
+    """Whatever the tensor, Var(x) <= (c - min x)(max x - c), within what simple shapes leave open."""
+    found = _lint(_inertial(2.0, (0.0011, 0.019, 0.0192), xyz) + _ARM, tmp_path)
+    assert [one.rule for one in found if one.severity != "note"] == ["centre-of-mass"] * bool(said)
+    assert said in "".join(one.message for one in found)
+
+
+@pytest.mark.parametrize(("mass", "size"), [(6.0e3, 1.0), (6.0, 1000.0)])
+def test_a_mass_that_no_material_has_is_found_whatever_the_tensor(
+    mass: float, size: float, tmp_path: Path
+) -> None:
+    """In g, or with shapes in mm, where the tensor is neither that of the shapes nor a power of ten of it."""
+    x, y, z = 0.1 * size, 0.06 * size, 0.04 * size
+    moments = tuple(1e-2 * size**2 * mass / 6.0 * moment for moment in (0.03, 0.07, 0.09))
+    found = _lint(_inertial(mass, moments) + _shape(f'box size="{x} {y} {z}"'), tmp_path)
+    assert [one.rule for one in found if one.severity == "warning"] == ["unit-slip"]
+    assert f"{mass:g} kg need" in found[0].message
+
+
+@pytest.mark.parametrize(
+    ("left", "right"), [("FL_hip", "FR_hip"), ("leg_lf", "leg_rf"), ("rear_left", "rear_right"), ("RL", "RR")]
+)
+@pytest.mark.parametrize(
+    ("centre", "product", "said"),
+    [
+        (-0.1, -4e-3, ""),
+        (-0.1, 4e-3, "its tensor does not"),
+        (0.1, -4e-3, "its centre of mass is the same"),
+    ],
+)
+def test_a_mirrored_leg_mirrors_its_centre_and_its_tensor(
+    left: str, right: str, centre: float, product: float, said: str, tmp_path: Path
+) -> None:
+    """Whichever of the two was copied, and in whatever way the names have sides."""
+    own = _inertial(1.0, (0.02, 0.03, 0.04), "0.05 0.1 0", "0.004")
+    other = _inertial(1.0, (0.02, 0.03, 0.04), f"0.05 {centre} 0", str(product))
+    path = tmp_path / "robot.urdf"
+    joint = f'<joint name="j" type="continuous"><parent link="{left}"/><child link="{right}"/></joint>'
+    path.write_text(
+        f'<robot name="r"><link name="{left}">{own}</link><link name="{right}">{other}</link>{joint}</robot>'
+    )
+    found = [one for one in lint(read_model(path)) if one.rule == "mirrored-axes"]
+    assert [said in one.message for one in found] == [True] * bool(said)
+
+
 def test_box_around_partial_shapes_is_no_slip(tmp_path: Path) -> None:
     """Only the top of a table collides, and the tensor is that of the box around its top and its legs."""
     moments = tuple(53.5 / 12 * (a**2 + b**2) for a, b in ((0.762, 0.762), (0.7112, 0.762), (0.7112, 0.762)))
     top = _shape('box size="0.7112 0.762 0.057"', 'xyz="0 0 0.736"')
     leg = _shape('box size="0.05 0.05 0.762"', 'xyz="0.33 0.35 0.381"', tag="visual")
-    assert _lint(_inertial(53.5, moments) + top + leg, tmp_path) == []
-    (found,) = _lint(_inertial(53.5, moments) + top, tmp_path)
+    table = _inertial(53.5, moments, "0 0 0.4")
+    assert _lint(table + top + leg, tmp_path) == []
+    (found,) = _lint(table + top, tmp_path)
     assert found.rule == "shape-slip"
 
 
@@ -181,12 +239,12 @@ def test_parts_added_without_the_parallel_axis_are_named(tmp_path: Path) -> None
 
 
 def test_moment_beyond_the_farthest_point_is_an_error(tmp_path: Path) -> None:
-    """No mass within the shape exceeds m r^2 = 0.149; the largest moment that it allows is no finding."""
+    """No mass within the shape exceeds m r^2 = 0.149, nor has it that moment about the end of the shape."""
     (found,) = _lint(_TORSO + _ROD, tmp_path)
     assert (found.rule, found.severity, found.confidence) == ("beyond-shape", "error", "certain")
     assert "m r^2 is 0.149" in found.message
     most = 0.57307 * (0.508**2 + 0.05**2)
-    for factor, rules in ((0.999, ["shape-ratio"]), (1.2, ["beyond-shape"])):
+    for factor, rules in ((0.999, ["centre-of-mass"]), (1.2, ["beyond-shape"])):
         largest = factor * most
         content = _inertial(0.57307, (largest, largest, 0.3 * largest)) + _ROD
         assert [one.rule for one in _lint(content, tmp_path)] == rules

@@ -105,10 +105,22 @@ def test_constant_columns_have_the_digits_of_the_others(tmp_path: Path) -> None:
     )
 
 
+def test_equal_steps_do_not_show_how_they_were_rounded(tmp_path: Path) -> None:
+    """A rate under a constant torque may have few digits in a log of many, as a constant one has."""
+    values = rates()
+    values[:, 2] = 0.5 + 0.25 * np.arange(len(values))
+    assert (
+        written(tmp_path, lambda v: f"{v:.9f}", values).resolution["omega_body_rad_s"].tolist() == [1e-9] * 3
+    )
+    assert digits_of(4.0 - 0.981 * np.arange(200)) is None
+
+
 def test_resolution_is_mapped_like_its_column(tmp_path: Path) -> None:
     """Units, products and axes apply to the resolution, and angles give that of the quaternion."""
     rows = ["t,p,q,r,yaw,pitch,roll"]
-    rows += [f"{k},{k * k % 7},{k % 5},{k % 3},{k * 0.1:.1f},{k % 9 / 100:.2f},{k % 8}" for k in range(40)]
+    rows += [
+        f"{k},{k * k % 7},{k % 5},{k % 3},{k * k % 9 * 0.1:.1f},{k % 9 / 100:.2f},{k % 8}" for k in range(40)
+    ]
     path = tmp_path / "log.csv"
     path.write_text("\n".join(rows) + "\n")
     spec = (

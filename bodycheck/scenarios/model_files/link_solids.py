@@ -56,17 +56,21 @@ class Part:
         return float(np.linalg.norm(arm)) + max(self.sizes)
 
     @cached_property
+    def corners(self) -> Array:
+        """The points (n, 3) in link axes, of a mesh or of a box around the shape, whose hull holds it."""
+        if self.points is not None:
+            return self.points
+        half = np.full(3, self.sizes[0])
+        if self.kind in ("cylinder", "capsule"):
+            half[2] = self.sizes[1] / 2.0 + (self.sizes[0] if self.kind == "capsule" else 0.0)
+        elif self.kind == "ellipsoid":
+            half = np.array(self.sizes)
+        return np.asarray(_SIGNS * half @ self.rotation.T + self.position)
+
+    @cached_property
     def span(self) -> tuple[Array, Array]:
         """The least and the greatest coordinates (3,) in link axes, of the box around the shape."""
-        points = self.points
-        if points is None:
-            half = np.full(3, self.sizes[0])
-            if self.kind in ("cylinder", "capsule"):
-                half[2] = self.sizes[1] / 2.0 + (self.sizes[0] if self.kind == "capsule" else 0.0)
-            elif self.kind == "ellipsoid":
-                half = np.array(self.sizes)
-            points = _SIGNS * half @ self.rotation.T + self.position
-        return points.min(axis=0), points.max(axis=0)
+        return self.corners.min(axis=0), self.corners.max(axis=0)
 
 
 def sizes_of(shape: Shape, model: ModelFile) -> tuple[float, ...] | None:
