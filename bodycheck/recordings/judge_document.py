@@ -60,6 +60,7 @@ def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Senten
         return [unstable, *map(Sentence, _wrong_rows(motion))]
     is_wrong = diagnosis is not None and diagnosis.verdict == "explained"
     is_noisy = diagnosis is not None and diagnosis.is_within_noise and diagnosis.verdict == "healthy"
+    is_noisy = is_noisy and diagnosis is not None and diagnosis.per_sample is None
     of_noise = [] if diagnosis is None else [*_of_noise(motion, diagnosis)]
     distance = [*_distance(motion)]
     cause = [] if case is None else [*_cause(motion if motion.part is None else motion.part, case)]
@@ -101,7 +102,7 @@ def _of_noise(motion: JudgedMotion, found: Diagnosis) -> Iterator[str]:
     if not found.is_within_noise or motion.start != "first-sample" or found.share > ALL:
         return
     largest, final = (motion.row.get(name, 0.0) for name in (ORIENTATION, "orientation_error_final_rad"))
-    if found.verdict != "healthy":
+    if found.verdict != "healthy" or found.per_sample is not None:
         yield "The truth starts at the first row, whose noise makes part of these differences."
     elif final < _BACK * largest:
         yield "The truth starts at the first row, and the last one agrees with it: rows in between are off."
@@ -158,13 +159,14 @@ def _resolved(error: float, floor: float) -> str:
 
 def _conservation(motion: JudgedMotion) -> Iterator[str]:
     """Yield whether angular momentum and energy are conserved, or how far they are from the truth."""
-    row, free = motion.row, is_free(motion.problem.of_body.scene)
-    if motion.momentum is not None:
-        yield _momentum_sentence(motion.momentum, motion.floors.get("angular_momentum_drift", 0.0), free=free)
+    row, free, change = motion.row, is_free(motion.problem.of_body.scene), motion.momentum
+    noise = {one: motion.noisy.get(f"{one}_drift", 0.0) for one in ("angular_momentum", "rotational_energy")}
+    if change is not None and max(change.size, change.direction_rad) > noise["angular_momentum"]:
+        yield _momentum_sentence(change, motion.floors.get("angular_momentum_drift", 0.0), free=free)
     name = next((name for name in _ENERGIES if f"{name}{SIGNED}" in row), None)
     if free and motion.energy is not None:
         signed, floor = motion.energy, motion.floors.get("rotational_energy_drift", 0.0)
-        if abs(signed) > max(FLOOR_BOUNDS * floor, NEGLIGIBLE):
+        if abs(signed) > max(FLOOR_BOUNDS * floor, NEGLIGIBLE, noise["rotational_energy"]):
             yield f"The body {gain_word(signed)} up to {_share(abs(signed))} of its rotational energy."
         elif motion.momentum is None:
             yield f"Rotational energy is conserved to a relative {number(max(abs(signed), floor), 2)}."
@@ -204,6 +206,7 @@ def _distance(motion: JudgedMotion) -> Iterator[str]:
     name = next(iter(measured), None)
     path = [] if name is None else [_path_error(row, name)]
     is_path_larger = name is not None and row[name] > max(row.get(one, 0.0) for one in TURNING)
+    is_path_larger |= bool(path) and all(motion.is_noise(one) for one in TURNING if one in row)
     yield from [*path, *turned] if is_path_larger else [*turned, *path]
 
 
@@ -233,6 +236,7 @@ def _turned(motion: JudgedMotion) -> Iterator[str]:
             yield f"The attitude is the true one for {until} s, to {error} rad{_AS_RESOLVED}."
             return
         before = "" if final > 0.9 * largest else f", {number(largest, _DIGITS)} rad at most before"
+        before += ", which the noise of the first row can make" * motion.is_noise(ORIENTATION)
         yield f"The attitude is {_angle(final)} from the truth after {until} s{before}."
     elif "omega_error" in row:
         if motion.is_at_floor("omega_error"):

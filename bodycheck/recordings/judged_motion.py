@@ -16,6 +16,7 @@ from bodycheck.adapters.stable_step import invalid_state
 from bodycheck.examine.diagnosis.quantity_resolution import Resolution
 from bodycheck.recordings.conversion import RecordedMotion
 from bodycheck.recordings.first_sample import start_bound_rad, started_at_first_sample
+from bodycheck.recordings.row_noise import RowNoise, row_noise
 from bodycheck.reference_impl.arrays import Array, largest_norm
 from bodycheck.reference_impl.pivot import rotational_inertia
 from bodycheck.reference_impl.rotations import geodesic_angle, matrix_to_quaternion, project_to_so3, rotate
@@ -52,12 +53,21 @@ TURNING = (ORIENTATION, "omega_error")
 TRAVELLING = ("position_error", "velocity_error")
 """The errors by which the path of the centre of mass is the true one."""
 
+QUANTITY_OF = {
+    ORIENTATION: "attitude",
+    "omega_error": "omega",
+    "position_error": "position",
+    "velocity_error": "velocity",
+}
+"""Error -> the quantity that it is of."""
+
 NEGLIGIBLE = 1e-6
 """Relative: smaller changes of a conserved quantity, and errors of the path, are not stated alone."""
 
 VAGUE = 0.1
 """In rad, or relative: what a file resolves no better says nothing about the motion."""
 
+_LARGEST = 4.0  # deviations of noise: of some thousand rows
 _REDUNDANT = 1e-3  # difference in rad, or relative, of what a file states twice: more than rounding
 _HALF_SPACING = 0.5 * math.sqrt(3.0)  # the error of a rounded vector, per spacing of its components
 
@@ -96,7 +106,8 @@ class JudgedMotion:
     momentum: its largest changes, None where the file has no attitude or omega. energy: the largest change of
     the rotational energy since the first row, with its sign, over the largest of the truth, None without
     omega. floors: measure -> what the truth and the digits of the file leave open, relative as the
-    measure is. start: where the truth starts. has_derived_omega, has_unused_position, assumed: of the
+    measure is. noise: of the quantities that have it. noisy: floors with the noise in place of the digits,
+    where there is any. start: where the truth starts. has_derived_omega, has_unused_position, assumed: of the
     recording. repaired: the same without what is wrong with its rows, where nothing else is. part: its
     longest part without single wrong rows, where more is wrong.
     """
@@ -110,6 +121,8 @@ class JudgedMotion:
     momentum: MomentumChange | None
     energy: float | None
     floors: Mapping[str, float]
+    noise: Mapping[str, RowNoise]
+    noisy: Mapping[str, float]
     start: Start
     has_derived_omega: bool = False
     has_unused_position: bool = False
@@ -145,6 +158,10 @@ class JudgedMotion:
     def floor(self, measure: str) -> float:
         """Return what the truth and the digits of the file leave open."""
         return FLOOR_BOUNDS * self.floors.get(measure, 0.0)
+
+    def is_noise(self, measure: str) -> bool:
+        """Whether a measure is within what the noise of the rows, and of the first one, makes."""
+        return bool(self.row[measure] <= self.noisy.get(measure, 0.0))
 
     def is_at_floor(self, measure: str) -> bool:
         """Whether a measure is within its floor."""
@@ -196,7 +213,7 @@ def judged_motion(
             motion = invalid_state(still) or motion
         columns |= {"outcome": "unstable", "message": motion}
         case = CaseResult({**columns, **_identity(name)}, MeasuredMotion(trajectory))
-        return JudgedMotion(name, columns, at_samples, case, known, resolution, None, None, {}, start)
+        return JudgedMotion(name, columns, at_samples, case, known, resolution, None, None, {}, {}, {}, start)
     _check_redundant(path, trajectory)
     if not trusted.all():
         until = f"t = {truth.trusted_until_s:.6g} s"
@@ -219,6 +236,7 @@ def judged_motion(
     columns |= _drifts_from_start(series, departures, compared.until, scales)
     columns |= worst.columns if worst else {}
     case = CaseResult({**columns, **_identity(name)}, MeasuredMotion(trajectory, series))
+    noise = _noise(at_samples, trajectory, known, resolution)
     return JudgedMotion(
         name,
         columns,
@@ -229,6 +247,8 @@ def judged_motion(
         _momentum_change(compared) if {"attitude", "omega"} <= known else None,
         _energy_change(compared) if "omega" in known else None,
         _floors(columns, at_samples, resolution, start),
+        noise,
+        _noisy_floors(columns, at_samples, resolution, noise, start),
         start,
         recorded.has_derived_omega,
         recorded.has_unused_position,
@@ -304,6 +324,38 @@ def _floors(
         turned = columns["truth_bound_rad"] - float(np.max(truth.bound_rad[:n]))
         found["omega_error"] = bound + omega / speed + turned
     return found | _path_floors(columns["truth_bound_rad"], problem, resolution, start)
+
+
+def _noise(
+    problem: Problem, path: Trajectory, known: frozenset[str], resolution: Resolution
+) -> dict[str, RowNoise]:
+    """Return the noise of each quantity that a recording has, and whose rows have more than its digits."""
+    truth, n = problem.truth.trajectory, problem.compared
+    found = {name: row_noise(name, path, truth, n, getattr(resolution, name)) for name in sorted(known)}
+    return {
+        name: one
+        for name, one in found.items()
+        if one is not None and one.deviation > getattr(resolution, name)
+    }
+
+
+def _noisy_floors(
+    columns: Mapping[str, float],
+    problem: Problem,
+    resolution: Resolution,
+    noise: Mapping[str, RowNoise],
+    start: Start,
+) -> dict[str, float]:
+    """Return what the noise leaves open, of the start to first order; nothing where there is no noise."""
+    if not noise:
+        return {}
+    spacings: dict[str, Any] = {name: 2.0 * _LARGEST * one.deviation for name, one in noise.items()}
+    noisy = replace(resolution, **spacings)
+    bound = columns["truth_bound_rad"]
+    if start == "first-sample":
+        times = problem.times[: problem.compared]
+        bound += float(np.max(start_bound_rad(problem.of_body.scene, times, noisy, None)))
+    return _floors({**columns, "truth_bound_rad": bound}, problem, noisy, start)
 
 
 def _path_floors(

@@ -18,6 +18,7 @@ from bodycheck.reference_impl.arrays import Array
 _SAMPLES = 1024
 _FEWEST_VALUES = 3  # a constant, or a switch between two values, does not show how it was rounded
 _EQUAL = 8.0  # roundings of doubles, by which equal steps may differ: they do not show it either
+_MOST = 0.9  # of the steps
 _CHANCE = 1000  # one in so many sequences of steps has a common factor by chance
 _FLOAT32_SPACING = 2.0**29  # of numbers in float32, relative to that of doubles
 _DECIMAL_DIGITS = 60  # of differences of stamps: 19 of nanoseconds since 1970, and any fraction
@@ -77,7 +78,8 @@ def digits_of(values: Array) -> Digits | None:
     finite = values[np.isfinite(values)]
     with np.errstate(over="ignore", invalid="ignore"):
         steps = np.diff(finite)
-        if len(steps) and np.ptp(steps) <= _EQUAL * np.spacing(largest_finite(finite)):
+        off = np.abs(steps - np.median(steps)) if len(steps) else np.zeros(1)
+        if np.mean(off <= _EQUAL * np.spacing(largest_finite(finite))) >= _MOST:
             return None
     sample = np.unique(finite[:: max(1, len(finite) // _SAMPLES)])
     if len(sample) < _FEWEST_VALUES:

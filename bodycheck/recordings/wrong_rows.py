@@ -11,6 +11,7 @@ import numpy as np
 
 from bodycheck.recordings.conversion import RecordedMotion
 from bodycheck.recordings.judged_motion import (
+    QUANTITY_OF,
     TURNING,
     JudgedMotion,
     Repair,
@@ -19,7 +20,6 @@ from bodycheck.recordings.judged_motion import (
     judged_motion,
     quantities_of,
 )
-from bodycheck.recordings.noisy_rows import rows_out_of_noise
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.problem import Problem
@@ -65,14 +65,16 @@ def _exceptions(motion: JudgedMotion, measure: str) -> Exceptions | None:
     sizes = errors = motion.case.series[measure]
     if len(errors) < _ENOUGH:
         return None
-    noise = 0.0
-    off = _far_off(errors)
-    if not off and (found := rows_out_of_noise(motion, measure)) is not None:
-        off, sizes, noise = found
+    deviation = 0.0
+    off, noise = _far_off(errors), motion.noise.get(QUANTITY_OF[measure])
+    if not off and noise is not None and noise.off:
+        off, sizes, deviation = noise.off, noise.apart, noise.deviation
     if not (off := off or _standing_out(errors)):
         return None
     rest = float(np.delete(errors, off).max(initial=0.0))
-    return Exceptions(len(errors), off, float(sizes[[*off]].max()), rest, rest / float(errors.max()), noise)
+    return Exceptions(
+        len(errors), off, float(sizes[[*off]].max()), rest, rest / float(errors.max()), deviation
+    )
 
 
 def _far_off(errors: Array) -> tuple[int, ...]:

@@ -35,6 +35,7 @@ _SCREENED_OF_LOG, _FITTED_OF_LOG = 60, 1000  # where the whole log counts; inter
 _FIRST_SWEEPS, _LEADERS = 3, 3  # of all faults; of them, those that are fitted to the end
 _SAME_LEADERS = 16  # faults that are tried with further maps of the same order
 _EXPLAINED = 0.95  # share of the differences: less is no explanation
+_EXPLAINED_TO_NOISE = 0.8  # the same, of faults that leave nothing but noise, whose size is an estimate
 _FITTED_PART = 0.6  # of a trajectory, to which faults are fitted that the rest then tests
 _EXPLAINED_ELSEWHERE, _NEARLY = 0.9, 0.5  # share of the differences in the rest: of a diagnosis, of a hint
 _TIE = 3.0  # a rival is as good if its cost is at most so many times that of the best
@@ -570,7 +571,8 @@ class Search:
             "unexplained", base.name, base.text, before=before, after=before, round_off=round_off,
             circumstances=self._context(base, full),
         )  # fmt: skip
-        explains = _share(best, before) >= _EXPLAINED
+        is_noise = bool(few.resolution.noise) and best.cost <= few.limit  # all that is left
+        explains = _share(best, before) >= (_EXPLAINED_TO_NOISE if is_noise else _EXPLAINED)
         if explains and best.cost > few.limit and few.resolution.is_stated:
             explains = self._share_elsewhere(base, best) >= _EXPLAINED_ELSEWHERE
         if not explains:
@@ -611,6 +613,7 @@ class Search:
 
 
 _LISTED = 4  # maps
+_APART = 5.0  # deviations, by which noise tells one fault from another
 _MAX_PAIRS = 6  # more pairs that fit equally well are no explanation
 
 
@@ -747,7 +750,11 @@ def _equivalent(best: Fit, rivals: Iterable[Fit], transitions: Transitions) -> l
     Where the best one leaves round-off, these make the same motion: the scene cannot distinguish them. Fits
     with more parameters contain the best one.
     """
-    limit = (1.0 if transitions.resolution.noise else _TIE) * max(best.cost, transitions.limit)
+    if transitions.resolution.noise:  # then the likelihoods decide, as of normal errors
+        apart = _APART / math.sqrt(best.remaining.size)
+        limit = min(max(best.cost, transitions.limit), math.hypot(best.cost, apart))
+    else:
+        limit = _TIE * max(best.cost, transitions.limit)
     found: dict[frozenset[str], Fit] = {}
     for fit in rivals:
         if fit.cost <= limit and fit.complexity <= best.complexity + 1:

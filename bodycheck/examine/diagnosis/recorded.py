@@ -249,8 +249,8 @@ def _of_several_steps(
 def _with_fault(search: Search, *, stepped: bool) -> Diagnosis:
     """Return the diagnosis of a motion that no map and not quite the exact flow makes."""
     left = None if search.fine is None else solver_error(search.fine)
-    exact = None
-    if left is not None and left.is_small:
+    exact, has_noise = None, search.fine is not None and bool(search.fine.resolution.noise)
+    if left is not None and left.is_small and not has_noise:  # which is larger than errors of solvers
         exact = Diagnosis("healthy", EXACT.name, "the exact flow", per_sample=left.size)
         if not left.has_structure and not (left.is_rounding and stepped):
             return exact
