@@ -32,6 +32,7 @@ _DIGITS = 3
 _PER_CENT = 1e-4  # relative: from there on in per cent
 _FEWEST_STEPS = 4
 _AS_RESOLVED = ", as far as the file resolves it"
+_MADE = ", which the noise of the first row can make"
 _OF_TIME = 7  # digits, which tell the rows of long recordings apart
 _BACK = 0.1  # of the largest error: a last row that is nearer agrees again
 _FARTHER = 100.0  # of the error of omega, relative, to that of the attitude, where the latter is no cause
@@ -204,17 +205,16 @@ def _distance(motion: JudgedMotion) -> Iterator[str]:
     row, turned = motion.row, [*_turned(motion)]
     measured = motion.path_errors or (() if turned else [one for one in TRAVELLING if one in row])
     name = next(iter(measured), None)
-    path = [] if name is None else [_path_error(row, name)]
+    path = [] if name is None else [_path_error(motion, name)]
     is_path_larger = name is not None and row[name] > max(row.get(one, 0.0) for one in TURNING)
-    is_path_larger |= bool(path) and all(motion.is_noise(one) for one in TURNING if one in row)
+    if name is not None and not motion.is_noise(name):
+        is_path_larger |= all(motion.is_noise(one) for one in TURNING if one in row)
     yield from [*path, *turned] if is_path_larger else [*turned, *path]
 
 
-def _path_error(row: Mapping[str, float], name: str) -> str:
-    unit = _OFF_IN[name][1]
-    return (
-        f"The {name.removesuffix('_error')} is {number(row[f'{name}_abs'], _DIGITS)} {unit} from the truth."
-    )
+def _path_error(motion: JudgedMotion, name: str) -> str:
+    size = f"{number(motion.row[f'{name}_abs'], _DIGITS)} {_OFF_IN[name][1]}"
+    return f"The {name.removesuffix('_error')} is {size} from the truth{_MADE * motion.is_noise(name)}."
 
 
 def _turned(motion: JudgedMotion) -> Iterator[str]:
@@ -236,7 +236,7 @@ def _turned(motion: JudgedMotion) -> Iterator[str]:
             yield f"The attitude is the true one for {until} s, to {error} rad{_AS_RESOLVED}."
             return
         before = "" if final > 0.9 * largest else f", {number(largest, _DIGITS)} rad at most before"
-        before += ", which the noise of the first row can make" * motion.is_noise(ORIENTATION)
+        before += _MADE * motion.is_noise(ORIENTATION)
         yield f"The attitude is {_angle(final)} from the truth after {until} s{before}."
     elif "omega_error" in row:
         if motion.is_at_floor("omega_error"):

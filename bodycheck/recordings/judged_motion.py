@@ -67,7 +67,7 @@ NEGLIGIBLE = 1e-6
 VAGUE = 0.1
 """In rad, or relative: what a file resolves no better says nothing about the motion."""
 
-_LARGEST = 4.0  # deviations of noise: of some thousand rows
+_LARGEST, _OF_ONE = 4.0, 3.0  # deviations of noise: of some thousand rows, and of a single one
 _REDUNDANT = 1e-3  # difference in rad, or relative, of what a file states twice: more than rounding
 _HALF_SPACING = 0.5 * math.sqrt(3.0)  # the error of a rounded vector, per spacing of its components
 
@@ -349,13 +349,17 @@ def _noisy_floors(
     """Return what the noise leaves open, of the start to first order; nothing where there is no noise."""
     if not noise:
         return {}
-    spacings: dict[str, Any] = {name: 2.0 * _LARGEST * one.deviation for name, one in noise.items()}
-    noisy = replace(resolution, **spacings)
+
+    def within(deviations: float) -> Resolution:
+        spacings: dict[str, Any] = {name: 2.0 * deviations * one.deviation for name, one in noise.items()}
+        return replace(resolution, **spacings)
+
     bound = columns["truth_bound_rad"]
     if start == "first-sample":
         times = problem.times[: problem.compared]
-        bound += float(np.max(start_bound_rad(problem.of_body.scene, times, noisy, None)))
-    return _floors({**columns, "truth_bound_rad": bound}, problem, noisy, start)
+        bound += float(np.max(start_bound_rad(problem.of_body.scene, times, within(_OF_ONE), None)))
+    floors = _floors({**columns, "truth_bound_rad": bound}, problem, within(_LARGEST), start)
+    return {name: floor * (FLOOR_BOUNDS if name in TRAVELLING else 1.0) for name, floor in floors.items()}
 
 
 def _path_floors(
