@@ -27,10 +27,15 @@ _EXCEPTION = re.compile(r"^(?:\w*[Ee]rror: )+")
 
 
 def by_severity(findings: Sequence[LintFinding]) -> list[LintFinding]:
-    """Return findings from errors to notes, each from the worst impossible numbers, then as in the file."""
+    """Return findings from errors to notes, each from the worst and most certain numbers."""
     ranks = {rule: rank for rank, rule in enumerate(IMPOSSIBLE)}
     ranks["missing-moment"] = ranks["not-positive"]  # which it makes of the same link, and which follows it
-    return sorted(findings, key=lambda one: (LEVELS.index(one.severity), ranks.get(one.rule, len(ranks))))
+
+    def place(one: LintFinding) -> tuple[int, int, bool]:
+        is_doubted = one.rule == "triangle-inequality" and one.confidence != "certain"  # by its last digits
+        return LEVELS.index(one.severity), ranks.get(one.rule, len(ranks)), is_doubted
+
+    return sorted(findings, key=place)
 
 
 def answer(audit: Audit) -> list[Sentence]:

@@ -130,11 +130,15 @@ def _possible(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
         message = f"impossible tensor, I1 <= 0: I1 is {number(float(moments[0]), 6)} kg m^2"
         found = _finding("not-positive", "error", "certain", link, message, "a positive definite tensor")
     elif (excess := triangle_excess(moments)) > min(max(_left_open(link), _DECIMALS[0]), _DECIMALS[1]):
-        message = f"impossible tensor, I1 + I2 < I3: {vector(moments)} kg m^2"
-        if excess <= _left_open(link):
+        message, is_rounded = (
+            f"impossible tensor, I1 + I2 < I3: {vector(moments)} kg m^2",
+            excess <= _left_open(link),
+        )
+        if is_rounded:
             message += ", as its last digits may make it: more of them are needed"
+        confidence: Confidence = "likely" if is_rounded else "certain"
         most = f"a largest moment of at most {number(float(moments[0] + moments[1]), 9)} kg m^2"
-        found = _finding("triangle-inequality", "error", "certain", link, message, most)
+        found = _finding("triangle-inequality", "error", confidence, link, message, most)
     elif excess > 1e-12:
         message = f"I1 + I2 < I3 by {number(excess, 2)} of I3, as rounded decimals do"
         yield _finding("triangle-inequality", "note", "certain", link, message, "more decimals")

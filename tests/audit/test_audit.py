@@ -206,6 +206,18 @@ def test_linter_reports_a_wrong_inertia_with_its_line(
     assert findings[0].expected
 
 
+def test_a_tensor_that_rounding_may_explain_is_not_the_worst(tmp_path: Path) -> None:
+    """I1 + I2 < I3 by 0.4 % in three digits comes after one that is 200 times too large, below it."""
+    rounded = 'ixx="0.0121" iyy="0.0128" izz="0.025" ixy="0" ixz="0" iyz="0"'
+    text = _file(tmp_path, rounded, more="").read_text()
+    other = text.split("\n", 1)[1].replace('name="arm"', 'name="wrist"').replace('izz="0.025"', 'izz="0.2"')
+    path = tmp_path / "robot.urdf"
+    joint = '<joint name="j" type="fixed"><parent link="arm"/><child link="wrist"/></joint>\n</robot>'
+    path.write_text(text.replace("</robot>\n", "") + other.replace("</robot>", joint))
+    first = _sentences(audit(path, AuditOptions([])))[0].text
+    assert "wrist, line " in first, first
+
+
 @pytest.mark.parametrize("name", ["ixx", "iyy", "izz", "ixy", "ixz", "iyz"])
 def test_linter_reports_a_moment_that_is_missing(name: str, tmp_path: Path) -> None:
     """URDF requires all six; the first line names it, not the tensor that a 0 in its place makes impossible.

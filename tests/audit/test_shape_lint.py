@@ -239,12 +239,12 @@ def test_parts_added_without_the_parallel_axis_are_named(tmp_path: Path) -> None
 
 
 def test_moment_beyond_the_farthest_point_is_an_error(tmp_path: Path) -> None:
-    """No mass within the shape exceeds m r^2 = 0.149, nor has it that moment about the end of the shape."""
+    """No mass within the shape exceeds m r^2 = 0.149; the largest moment that it allows is no finding."""
     (found,) = _lint(_TORSO + _ROD, tmp_path)
     assert (found.rule, found.severity, found.confidence) == ("beyond-shape", "error", "certain")
     assert "m r^2 is 0.149" in found.message
     most = 0.57307 * (0.508**2 + 0.05**2)
-    for factor, rules in ((0.999, ["centre-of-mass"]), (1.2, ["beyond-shape"])):
+    for factor, rules in ((0.999, ["shape-ratio"]), (1.2, ["beyond-shape"])):
         largest = factor * most
         content = _inertial(0.57307, (largest, largest, 0.3 * largest)) + _ROD
         assert [one.rule for one in _lint(content, tmp_path)] == rules

@@ -586,6 +586,24 @@ def test_the_first_line_of_a_right_file_has_its_noise(seed: int, tmp_path: Path)
 
 
 @pytest.mark.slow
+def test_a_fault_that_reverses_the_motion_is_named_alone(tmp_path: Path) -> None:
+    """The differences are weighed by the derivatives of the faulty map; no second one of 1e-11 is added."""
+    t_s, inertia = np.arange(501) * 0.02, np.array([0.02, 0.035, 0.05])
+
+    def rates(_: float, state: Array) -> Array:
+        q, w = state[:4], state[4:]
+        dq = 0.5 * np.array([-q[1:] @ w, *(q[0] * w + np.cross(q[1:], w))])
+        return np.concatenate([dq, np.cross(w, inertia * w) / inertia])  # of the wrong sign
+
+    found = solve_ivp(
+        rates, (0.0, 10.0), [1.0, 0, 0, 0, 0.3, 4.0, 0.5], "DOP853", t_s, rtol=1e-12, atol=1e-13
+    )
+    path = write(tmp_path / "sim.csv", t_s, (found.y.T[:, :4], found.y.T[:, 4:]), "%.9g")
+    text = told(rank([path], body=GivenMotion(tuple(inertia))))
+    assert "Likely cause: the gyroscopic term omega x I omega has the wrong sign (explains all" in text
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_a_wrong_path_comes_before_the_noise_of_the_attitude(seed: int, tmp_path: Path) -> None:
     """And the fault of one axis is not that of all, which the noise excludes."""
