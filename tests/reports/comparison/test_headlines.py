@@ -551,3 +551,16 @@ def test_a_relative_size_is_the_larger_over_the_smaller_value(size: float) -> No
     assert up.relative == pytest.approx(0.5)
     assert down.relative == pytest.approx(0.5)
     assert math.isclose(up.size, down.size)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "words"),
+    [
+        ("dt_stable_s", "largest stable step in s"),
+        ("orientation_error_rad", "orientation"),
+        ("order of energy_drift_abs", "energy drift"),
+    ],
+)
+def test_a_quantity_is_named_in_words(quantity: str, words: str) -> None:
+    """Without the parts of its column that are no words."""
+    assert label(quantity) == words

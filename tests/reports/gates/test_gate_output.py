@@ -21,11 +21,13 @@ from bodycheck.reports.gates.gate_output import (
     changes_document,
     failure_rows,
     line_of,
+    note_failures,
     results_data,
     results_document,
 )
 from bodycheck.reports.gates.proposal import BoundChange, edited, proposals
 from bodycheck.reports.gates.verdict import GateResult, check_gates
+from bodycheck.reports.run_files.run_tables import FAILED_CASES
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.gate_tables import make_tables
 
@@ -375,3 +377,13 @@ def test_an_edit_leaves_texts_alone_and_writes_reasons_as_they_are_spoken() -> N
     assert edited(after, "here", [change], None) == after.replace("1e-3", "0.01")
     expected = toml_text.replace("1e-3", "0.01").replace('"r"', '"r; loosened: größer"')
     assert edited(toml_text, "here", [change], "größer") == expected
+
+
+def test_the_case_that_failed_a_gate_is_noted() -> None:
+    """With its step, and no other one: `explain` of the run examines it, whatever its verdict."""
+    run = make_tables([{"dt_s": 0.01, ERROR: 1.0}, {"dt_s": 0.005, ERROR: 1e-9}])
+    note_failures(run, check_gates([gate(upper=1e-3)], run))
+    assert run.manifest[FAILED_CASES] == ["brick,mujoco:rk4,0.01"]
+    healthy = make_tables([{"dt_s": 0.01, ERROR: 1e-9}])
+    note_failures(healthy, check_gates([gate(upper=1e-3)], healthy))
+    assert FAILED_CASES not in healthy.manifest
