@@ -262,11 +262,12 @@ def test_each_unusable_run_is_left_out_with_its_reason(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["engines", "machine"])
 def test_what_all_runs_have_is_listed_once(name: str) -> None:
-    """Beside the rows of a list of runs; a column has it where the runs differ."""
+    """Beside the rows, of which each has its changes; a column has it where the runs differ."""
     kept = {key: SUMMARY.get(key, 0) for key in SUMMARY_KEYS}
     for other, is_once in ((kept[name], True), ("another", False)):
         table, *sentences = history_document(pd.DataFrame([kept, {**kept, name: other}])).parts
         assert isinstance(table, Table)
+        assert [row[2] for row in table.rows] == ["1 missing, 2 improved, 3 moved, 4 new"] * 2
         said = [one.text for one in sentences if isinstance(one, Sentence)]
         assert (f"{name.capitalize()}: {kept[name]}" in said) == is_once
         assert (name in [column.head for column in table.columns]) != is_once
