@@ -129,14 +129,12 @@ def _possible(link: ModelLink, model: ModelFile) -> Iterator[LintFinding]:
     elif not moments[0] > 0.0:
         message = f"impossible tensor, I1 <= 0: I1 is {number(float(moments[0]), 6)} kg m^2"
         found = _finding("not-positive", "error", "certain", link, message, "a positive definite tensor")
-    elif (excess := triangle_excess(moments)) > min(max(_left_open(link), _DECIMALS[0]), _DECIMALS[1]):
-        message, is_rounded = (
-            f"impossible tensor, I1 + I2 < I3: {vector(moments)} kg m^2",
-            excess <= _left_open(link),
-        )
-        if is_rounded:
+    elif (excess := triangle_excess(moments)) > np.clip(left_open := _left_open(link), *_DECIMALS):
+        message = f"impossible tensor, I1 + I2 < I3: {vector(moments)} kg m^2"
+        confidence: Confidence = "certain"
+        if excess <= left_open:
             message += ", as its last digits may make it: more of them are needed"
-        confidence: Confidence = "likely" if is_rounded else "certain"
+            confidence = "likely"
         most = f"a largest moment of at most {number(float(moments[0] + moments[1]), 9)} kg m^2"
         found = _finding("triangle-inequality", "error", confidence, link, message, most)
     elif excess > 1e-12:

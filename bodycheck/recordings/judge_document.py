@@ -8,12 +8,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from bodycheck._util.formatting import count, names, number, scientific, step
 from bodycheck.examine.diagnosis.candidate_maps import EXACT
 from bodycheck.examine.diagnosis.diagnosis import ALL, Diagnosis
+from bodycheck.examine.diagnosis.quantity_resolution import UNITS
 from bodycheck.examine.explanation.explain import ExplainedCase
 from bodycheck.examine.explanation.explanation_document import explanation_parts
 from bodycheck.recordings.judge import Ranking
 from bodycheck.recordings.judged_motion import (
     FROM_START,
     NEGLIGIBLE,
+    QUANTITY_OF,
     TRAVELLING,
     TURNING,
     VAGUE,
@@ -40,13 +42,6 @@ _NOT_NORMAL = {
     "quaternion_norm_error": "The quaternions are not normalised: |q| differs from 1",
     "orthogonality_error": "The matrices are not orthogonal: R^T R differs from the identity",
 }
-_OFF_IN = {
-    ORIENTATION: ("", "rad"),
-    "omega_error": (" in omega", "rad/s"),
-    "position_error": (" in position", "m"),
-    "velocity_error": (" in velocity", "m/s"),
-}
-"""Measure -> what is off in a row, and its unit."""
 _ENERGIES = ("rotational_energy_drift", "energy_drift")
 
 
@@ -61,7 +56,6 @@ def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Senten
         return [unstable, *map(Sentence, _wrong_rows(motion))]
     is_wrong = diagnosis is not None and diagnosis.verdict == "explained"
     is_noisy = diagnosis is not None and diagnosis.is_within_noise and diagnosis.verdict == "healthy"
-    is_noisy = is_noisy and diagnosis is not None and diagnosis.per_sample is None
     of_noise = [] if diagnosis is None else [*_of_noise(motion, diagnosis)]
     distance = [*_distance(motion)]
     cause = [] if case is None else [*_cause(motion if motion.part is None else motion.part, case)]
@@ -103,7 +97,7 @@ def _of_noise(motion: JudgedMotion, found: Diagnosis) -> Iterator[str]:
     if not found.is_within_noise or motion.start != "first-sample" or found.share > ALL:
         return
     largest, final = (motion.row.get(name, 0.0) for name in (ORIENTATION, "orientation_error_final_rad"))
-    if found.verdict != "healthy" or found.per_sample is not None:
+    if found.verdict != "healthy":
         yield "The truth starts at the first row, whose noise makes part of these differences."
     elif final < _BACK * largest:
         yield "The truth starts at the first row, and the last one agrees with it: rows in between are off."
@@ -131,7 +125,8 @@ def _exceptions(motion: JudgedMotion, file: JudgedMotion, first_rows: Mapping[st
         if stated.issuperset(off):  # a wrong row has both wrong
             continue
         stated.update(off)
-        of, unit = _OFF_IN[name]
+        quantity = QUANTITY_OF[name]
+        of, unit = "" if name == ORIENTATION else f" in {quantity}", UNITS[quantity]
         after = f"{number(float(t_s[off[0]]), _OF_TIME)} s after the first row"
         verb, where = ("is", after) if len(off) == 1 else ("are", f"the first {after}")
         size = f"{'' if len(off) == 1 else 'up to '}{number(found.largest, 2)} {unit}"
@@ -213,7 +208,7 @@ def _distance(motion: JudgedMotion) -> Iterator[str]:
 
 
 def _path_error(motion: JudgedMotion, name: str) -> str:
-    size = f"{number(motion.row[f'{name}_abs'], _DIGITS)} {_OFF_IN[name][1]}"
+    size = f"{number(motion.row[f'{name}_abs'], _DIGITS)} {UNITS[QUANTITY_OF[name]]}"
     return f"The {name.removesuffix('_error')} is {size} from the truth{_MADE * motion.is_noise(name)}."
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -106,10 +107,9 @@ class JudgedMotion:
     momentum: its largest changes, None where the file has no attitude or omega. energy: the largest change of
     the rotational energy since the first row, with its sign, over the largest of the truth, None without
     omega. floors: measure -> what the truth and the digits of the file leave open, relative as the
-    measure is. noise: of the quantities that have it. noisy: floors with the noise in place of the digits,
-    where there is any. start: where the truth starts. has_derived_omega, has_unused_position, assumed: of the
-    recording. repaired: the same without what is wrong with its rows, where nothing else is. part: its
-    longest part without single wrong rows, where more is wrong.
+    measure is. noise: of the quantities that have it. start: where the truth starts. has_derived_omega,
+    has_unused_position, assumed: of the recording. repaired: the same without what is wrong with its rows,
+    where nothing else is. part: its longest part without single wrong rows, where more is wrong.
     """
 
     name: str
@@ -122,7 +122,6 @@ class JudgedMotion:
     energy: float | None
     floors: Mapping[str, float]
     noise: Mapping[str, RowNoise]
-    noisy: Mapping[str, float]
     start: Start
     has_derived_omega: bool = False
     has_unused_position: bool = False
@@ -158,6 +157,26 @@ class JudgedMotion:
     def floor(self, measure: str) -> float:
         """Return what the truth and the digits of the file leave open."""
         return FLOOR_BOUNDS * self.floors.get(measure, 0.0)
+
+    @cached_property
+    def noisy(self) -> Mapping[str, float]:
+        """Floors with the noise in place of the digits, of the start to first order; none without noise."""
+        if not self.noise:
+            return {}
+        bound, problem = self.row["truth_bound_rad"], self.problem
+        if self.start == "first-sample":
+            times, one = problem.times[: problem.compared], self._within_noise(_OF_ONE)
+            bound += float(np.max(start_bound_rad(problem.of_body.scene, times, one, None)))
+        most = self._within_noise(_LARGEST)
+        floors = _floors({**self.row, "truth_bound_rad": bound}, problem, most, self.start)
+        return {name: floor * (FLOOR_BOUNDS if name in TRAVELLING else 1.0) for name, floor in floors.items()}
+
+    def _within_noise(self, deviations: float) -> Resolution:
+        """Return the resolution of numbers that are rounded by so many deviations of the noise."""
+        spacings: dict[str, Any] = {
+            name: 2.0 * deviations * one.deviation for name, one in self.noise.items()
+        }
+        return replace(self.resolution, **spacings)
 
     def is_noise(self, measure: str) -> bool:
         """Whether a measure is within what the noise of the rows, and of the first one, makes."""
@@ -213,7 +232,7 @@ def judged_motion(
             motion = invalid_state(still) or motion
         columns |= {"outcome": "unstable", "message": motion}
         case = CaseResult({**columns, **_identity(name)}, MeasuredMotion(trajectory))
-        return JudgedMotion(name, columns, at_samples, case, known, resolution, None, None, {}, {}, {}, start)
+        return JudgedMotion(name, columns, at_samples, case, known, resolution, None, None, {}, {}, start)
     _check_redundant(path, trajectory)
     if not trusted.all():
         until = f"t = {truth.trusted_until_s:.6g} s"
@@ -236,7 +255,6 @@ def judged_motion(
     columns |= _drifts_from_start(series, departures, compared.until, scales)
     columns |= worst.columns if worst else {}
     case = CaseResult({**columns, **_identity(name)}, MeasuredMotion(trajectory, series))
-    noise = _noise(at_samples, trajectory, known, resolution)
     return JudgedMotion(
         name,
         columns,
@@ -247,8 +265,7 @@ def judged_motion(
         _momentum_change(compared) if {"attitude", "omega"} <= known else None,
         _energy_change(compared) if "omega" in known else None,
         _floors(columns, at_samples, resolution, start),
-        noise,
-        _noisy_floors(columns, at_samples, resolution, noise, start),
+        _noise(at_samples, trajectory, known, resolution),
         start,
         recorded.has_derived_omega,
         recorded.has_unused_position,
@@ -337,29 +354,6 @@ def _noise(
         for name, one in found.items()
         if one is not None and one.deviation > getattr(resolution, name)
     }
-
-
-def _noisy_floors(
-    columns: Mapping[str, float],
-    problem: Problem,
-    resolution: Resolution,
-    noise: Mapping[str, RowNoise],
-    start: Start,
-) -> dict[str, float]:
-    """Return what the noise leaves open, of the start to first order; nothing where there is no noise."""
-    if not noise:
-        return {}
-
-    def within(deviations: float) -> Resolution:
-        spacings: dict[str, Any] = {name: 2.0 * deviations * one.deviation for name, one in noise.items()}
-        return replace(resolution, **spacings)
-
-    bound = columns["truth_bound_rad"]
-    if start == "first-sample":
-        times = problem.times[: problem.compared]
-        bound += float(np.max(start_bound_rad(problem.of_body.scene, times, within(_OF_ONE), None)))
-    floors = _floors({**columns, "truth_bound_rad": bound}, problem, within(_LARGEST), start)
-    return {name: floor * (FLOOR_BOUNDS if name in TRAVELLING else 1.0) for name, floor in floors.items()}
 
 
 def _path_floors(

@@ -50,10 +50,16 @@ def _rolled(places: int) -> Callable[[Array], Array]:
     return lambda q: np.roll(q, places, axis=0)
 
 
-def _scaled_reading(name: str) -> Plant:
+def _scaled_reading(name: str, axis: int | None = None) -> Plant:
+    """Return what multiplies a quantity that is read, or one of its components, by a factor."""
+
+    def factors(r: ReportedStates, factor: float) -> Array:
+        chosen = np.where((np.arange(3) == axis) | (axis is None), factor, 1.0)
+        return chosen.reshape(3, *(1,) * (getattr(r, name).ndim - 1))
+
     return Misread(
-        lambda r, s, _: replace(r, **{name: s[0] * getattr(r, name)}),
-        lambda r, s, _: replace(r, **{name: getattr(r, name) / s[0]}),
+        lambda r, s, _: replace(r, **{name: factors(r, s[0]) * getattr(r, name)}),
+        lambda r, s, _: replace(r, **{name: getattr(r, name) / factors(r, s[0])}),
     )
 
 
@@ -100,10 +106,6 @@ def _axis_scaled(quantity: str, axis: int) -> Fault:
     letter = "xyz"[axis]
     component = f"{of_axis} {letter}"
 
-    def scaled(r: ReportedStates, factor: float) -> ReportedStates:
-        factors = np.where(np.arange(3) == axis, factor, 1.0)
-        return replace(r, **{name: np.einsum("i,i...->i...", factors, getattr(r, name))})
-
     def applies(at: FaultContext) -> bool:
         moves = np.any(getattr(at.transitions.trajectory, array), axis=0)
         is_one_of_several = bool(moves[axis] and np.any(np.delete(moves, axis)))  # else all are scaled
@@ -113,7 +115,7 @@ def _axis_scaled(quantity: str, axis: int) -> Fault:
         f"{quantity}-{letter}-read-scaled",
         "reading",
         f"{component} is multiplied by {{0}} when it is read",
-        Misread(lambda r, s, _: scaled(r, s[0]), lambda r, s, _: scaled(r, 1.0 / s[0])),
+        _scaled_reading(name, axis),
         (FACTOR,),
         near(1.0, -1.0),
         applies,
