@@ -23,6 +23,7 @@ from bodycheck.examine.probes.adapter_checks import CHECKS
 from bodycheck.reports.comparison.compare import paired_versions, renamed
 from bodycheck.reports.gates.gate import Gate
 from bodycheck.reports.run_files.run_reader import read_tables
+from bodycheck.reports.run_files.run_tables import check_engines
 from bodycheck.runs.engine_checks import check_adapter
 from bodycheck.runs.selection import select
 from tests.helpers.expected_messages import ExpectedMessage
@@ -242,9 +243,10 @@ def test_a_stored_run_knows_the_command_and_starts_nothing(folder: Path) -> None
         run = bodycheck.run(["mine.toml"], engines=[program], dt_s=[0.02], speed=False, laws=False)
         bodycheck.write_run(run, folder / "out")
     assert requested_name("own-engine") == "own-engine"
-    read_tables(folder / "out")
+    tables = read_tables(folder / "out")
     assert requested_name("own-engine") == program
     assert program_of("own-engine") is None
+    check_engines(tables, [program, f"{program}::m", "own-engine", "own-engine:m"])  # as --engine names them
 
 
 @pytest.mark.parametrize("names", [("own", "own"), ("mujoco", "own"), ("two words", "own")])

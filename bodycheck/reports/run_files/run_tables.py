@@ -9,7 +9,7 @@ from glob import escape
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 from bodycheck._util.errors import InputError
-from bodycheck.adapters.engine_names import with_method
+from bodycheck.adapters.engine_names import is_named, with_method
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.sentinels import Sentinel
@@ -152,5 +152,5 @@ def check_engines(run: Tables, engines: Sequence[str]) -> None:
     """Raise InputError for an engine or ENGINE:METHOD that the run does not have."""
     keys = dict.fromkeys(key_of(case.columns) for case in run.cases)
     known = [*dict.fromkeys(engine for engine, _ in keys), *(with_method(*key) for key in keys)]
-    if unknown := [name for name in engines if name not in known]:
+    if unknown := [name for name in engines if not any(is_named([name], *key) for key in keys)]:
         raise InputError(f"--engine {', '.join(unknown)}: not in this run (available: {', '.join(known)})")
