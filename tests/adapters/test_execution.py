@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import resource
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.workers import case_messages
 from bodycheck.adapters.workers.worker import RequestHandler
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
+from tests.helpers.child_process import run_in_child
 
 START = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.3, 1.0, 0.2]))
 SCENE = Scene(RigidBody(1.0, np.diag([1.0, 2.0, 2.5])), START, (), np.zeros(3), 1.0, 3)
@@ -51,6 +54,20 @@ def test_engine_that_fails_in_the_untimed_pass_is_closed(method: str, dt_s: floa
     with pytest.raises(RuntimeError, match="singular"):
         stopwatch(adapter, Case(SCENE, method, Setting(dt_s)))
     assert adapter.closed == 1
+
+
+@pytest.mark.parametrize(("method", "dt_s"), [("m1", 0.01), ("exact", None)])
+def test_laps_are_timed_where_the_processor_time_is_limited(method: str, dt_s: float | None) -> None:
+    """A lap of some microseconds has a time under `ulimit -t` too, where Linux counts whole ticks."""
+
+    def shortest_lap() -> float:
+        resource.setrlimit(resource.RLIMIT_CPU, (3600, 3600))
+        watch = stopwatch(Reference(), Case(SCENE, method, Setting(dt_s)))
+        return min(watch.lap() for _ in range(10))
+
+    child = run_in_child(shortest_lap, 120.0)
+    assert child.error is None
+    assert child.value > 0.0
 
 
 @pytest.mark.parametrize("do", ["record", "replay"])

@@ -270,6 +270,22 @@ def test_every_case_that_ended_well_is_a_point(figure: str, column: str, run: Ru
     assert len(points) > 10
 
 
+def test_a_case_too_short_for_its_clock_has_no_point(run: Run) -> None:
+    """A time of 0, which a coarse clock measures, has no place on a logarithmic axis."""
+    look = Appearance(engines=("reference:rk4",), tolerance=1e3)  # which the case of no time meets first
+    own = [case.columns for case in run.cases if key_of(case.columns) == ("reference", "rk4") and case.ok]
+    times = sorted(row["cpu_s"] for row in own if row["scenario"] == "free")
+    cases = tuple(
+        replace(case, columns=case.columns | {"cpu_s": 0.0})
+        if case.columns.get("cpu_s") == times[0]
+        else case
+        for case in run.cases
+    )
+    axes = figure_of(replace(run, cases=cases), "work-precision", look)
+    assert axes is not None
+    assert sorted(axes.lines[0].get_xdata()) == times[1:]
+
+
 def test_the_largest_stable_step_of_each_method_is_drawn(run: Run) -> None:
     """Its mark is open if no step was unstable; a method whose search failed is named with the reason."""
     stable, limited = run.stability["dt_stable_s"], run.stability["method"] == "m1"

@@ -258,7 +258,7 @@ def _tolerance(
     }
     options = settings_within(curves, appearance.tolerance, [scenario])[0].options
     x = None if not options else options[0].cpu_s if figure == "work-precision" else options[0].setting
-    if figure == "drift" or x is None:
+    if figure == "drift" or not x:
         return
     best = options[0]
     is_measured = best.basis == "measured"
@@ -418,7 +418,9 @@ def _work_precision(axes: Axes, lines: _Lines, drawn: Mapping[MethodKey, Style],
         key: _points(
             (case.columns["cpu_s"], _drawn_error(case, quantity))
             for case in cases
-            if case.ok and quantity in case.columns and "cpu_s" in case.columns
+            if case.ok
+            and quantity in case.columns
+            and case.columns.get("cpu_s")  # a coarse clock may measure 0
         )
         for key, cases in lines.items()
     }
