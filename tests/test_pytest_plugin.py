@@ -77,9 +77,10 @@ def inner(pytester: pytest.Pytester, imported: None, monkeypatch: pytest.MonkeyP
     del imported
     monkeypatch.setenv("COLUMNS", "200")
     pytester.makefile(".toml", mine=SCENARIO, other=SCENARIO.replace('"mine"', '"other"'))
-    # hypothesis would be imported again at the end of every inner session
-    plugins = "-p no:cacheprovider -p no:hypothesispytest"
-    pytester.makeini(f"[pytest]\nfilterwarnings = error\naddopts = --strict-markers {plugins}\n")
+    # hypothesis would be imported again at the end of every inner session, and rewriting would warn of
+    # modules that an outer session with --assert=plain has imported
+    options = "--strict-markers --assert=plain -p no:cacheprovider -p no:hypothesispytest"
+    pytester.makeini(f"[pytest]\nfilterwarnings = error\naddopts = {options}\n")
     return pytester
 
 

@@ -219,10 +219,7 @@ def tried(place: Path, mutants: Mapping[Mutant, tuple[str, ...]], slow: bool) ->
 
 
 def passing(tests: tuple[str, ...], tiers: tuple[str, str]) -> tuple[tuple[str, ...], float]:
-    """Return the tests that pass in a copy without a mutant, and their processor time in s.
-
-    Those that start pytest themselves cannot: pytest warns that its plugins are imported already.
-    """
+    """Return the tests that pass in a copy without a mutant, and their processor time in s."""
     while True:
         start = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
         if not tests or passed(tests, 600.0, "--maxfail=60", *tiers):
@@ -249,7 +246,7 @@ def passed(tests: Sequence[str], limit_s: float, *options: str) -> bool:
 def _test(words: Sequence[str], limit_s: float) -> None:
     os.setsid()
     resource.setrlimit(resource.RLIMIT_CPU, (int(limit_s) + 1, int(limit_s) + 1))
-    resource.setrlimit(resource.RLIMIT_AS, (_MAX_MEMORY, _MAX_MEMORY))
+    resource.setrlimit(resource.RLIMIT_DATA, (_MAX_MEMORY, _MAX_MEMORY))  # a browser reserves more addresses
     output = os.open(_OUTPUT, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(output, 1)
     os.dup2(output, 2)
