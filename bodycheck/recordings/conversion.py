@@ -35,6 +35,7 @@ from bodycheck.reference_impl.rotations import (
     quaternion_product,
     quaternion_to_matrix,
 )
+from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.run_files.trajectory_files import COLUMNS, SENSORS, checked_arrays
 
 ACCEPTED = "t_s, x_m, y_m, z_m, qw, qx, qy, qz, r00 to r22, vx_m_s ..., wx_body_rad_s ..., wx_world_rad_s ..."
@@ -87,6 +88,16 @@ class RecordedMotion:
             return None
         arrays["omega_body_rad_s"], spacings["omega_body_rad_s"] = derived[0], np.full(3, derived[1])
         return replace(self, arrays=arrays, resolution=spacings, has_derived_omega=True)
+
+    def with_omega_of(self, meant: Trajectory) -> RecordedMotion:
+        """Return the recording with the omega that was meant, which has as many digits."""
+        arrays, spacings = dict(self.arrays), dict(self.resolution)
+        for name in {"omega_body_rad_s", "omega_world_rad_s"} & arrays.keys():
+            read, right = arrays.pop(name), getattr(meant, name)
+            if right is not None:
+                arrays[name] = right
+                spacings[name] = spacings[name] * (np.linalg.norm(right) / np.linalg.norm(read))
+        return replace(self, arrays=arrays, resolution=spacings)
 
     def rows(self, start: int, stop: int) -> RecordedMotion | None:
         """Return a part of the recording, of a later start at times from 0; None if no omega is left."""

@@ -155,6 +155,8 @@ def _resolved(error: float, floor: float) -> str:
 
 def _conservation(motion: JudgedMotion) -> Iterator[str]:
     """Yield whether angular momentum and energy are conserved, or how far they are from the truth."""
+    if _is_of_omega(motion):  # which has the energy and the momentum of another motion
+        return
     row, free, change = motion.row, is_free(motion.problem.of_body.scene), motion.momentum
     noise = {one: motion.noisy.get(f"{one}_drift", 0.0) for one in ("angular_momentum", "rotational_energy")}
     if change is not None and max(change.size, change.direction_rad) > noise["angular_momentum"]:
@@ -245,8 +247,8 @@ def _is_of_omega(motion: JudgedMotion) -> bool:
     """Whether omega is wrong, and too far off for the error of the attitude to be its cause."""
     row = without_exceptions(motion).row  # of a single row, either may be wrong
     error = row.get("omega_error", 0.0)
-    limit = max(NEGLIGIBLE, _FARTHER * row.get(ORIENTATION, 0.0), motion.floor("omega_error"))
-    return bool(error > limit)
+    limit = max(NEGLIGIBLE, _FARTHER * row.get(ORIENTATION, math.inf), motion.floor("omega_error"))
+    return motion.is_omega_misread or bool(error > limit)
 
 
 def _angle(rad: float) -> str:

@@ -108,8 +108,9 @@ class JudgedMotion:
     the rotational energy since the first row, with its sign, over the largest of the truth, None without
     omega. floors: measure -> what the truth and the digits of the file leave open, relative as the
     measure is. noise: of the quantities that have it. start: where the truth starts. has_derived_omega,
-    has_unused_position, assumed: of the recording. repaired: the same without what is wrong with its rows,
-    where nothing else is. part: its longest part without single wrong rows, where more is wrong.
+    has_unused_position, assumed: of the recording. is_omega_misread: whether omega is read wrongly, and the
+    truth starts at the one that was meant. repaired: the same without what is wrong with its rows, where
+    nothing else is. part: its longest part without single wrong rows, where more is wrong.
     """
 
     name: str
@@ -126,6 +127,7 @@ class JudgedMotion:
     has_derived_omega: bool = False
     has_unused_position: bool = False
     assumed: str = ""
+    is_omega_misread: bool = False
     repaired: Repair | None = None
     part: JudgedMotion | None = None
 
@@ -188,13 +190,19 @@ class JudgedMotion:
 
 
 def judged_motion(
-    path: Path, name: str, recorded: RecordedMotion, problem: Problem, cache: Cache | None, start: Start
+    path: Path,
+    name: str,
+    recorded: RecordedMotion,
+    problem: Problem,
+    cache: Cache | None,
+    start: Start,
+    meant: Trajectory | None = None,
 ) -> JudgedMotion:
     """Measure a recording.
 
     name: what sentences and figures call the file. problem: the scenario at its own samples. start: where the
-    truth starts. Raises InputError where nothing
-    can be compared, times lie outside the scenario's duration, or the file contradicts itself.
+    truth starts. meant: the motion whose first sample that is, if not that of the file. Raises InputError
+    where nothing can be compared, times lie outside the scenario's duration, or the file contradicts itself.
     """
     arrays, known = recorded.arrays, frozenset(quantities_of(recorded.arrays))
     resolution = Resolution.of(recorded.resolution)
@@ -202,7 +210,9 @@ def judged_motion(
     _check(path, t_s, known, problem.of_body)
     scenario, scales = problem.of_body, problem.scales
     if start == "first-sample":
-        scenario = _started(scenario, arrays, known, cache)
+        if meant is None:
+            meant = _completed(arrays, known_truth(scenario.scene, t_s, cache).trajectory)
+        scenario = started_at_first_sample(scenario, meant, known)
         scales = Problem.of(scenario, problem.scenario_spec, cache).scales
     scene = scenario.scene
     truth = known_truth(scene, t_s, cache)
@@ -225,7 +235,7 @@ def judged_motion(
     trajectory = _completed(arrays, truth.trajectory)
     true = EnergyAndMomentum.of(scene, truth.trajectory)
     at_samples = Problem(scenario, truth, true, scales, problem.scenario_spec, int(np.count_nonzero(trusted)))
-    motion = stable_motion(scene, trajectory, true)
+    motion = stable_motion(scene, trajectory, true, from_own_start=True)
     if isinstance(motion, str):
         if recorded.has_derived_omega:  # lost a sample before the attitude that it is derived from
             still = replace(trajectory, omega_body_rad_s=np.zeros_like(trajectory.omega_body))
@@ -386,14 +396,6 @@ def _path_floors(
     return {
         name: error / scale for name, (error, scale) in zip(TRAVELLING, left_open, strict=True) if scale > 0.0
     }
-
-
-def _started(
-    scenario: Scenario, arrays: dict[str, Array], known: frozenset[str], cache: Cache | None
-) -> Scenario:
-    """Return the scenario, started at the first sample."""
-    truth = known_truth(scenario.scene, arrays["t_s"], cache).trajectory
-    return started_at_first_sample(scenario, _completed(arrays, truth), known)
 
 
 def _check_redundant(path: Path, trajectory: Trajectory) -> None:

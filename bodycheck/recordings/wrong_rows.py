@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
+from bodycheck.examine.diagnosis.recorded import omegas_meant
 from bodycheck.recordings.conversion import RecordedMotion
 from bodycheck.recordings.judged_motion import (
     QUANTITY_OF,
@@ -22,6 +24,7 @@ from bodycheck.recordings.judged_motion import (
 )
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.problem import Problem
 
 _FAR = 10.0  # times what the file and the truth leave open
@@ -123,6 +126,32 @@ def _is_repaired(later: JudgedMotion, motion: JudgedMotion, left: float = _LEFT)
     return later.is_true or _largest(later) <= left * _largest(motion)
 
 
+def _with_omega_meant(
+    path: Path,
+    name: str,
+    recorded: RecordedMotion,
+    problem: Problem,
+    cache: Cache | None,
+    motion: JudgedMotion,
+) -> JudgedMotion | None:
+    """Measure a recording from the omega that was meant, if its attitude is then the true one, or nearly."""
+    trajectory = motion.case.trajectory
+    if trajectory is None or not motion.known >= {"attitude", "omega"} or recorded.has_derived_omega:
+        return None
+    for _, meant in omegas_meant(trajectory):
+        judged = partial(judged_motion, path, name, problem=problem, cache=cache, start="first-sample")
+        right = judged(recorded.with_omega_of(meant))
+        if right.case.ok and (
+            right.is_true_by(ORIENTATION)
+            or right.is_noise(ORIENTATION)
+            or right.row[ORIENTATION] <= _LEFT * motion.row.get(ORIENTATION, _UNSTABLE)
+        ):
+            as_read, of_attitude = judged(recorded, meant=meant), right.floors[ORIENTATION]
+            floors = {**as_read.floors, ORIENTATION: of_attitude}
+            return replace(as_read, floors=floors, noise=right.noise, is_omega_misread=True)
+    return None
+
+
 def _largest(motion: JudgedMotion) -> float:
     if not motion.case.ok:
         return _UNSTABLE
@@ -134,8 +163,9 @@ def with_repair(
 ) -> JudgedMotion:
     """Measure a recording, also without what many programs log wrongly, if that alone may be wrong.
 
-    Single rows that are off, in the file or without that, are no reason for or against it. Where more is
-    wrong than these, also measure the longest part without them.
+    Where a misread omega is all that is wrong, the truth starts at the omega that was meant. Single rows that
+    are off, in the file or without that, are no reason for or against it. Where more is wrong than these,
+    also measure the longest part without them.
     """
     motion = judged_motion(path, name, recorded, problem, cache, start)
     ordinary = without_exceptions(motion)
@@ -145,6 +175,8 @@ def with_repair(
     repair = _best_repair(path, name, recorded, problem, start, ordinary)
     if repair is not None:
         return replace(motion, repaired=repair)
+    if start == "first-sample" and (right := _with_omega_meant(path, name, recorded, problem, cache, motion)):
+        return right
     if ordinary is motion or is_right_elsewhere(motion):
         return motion
     return replace(motion, part=_part(path, name, recorded, problem, motion))

@@ -70,7 +70,8 @@ def diagnosed_recording(
     if obstacle(scene, trajectory, known):
         return None
     at_start = trajectory.t_s[0] == 0.0
-    start = start_difference(scene, trajectory, known, resolution, {}) if at_start else None
+    is_given = at_start and not from_first_row
+    start = start_difference(scene, trajectory, known, resolution, {}) if is_given else None
 
     def with_omega_of(right: Trajectory) -> Diagnosis | None:
         initial = replace(scene.initial, omega_body=right.omega_body[0])
@@ -105,7 +106,7 @@ def diagnosed_recording(
         noisy = None if found is not None or search.fine is None else with_noise(search.fine)
         if noisy is not None:
             resolution, noiseless = noisy, search
-            start = start_difference(scene, trajectory, known, noisy, {}) if at_start else None
+            start = start_difference(scene, trajectory, known, noisy, {}) if is_given else None
             search = searched(noisy, from_rows=True, faults=faults) or search
             found, made_by = _without_fault(search, known, noisy, noiseless=noiseless)
         if found is None and dt_s is None:
@@ -127,8 +128,8 @@ def _of_misread_omega(
     search would have to follow. of_right: the diagnosis of the recording with another omega.
     """
     found = []
-    for one in _far_readings(trajectory):
-        diagnosis = of_right(_undone(one, trajectory))
+    for one, right in omegas_meant(trajectory, _FAR):
+        diagnosis = of_right(right)
         if diagnosis is not None and diagnosis.verdict == "healthy":
             found.append((one, diagnosis))
     if not found:
@@ -149,21 +150,25 @@ def _of_misread_omega(
     )
 
 
-def _far_readings(trajectory: Trajectory) -> list[WrongReading]:
-    """Return the wrong readings of omega that bring it to the turns between the attitudes, far from these."""
+def omegas_meant(trajectory: Trajectory, farther: float = 0.0) -> list[tuple[WrongReading, Trajectory]]:
+    """Return the wrong readings of omega that bring it near the turns between the attitudes, and the motions.
+
+    farther: a relative distance from these turns; of an omega that is nearer, none is returned.
+    """
     attitude = normalised(trajectory.attitude)
     turns = log_quaternion(quaternion_product(conjugate(attitude[:-1]), attitude[1:]))
     some = np.linalg.norm(turns, axis=-1) < LARGEST_TURN_RAD
     size, interval_s = np.linalg.norm(turns[some]), np.diff(trajectory.t_s)[:, None]
 
-    def distance(omega: Array) -> float:
+    def distance(one: Trajectory) -> float:
+        omega = one.omega_body
         gaps = 0.5 * (omega[:-1] + omega[1:]) * interval_s - turns
         return float(np.linalg.norm(gaps[some]) / size)
 
-    if size == 0.0 or distance(trajectory.omega_body) < _FAR:
+    if size == 0.0 or (before := distance(trajectory)) < farther:
         return []
-    readings = wrong_readings("w")
-    return [one for one in readings if distance(_undone(one, trajectory).omega_body) < _NEAR]
+    meant = [(one, _undone(one, trajectory)) for one in wrong_readings("w")]
+    return [(one, right) for one, right in meant if distance(right) < _NEAR * min(before / _FAR, 1.0)]
 
 
 def _undone(one: WrongReading, trajectory: Trajectory) -> Trajectory:
@@ -173,7 +178,9 @@ def _undone(one: WrongReading, trajectory: Trajectory) -> Trajectory:
     none = np.zeros((3, 1))
     read = ReportedStates(none, none, normalised(trajectory.attitude).T, omega.T)
     right = one.undo(read, world_omega=world).w.T
-    return replace(trajectory, **{"omega_world_rad_s" if world else "omega_body_rad_s": right})
+    if world:
+        return replace(trajectory, omega_world_rad_s=right)
+    return replace(trajectory, omega_body_rad_s=right, omega_world_rad_s=None)
 
 
 def _without_fault(

@@ -194,17 +194,19 @@ def origin_of(answer: Answer) -> dict[str, Any]:
 
 
 def stable_motion(
-    scene: Scene | TreeScene, trajectory: Trajectory, true: EnergyAndMomentum
+    scene: Scene | TreeScene, trajectory: Trajectory, true: EnergyAndMomentum, *, from_own_start: bool = False
 ) -> EnergyAndMomentum | str:
     """Return energy and momentum along a trajectory, or the reason why it is unstable.
 
-    true: energy and momentum along the truth.
+    true: energy and momentum along the truth. from_own_start: whether the trajectory may start with another
+    energy, such as one of omega in degrees per second, which is no instability.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # a diverged trajectory may overflow
         if reason := invalid_state(trajectory):
             return reason
         motion = EnergyAndMomentum.of(scene, trajectory)
-    return energy_blowup(motion.kinetic, kinetic_limit(true.kinetic), trajectory.t_s) or motion
+    kinetic = np.append(true.kinetic, motion.kinetic[0]) if from_own_start else true.kinetic
+    return energy_blowup(motion.kinetic, kinetic_limit(kinetic), trajectory.t_s) or motion
 
 
 def measured_by(
