@@ -16,7 +16,7 @@ from bodycheck.reports.comparison.change import FAILING, MAP_KINDS, Change, Kind
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.measurement.measures import ORIENTATION
-from bodycheck.reports.measurement.verdicts import STATES
+from bodycheck.reports.measurement.verdicts import STATES, UNDECIDED, severity
 from bodycheck.reports.run_files.method_words import map_in_words
 from bodycheck.reports.run_files.run_tables import StudyKey, Tables, study_key
 
@@ -24,6 +24,7 @@ Direction: TypeAlias = Literal["worse", "improved", "moved"]
 
 _MAX_LINES = 6
 _FARTHER_DECADES = 1.0  # a measure that changed by this much more than the orientation is named as well
+_SAME_FACTOR = 1e-3
 _DIGITS_BELOW = 1e-3  # a smaller relative change is reported as a digit, a larger one in percent
 NO_KNOWN_CAUSE = "no known fault explains it"
 BROKEN: tuple[Kind, ...] = ("case", "outcome", "verdict")
@@ -268,6 +269,11 @@ def _outcomes(changes: Sequence[Change], _: Direction) -> list[str]:
 
 def _verdicts(changes: Sequence[Change], direction: Direction) -> list[str]:
     found = _of_kind(changes, "verdict")
+    if (
+        direction == "worse" and largest_error(changes) is not None
+    ):  # says more than that its order is unknown
+        decided = [one for one in found if severity(str(one.after)) != UNDECIDED]
+        found = [one for one in found if one.quantity.endswith(ORIENTATION)] or decided
     if not found:
         return []
     one = next((c for c in found if c.quantity.endswith(ORIENTATION)), found[0])
@@ -356,13 +362,27 @@ def at(change: Change) -> str:
 
 
 def factor(change: Change) -> str:
-    """Return "x 1.9e6", or "+2.1 %" if a change is below 100 %; "" without a size."""
+    """Return "x 1.9e6", or "+2.1 %" if a change is below 100 %; "" without a size.
+
+    Of a value below its noise: "x 1.9e6 above its noise", and "x 5e-7, to its noise".
+    """
     if change.decades is None or change.relative is None:
         return ""
     if change.relative >= 1.0:
         times = 10.0**change.decades
-        return f"x {times:.0f}" if 10.0 <= times < 1e3 else f"x {number(times, 2)}"
+        of_noise = " above its noise" if times > 1.0 else ", to its noise"
+        text = f"x {times:.0f}" if 10.0 <= times < 1e3 else f"x {number(times, 2)}"
+        return text + of_noise * _is_of_noise(change)
     return f"{'+' if change.decades > 0.0 else '-'}{number(100.0 * change.relative, 2)} %"
+
+
+def _is_of_noise(change: Change) -> bool:
+    """Whether the smaller value is below its noise, which counts in its place."""
+    values = [value for value in (change.before, change.after) if isinstance(value, float)]
+    low, high = min(values, default=0.0), max(values, default=0.0)
+    return change.kind == "accuracy" and low * 10.0 ** abs(change.decades or 0.0) < high * (
+        1.0 - _SAME_FACTOR
+    )
 
 
 def distinct(change: Change, least: int) -> tuple[str, str]:

@@ -186,11 +186,12 @@ def nightly_sentences(judged: Judgement) -> list[str]:
 def nightly_commands(judged: Judgement) -> list[Command]:
     """Return the command that accepts what is open, and those that find the releases of the changes."""
     found = [] if judged.comparison is None else searches(judged.comparison)
-    accept: dict[str, str] = {}  # one command may accept both
-    for some, words in ((judged.open, "To accept it"), (judged.other_maps, "To accept the map")):
-        if some:
-            accept.setdefault(_accept_command(judged, open_lines(some)[0]), words)
-    return [*(Command(text, words) for text, words in accept.items()), *found]
+    failing = open_lines(judged.open)
+    listed = {line.id for line in failing}  # what one night changed of a method has one id, its map too
+    maps = [line for line in open_lines(judged.other_maps) if line.id not in listed]
+    firsts = [(failing[:1], "To accept it"), (maps[:1], "To accept the map")]
+    accept = [Command(_accept_command(judged, one), words) for some, words in firsts for one in some]
+    return [*accept, *found]
 
 
 def _accept_command(judged: Judgement, line: OpenLine) -> str:

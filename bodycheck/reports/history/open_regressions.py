@@ -102,16 +102,19 @@ class OpenLine:
 
 
 def open_lines(regressions: Iterable[Regression]) -> list[OpenLine]:
-    """Return the lines of open regressions: what is newly worse first, then the most severe."""
-    of_method: dict[tuple[str, str, bool, bool], list[Regression]] = {}
+    """Return the lines of open regressions: what is newly worse first, then the most severe.
+
+    What two nights made worse of a method is two lines.
+    """
+    of_method: dict[tuple[str, str, str, bool, bool], list[Regression]] = {}
     for one in sorted(regressions, key=lambda one: -one.change.size):
-        group = one.change.engine, one.change.method, one.newly, one.is_failing
+        group = one.change.engine, one.change.method, one.since, one.newly, one.is_failing
         of_method.setdefault(group, []).append(one)
-    of_cause: dict[tuple[str, str, bool, bool], list[Regression]] = {}
-    for (engine, method, newly, failing), own in of_method.items():
+    of_cause: dict[tuple[str, str, str, bool, bool], list[Regression]] = {}
+    for (engine, method, since, newly, failing), own in of_method.items():
         cause = cause_of([(one.change, one.cause) for one in own])
         shared = cause if is_known(cause) else f":{method}"
-        of_cause.setdefault((engine, shared, newly, failing), []).extend(own)
+        of_cause.setdefault((engine, shared, since, newly, failing), []).extend(own)
     found = [
         OpenLine(
             Headline(
@@ -124,7 +127,7 @@ def open_lines(regressions: Iterable[Regression]) -> list[OpenLine]:
             ),
             tuple(own),
         )
-        for (engine, _, _, failing), own in of_cause.items()
+        for (engine, _, _, _, failing), own in of_cause.items()
     ]
     heaviest = sorted(found, key=lambda one: one.line.weight, reverse=True)
     return sorted(heaviest, key=lambda one: not one.newly)
@@ -198,19 +201,26 @@ def next_regressions(
     An order that is not measured because the verdict is worse is left to the verdict.
 
     before: what was open, without what was accepted since. changes: from the accepted levels. causes,
-    releases: diagnoses and versions that differ from those of the run before.
+    releases: diagnoses and versions that differ from those of the run before. A new cause is that of what it
+    made worse, not of what was as bad before.
     """
     known = {one.change.key: one for one in before}
     found = {one.key: one for one in changes if one.status in FAILING or one.kind in MAP_KINDS}
     measured, all_causes = MeasuredValues(newest), causes_of(newest)
+    grown = {
+        _study(change)
+        for key, change in found.items()
+        if (earlier := known.get(key)) is None or _is_worse(change, earlier.change, thresholds)
+    }
     for key, change in found.items():
-        earlier, study = known.get(key), (change.scenario or "", change.engine, change.method)
+        earlier, study = known.get(key), _study(change)
         if earlier is None:
             cause = causes.get(study, "")
             yield Regression(change, newest.run_id, cause=cause, release=releases.get(change.engine, ""))
         else:
             newly = _is_worse(change, earlier.change, thresholds)
-            cause = (all_causes if earlier.cause else causes).get(study, "")
+            of_others = not (earlier.cause or newly) and study in grown  # it was there before that cause
+            cause = "" if of_others else (all_causes if earlier.cause else causes).get(study, "")
             if _is_another(cause, earlier.cause):
                 yield Regression(change, newest.run_id, cause=cause, release=releases.get(change.engine, ""))
                 continue
@@ -221,6 +231,10 @@ def next_regressions(
     for key, earlier in known.items():
         if key not in found and key not in measured and key.of_verdict not in worse_verdicts:
             yield replace(earlier, runs=earlier.runs + 1, newly=False, measured=False)
+
+
+def _study(change: Change) -> StudyKey:
+    return change.scenario or "", change.engine, change.method
 
 
 def _is_another(cause: str, earlier: str) -> bool:

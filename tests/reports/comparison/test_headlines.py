@@ -532,6 +532,26 @@ def test_a_small_change_is_given_in_percent(after: float, text: str) -> None:
     assert factor_text(change) == text
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "ending"),
+    [(0.0, 1e-7, " above its noise"), (1e-7, 0.0, ", to its noise"), (1e-9, 1e-7, "")],
+)
+def test_a_factor_of_a_value_below_its_noise_says_so(before: float, after: float, ending: str) -> None:
+    """It is not the ratio of the two numbers that stand beside it."""
+    (change,) = compare(run({ERROR: before}), run({ERROR: after})).changes
+    assert re.fullmatch(rf"x [\d.e-]+{ending}", factor_text(change))
+
+
+def test_an_error_says_more_than_an_order_that_is_no_longer_known() -> None:
+    """A measure that leaves round-off has too few steps for an order, which is no headline; its error is."""
+    norm = {"quantity": "quaternion_norm_error", "order": None}
+    before = run({ERROR: 1e-9, "quaternion_norm_error": 0.0}, methods=[norm | {"verdict": "at-floor"}])
+    after = run({ERROR: 1e-9, "quaternion_norm_error": 1e-7}, methods=[norm | {"verdict": "too-few-points"}])
+    (line,) = headlines(compare(before, after))
+    assert line.startswith("mujoco:rk4: quaternion norm at dt 0.01 s x ")
+    assert "too few points" not in line
+
+
 def test_a_change_without_a_size_has_no_text_of_it() -> None:
     """A new measure has neither a factor nor a share."""
     assert factor_text(Change("accuracy", "brick", "mujoco", "rk4", ERROR, None, 1.0, "new")) == ""

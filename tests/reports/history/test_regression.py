@@ -25,7 +25,7 @@ from bodycheck.reports.history.baseline import seal_run
 from bodycheck.reports.history.headline import headline
 from bodycheck.reports.history.history_output import nightly_commands, nightly_sentences
 from bodycheck.reports.history.levels import ABSENT, Levels, LevelSource, read_levels, write_levels
-from bodycheck.reports.history.open_regressions import NightlyState
+from bodycheck.reports.history.open_regressions import NightlyState, open_lines
 from bodycheck.reports.history.queries import history_table, query
 from bodycheck.reports.history.regression import Judgement, judge_run, speeds_of
 from bodycheck.reports.measurement.measures import SIGNED
@@ -243,6 +243,30 @@ def test_the_cause_of_an_open_regression_is_that_of_the_night(monkeypatch: pytes
     found = judgements_of(*runs, monkeypatch=monkeypatch)[1:]
     causes = [[one.cause for one in judged.open] for judged in found]
     assert causes == [["damping, explains all"], [""], ["gravity, explains all"]]
+
+
+def test_a_new_cause_is_not_that_of_what_was_as_bad_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What two nights made worse of a method is two lines, each with its age, its cause and one id."""
+    study = {name: METHOD[name] for name in ("scenario", "engine", "method")}
+    why = [study | {"verdict": "explained", "faults": "gravity", "diagnosis": "gravity (explains all)"}]
+    maps = [{name: METHOD[name] for name in ("engine", "method")} | {"fingerprint": f"M{k}"} for k in (1, 2)]
+    sound, worse, norm = 1e-9, 1e-4, "quaternion_norm_error"
+
+    def night(number: int, error: float, of_norm: float, diagnoses: list[dict[str, Any]]) -> Tables:
+        found = tables(number, {ERROR: error, norm: of_norm})
+        return with_tables(found, diagnoses=diagnoses, fingerprints=[maps[of_norm > sound]])
+
+    runs = [night(0, sound, 0.0, []), night(1, sound, 1e-7, []), night(2, worse, 1e-7, why)]
+    *_, second, third = judgements_of(*runs, night(3, worse, 1e-7, why), monkeypatch=monkeypatch)
+    for judged, runs_since in ((second, {norm: 2, ERROR: 1}), (third, {norm: 3, ERROR: 2})):
+        lines = {one.line.main.quantity: one for one in open_lines(judged.open)}
+        assert {name: one.regressions[0].runs for name, one in lines.items()} == runs_since
+        assert {name: one.line.cause for name, one in lines.items()} == {
+            norm: "",
+            ERROR: "gravity, explains all",
+        }
+        (command,) = nightly_commands(judged)  # that of the first line: the map has the id of a line
+        assert open_lines(judged.open)[0].id in command.text
 
 
 def test_a_fault_that_replaces_another_is_as_old_as_its_night(monkeypatch: pytest.MonkeyPatch) -> None:
