@@ -168,7 +168,8 @@ def _of_bodies(audit: Audit, column: ImporterColumn) -> tuple[str, bool]:
         more += f", and turns {count(turning, 'link')} otherwise, as by damping" if turning else ""
         spins = [link.spins[column.name] for link in audit.links if column.name in link.spins]
         off = max((one.held_rad or 0.0 for one in spins if one.follows(one.held_rad) is False), default=0.0)
-        turned = f", so that a free spin is up to {number(off, 2)} rad off after 1 s" if off else ""
+        spun = "a free spin of a possible link" if impossible(audit) else "a free spin"
+        turned = f", so that {spun} is up to {number(off, 2)} rad off after 1 s" if off else ""
         return f"discards {which}{turned}{more}", False
     if audit.compared:
         return _compared(audit, len(differing), total, single=bool(states["rounded"]))
@@ -216,7 +217,8 @@ def said_once(audit: Audit) -> dict[str, str]:
         if discarding and discarding >= held:
             found[column.name] = "every tensor"
         elif discarding > _MOST * held:
-            found[column.name] = f"the tensors of {discarding} of {count(held, 'link')}"
+            # the others may have been recomputed to the same numbers
+            found[column.name] = f"tensors, which changes {discarding} of {count(held, 'link')}"
     return found
 
 

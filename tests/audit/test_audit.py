@@ -548,7 +548,7 @@ def test_what_an_importer_always_does_is_said_once() -> None:
     agrees = LinkImport("agrees", _HELD, _HELD, Difference(0.0, 0.0, 0.0))
     for some, said, rows in (
         ([discarded] * 3, "discards every tensor", 1),
-        ([discarded, discarded, agrees], "discards the tensors of 2 of 3 links", 1),
+        ([discarded, discarded, agrees], "discards tensors, which changes 2 of 3 links", 1),
         ([discarded, agrees, agrees], "changes 1 of 3 links (tensor discarded)", 1),
         ([other] * 3, "changes 3 of 3 links (off-diagonals dropped)", 3),
         (
@@ -607,6 +607,11 @@ def test_a_discarded_tensor_says_how_far_the_link_turns_off() -> None:
         ]
         (_, text) = _sentences(Audit("robot.urdf", "urdf", "", [column], links, []))
         assert text.text == f"PyBullet discards every tensor{', ' if said else ''}{said}."
+    wrong = LintFinding("triangle-inequality", "error", "certain", "robot.urdf", 3, "2", "I1 + I2 < I3")
+    links = [LinkAudit("2", 2, _HELD, "", "", {column.name: one}), *links]  # which is not spun
+    links[1].spins[column.name] = Spin(1e-6, 0.5, None)
+    (_, text) = _sentences(Audit("robot.urdf", "urdf", "", [column], links, [wrong]))
+    assert "so that a free spin of a possible link is up to 0.5 rad off after 1 s" in text.text
 
 
 def test_the_accuracy_of_principal_axes_is_no_change() -> None:
@@ -626,7 +631,7 @@ def test_a_body_that_only_turns_otherwise_is_not_called_changed() -> None:
     ]
     (_, text) = _sentences(Audit("robot.urdf", "urdf", "", [column], links, []))
     assert text.text == (
-        "PyBullet discards the tensors of 2 of 3 links, and turns 1 link otherwise, as by damping."
+        "PyBullet discards tensors, which changes 2 of 3 links, and turns 1 link otherwise, as by damping."
     )
 
 
