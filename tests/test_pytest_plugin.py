@@ -227,6 +227,25 @@ def test_lost_in_what_is_right(bodycheck):
 
 
 @pytest.mark.slow
+def test_a_failed_order_states_its_cause(inner: pytest.Pytester) -> None:
+    """The run asks for no order of a user's function, so it is diagnosed where a check of it fails."""
+    inner.makepyfile(
+        RK4.replace(
+            "c = f(q + dt / 2 * b[0], w + dt / 2 * b[1])", "c = f(q + dt / 2 * a[0], w + dt / 2 * a[1])"
+        )
+        + """
+def test_order(bodycheck):
+    steps = [0.1, 0.05, 0.025, 0.0125]
+    bodycheck.step(rk4, "mine.toml", dt_s=steps).check("order.orientation_error_rad", lower=3.9)
+"""
+    )
+    done = run(inner)
+    done.assert_outcomes(failed=1)
+    cause = "the third stage starts with the slope of the first one (explains all of the error)"
+    done.stdout.fnmatch_lines([f"E*diagnosis: {cause}"])
+
+
+@pytest.mark.slow
 def test_runs_are_kept_with_their_reports(inner: pytest.Pytester) -> None:
     """A failed order lists its errors and the path of the report; the stored run names the test to repeat."""
     inner.makepyfile(

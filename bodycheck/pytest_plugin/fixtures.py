@@ -27,9 +27,9 @@ from bodycheck.reports.gates.gate_output import failure_rows, line_of, note_fail
 from bodycheck.reports.gates.verdict import GateCheck, GateResult, GateRow, check_gates, rows_of
 from bodycheck.reports.measurement.verdicts import QuantityVerdict, most_severe
 from bodycheck.reports.run_files.report_files import replace_pages
-from bodycheck.reports.run_files.run_tables import Run, study_key
+from bodycheck.reports.run_files.run_tables import FAILED_CASES, Run, study_key
 from bodycheck.reports.run_files.tables import TABLES
-from bodycheck.reports.run_files.writer import write_manifest
+from bodycheck.reports.run_files.writer import write_tables
 from bodycheck.runs import runner
 from bodycheck.runs.directory import write_run
 from bodycheck.runs.gate_run import run_for_gates
@@ -113,13 +113,18 @@ class Measured:
 
     def _assert(self, result: GateResult) -> None:
         __tracebackhide__ = True
+        run = self.run
+        if result.is_bad:
+            from bodycheck.examine.explanation.explain import MAX_EXPLAINED, with_causes  # few checks fail
+
+            note_failures(run, [result])
+            run = with_causes(run, run.manifest[FAILED_CASES][:MAX_EXPLAINED])
         if result.is_bad and self.report is not None:
             from bodycheck.reports.render.html import report_pages  # imported here: it needs Jinja
 
-            note_failures(self.run, [result])
-            write_manifest(self.run, self.report.parent)
-            replace_pages(report_pages(self.run), self.report)
-        assert_passed(result, self.run, self.record, self.cause, self.report)
+            write_tables(run, self.report.parent)
+            replace_pages(report_pages(run), self.report)
+        assert_passed(result, run, self.record, self.cause, self.report)
 
 
 def _row_name(row: GateRow) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.files import write_file
-from bodycheck.examine.explanation.explain import diagnosis_row, explained_failures
+from bodycheck.examine.explanation.explain import MAX_EXPLAINED, with_causes
 from bodycheck.reports.comparison.compare import unversioned
 from bodycheck.reports.comparison.headlines import Headline
 from bodycheck.reports.document import markdown
@@ -41,7 +41,6 @@ from bodycheck.runs.run_progress import ProgressFactory
 
 SPEED_PASSES = 10
 """How often a nightly run times every case; noise of a shared machine rarely disturbs every pass."""
-_MAX_EXPLAINED = 6  # lines, the most severe first: a motion without a known cause takes up to a minute
 
 
 def run_nightly(
@@ -162,16 +161,9 @@ def _worst_case(line: Headline, run: Run) -> str:
 
 
 def _with_causes(run: Run, judged: Judgement) -> Run:
-    """Return a run with what became worse without a cause in its manifest, and the faults that explain it.
-
-    The run itself diagnoses only what verdicts count against: the order of a user's function is not known.
-    """
+    """Return a run with what became worse without a cause in its manifest, and the faults that explain it."""
     worse = [_worst_case(one.line, run) for one in open_lines(judged.open) if not one.line.cause]
-    worse = [case for case in worse if case][:_MAX_EXPLAINED]
+    worse = [case for case in worse if case][:MAX_EXPLAINED]
     if not worse:
         return run
-    known = run.rows("diagnoses")
-    failed = replace(run, manifest={**run.manifest, FAILED_CASES: worse})
-    found = explained_failures(failed, {study_key(row) for row in known})
-    rows = [{"run_id": run.run_id, **diagnosis_row(one)} for one in found if one.names_a_fault]
-    return failed.with_rows(diagnoses=[*known, *rows])
+    return with_causes(replace(run, manifest={**run.manifest, FAILED_CASES: worse}), worse)

@@ -36,6 +36,8 @@ from bodycheck.scenarios.model import Scenario
 
 _FINEST_STRIDE = 40
 """Steps between two samples of the finest case that is diagnosed: few enough for a quick answer."""
+MAX_EXPLAINED = 6
+"""Failures that are diagnosed unasked: a motion without a known cause takes up to a minute."""
 _MAX_STRIDE = 400  # of the case of a finding
 _SAME_STEP = 1e-9  # relative
 
@@ -378,7 +380,8 @@ def explain_run(folder: Path, case: str | None, *, allow_code: bool = False) -> 
     if pattern is None:
         found = explained_cases(run.problems, run.cases, run.rows("methods"), _orders(run))
         named = {study_key(one.case.columns) for one in found}
-        return [*explained_failures(run, named), *found, *_without_motion(run)]
+        failed = run.manifest.get(FAILED_CASES, ())
+        return [*_of_patterns(run, failed, named), *found, *_without_motion(run)]
     every = run.cases
     run = replace(run, cases=tuple(one for one in run.cases if pattern.fits(one)))
     if not run.cases:
@@ -387,12 +390,22 @@ def explain_run(folder: Path, case: str | None, *, allow_code: bool = False) -> 
     return [*_named(run), *_without_motion(run)]
 
 
-def explained_failures(run: Run, done: Collection[StudyKey]) -> list[ExplainedCase]:
-    """Return the diagnoses of the failed cases in the manifest of a run, without those of `done`."""
-    failed = [_CasePattern.of(text) for text in run.manifest.get(FAILED_CASES, ())]
+def with_causes(run: Run, cases: Sequence[str]) -> Run:
+    """Return a run with the faults that explain these cases, named as `explain --case` names them.
+
+    The run itself diagnoses only what verdicts count against: the order of a user's function is not known.
+    """
+    known = run.rows("diagnoses")
+    found = _of_patterns(run, cases, {study_key(row) for row in known})
+    rows = [{"run_id": run.run_id, **diagnosis_row(one)} for one in found if one.names_a_fault]
+    return run.with_rows(diagnoses=[*known, *rows])
+
+
+def _of_patterns(run: Run, texts: Iterable[str], done: Collection[StudyKey]) -> list[ExplainedCase]:
+    """Return the diagnoses of the cases of some patterns, without those of `done`."""
+    patterns = [_CasePattern.of(text) for text in texts]
     others = (case for case in run.cases if study_key(case.columns) not in done)
-    cases = tuple(case for case in others if any(check.fits(case) for check in failed))
-    return list(_named(replace(run, cases=cases)))
+    return list(_named(replace(run, cases=tuple(c for c in others if any(one.fits(c) for one in patterns)))))
 
 
 def _without_motion(run: Run) -> Iterator[ExplainedCase]:
