@@ -257,6 +257,10 @@ class Runner:
         velocity = np.array([speed, 0.0, 0.0])
         return Reading(np.zeros(3), velocity, np.array([1.0, 0, 0, 0]), omega_body=np.zeros(3))
 
+    def imu(self) -> Any:
+        """Raise an error: a search has no use for the sensors, which cost time."""
+        raise RuntimeError("sensors are read")
+
     def close(self) -> None:
         """Count the calls."""
         self.closed += 1

@@ -10,9 +10,11 @@ import pytest
 
 from bodycheck.reports.measurement.case import SWITCH_NOTE, CaseResult
 from bodycheck.reports.measurement.order import predicted_error
-from bodycheck.reports.summary.error_curve import ErrorCurve
+from bodycheck.reports.summary.error_curve import ErrorCurve, curves_of
+from tests.helpers.gate_tables import make_tables
 
 ERROR = "orientation_error_rad"
+METHODS = {"mujoco": {"version": "1", "methods": {"rk4": {"order": 4}}}}
 STEPS = (0.05, 0.025, 0.01, 0.005, 0.002)
 
 
@@ -152,9 +154,20 @@ def test_steps_inside_which_a_load_switches_are_left_out() -> None:
     assert 0.1 / 2 in curve().steps
 
 
+def test_loads_that_switch_are_those_of_the_scenario() -> None:
+    """Both ends of each load within the motion, as the manifest of a run has them; 0 is no switch."""
+    loads = [{"kind": "torque", "from_s": 0.0, "until_s": 0.3}, {"kind": "drag"}, {"from_s": 0.7}]
+    about = {"duration_s": 1.0, "samples": 11, "forcing": loads}
+    run = make_tables([{ERROR: 1e-3}], scenarios={"brick": about}, engines=METHODS)
+    (found,) = curves_of(run, ERROR).values()
+    assert found.switches_s == (0.3, 0.7)
+
+
 def test_admissible_steps_divide_the_sampling_interval() -> None:
-    """Each is the interval over a product of twos and fives; a case has at most 1e9 steps."""
+    """Each is the interval over a product of twos and fives; all of at most 1e9 steps of a case are there."""
+    most = 10**9 // 100
+    products = {2**a * 5**b for a in range(24) for b in range(11)}
     strides = 0.1 / np.array(curve().steps)
     assert np.allclose(strides, np.round(strides), rtol=1e-11, atol=0.0)
-    assert strides.max() <= 1e9 / 100
+    assert {*np.round(strides).astype(int).tolist()} == {one for one in products if one <= most}
     assert curve().steps[:5] == (0.1, 0.05, 0.025, 0.02, 0.0125)

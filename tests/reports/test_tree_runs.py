@@ -14,14 +14,20 @@ import pytest
 
 import bodycheck
 from bodycheck._util.errors import InputError
+from bodycheck.reference_impl.one_step_maps.tree_maps import TREE_MAPS
 from bodycheck.reference_impl.rotations import quaternion_product
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.trees.random_trees import random_tree
 from bodycheck.reference_impl.trees.tree_bodies import tree_trajectory
-from bodycheck.reference_impl.trees.tree_scene import Joint, TreeBody, TreeScene
+from bodycheck.reference_impl.trees.tree_scene import Joint, JointTorque, TreeBody, TreeScene
+from bodycheck.reference_impl.wrench import plan_steps
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.case import measured_by
 from bodycheck.reports.measurement.compared_motion import Compared, EnergyAndMomentum
+from bodycheck.reports.measurement.invariants import invariants_of
 from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.measurement.scales import scene_scales
+from bodycheck.reports.measurement.tree_map_made import made_map
 from bodycheck.reports.render.body_surface import tree_box
 from bodycheck.reports.render.movie import movie
 from bodycheck.reports.render.page.played_motions import motion_view
@@ -130,6 +136,15 @@ def test_the_root_conserves_what_nothing_outside_changes(name: str, invariant: s
         assert np.max(np.abs(values - values[0])) <= 1e-13 * one.size(problem.truth.trajectory)
 
 
+@pytest.mark.parametrize(("body", "kept"), [(0, 0), (1, 1)])
+def test_a_motor_between_bodies_keeps_the_momentum_of_the_root(body: int, kept: int) -> None:
+    """A force at the root's own joint, whose reaction is outside the tree, changes it."""
+    ((_, tree),) = load_any(["cart-pole"])
+    assert isinstance(tree.scene, TreeScene)
+    driven = replace(tree.scene, loads=(JointTorque(body, np.array([0.3])),))
+    assert len(invariants_of(driven)) == kept
+
+
 @pytest.mark.parametrize("name", ["free-chain", "double-pendulum", "spring-damper-pair", "cart-pole"])
 def test_the_truth_of_a_tree_balances_its_energy(name: str) -> None:
     """Along the truth, the energy changes by the work of loads and dampers."""
@@ -213,6 +228,27 @@ def test_the_map_that_engines_share_is_named(chain: Run) -> None:
     assert len(sentence) < 140  # read in five seconds
     (details,) = found.details
     assert all(name in details for name in _SAME)
+
+
+@pytest.mark.parametrize("linear", [False, True])
+def test_how_a_map_turns_a_ball_is_named(linear: bool) -> None:
+    """M1 with q + dt q omega / 2, normalised, in place of a turn by exp(dt omega), is another name."""
+    scene = random_tree(np.random.default_rng(4), 2, floating=False, kinds=("ball",), springs=False)
+    dt_s = scene.sample_interval_s / 4
+    plan, rows = plan_steps(scene, dt_s), [(scene.q0, scene.u0)]
+    for _ in range(4 * (scene.samples - 1)):
+        before, _ = rows[-1]
+        q, u = TREE_MAPS["M1"].step(scene, 0.0, *rows[-1], dt_s)
+        for ball, rates in scene.turn_slices if linear else ():
+            w, v, omega = before[ball][0], before[ball][1:], u[rates]
+            turned = before[ball] + 0.5 * dt_s * np.array([-v @ omega, *(w * omega + np.cross(v, omega))])
+            q[ball] = turned / np.linalg.norm(turned)
+        rows.append((q, u))
+    q, u = (np.array(part)[::4] for part in zip(*rows, strict=True))
+    motion = tree_trajectory(scene, scene.sample_times, q, u)
+    found = made_map(scene, motion, plan, "float64", scene_scales(scene, motion))
+    assert found["tree_map"] == ("M1, q + dt q omega / 2" if linear else "M1")
+    assert found["tree_map_distance"] < 1e-13
 
 
 def test_the_page_states_the_shared_map_before_any_fold(chain: Run) -> None:

@@ -578,6 +578,8 @@ def test_levels_of_an_earlier_version_are_read_as_they_stand(tmp_path: Path) -> 
     levels = read_levels(tmp_path, own)
     found = [(one["outcome"], one[ERROR]) for one in levels.rows("results").values()]
     assert found == [("ok", 2e-5), ("failed", 2e-5), (ABSENT, 2e-5)]
+    for returned, outcomes in (((), ["ok", "failed"]), (levels.rows("results"), ["ok", "failed", "ok"])):
+        assert [case.columns["outcome"] for case in levels.as_tables(own, returned).cases] == outcomes
     assert len(levels.rows("methods")) == 1
 
 

@@ -38,7 +38,7 @@ def with_step(run: Run, step_s: float) -> Run:
     return with_tables(run, stability=stability, methods=methods)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_levels_of_errors_orders_and_stable_steps_are_steps(nightly_run: Run, tmp_path: Path) -> None:
     """Worse in run 1, accepted after it, at that level in runs 2 and 3."""
     good, bad = with_step(nightly_run, 1.0), with_step(nightly_run, 0.5)
@@ -58,7 +58,7 @@ def test_levels_of_errors_orders_and_stable_steps_are_steps(nightly_run: Run, tm
     assert "w" not in other
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_level_of_a_time_is_the_median_of_its_runs(
     nightly_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
