@@ -332,6 +332,24 @@ def test_nightly_run_does_what_the_options_request(what: str, monkeypatch: pytes
 
 @pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize("words", [[], ["--quiet"]])
+def test_a_resumed_nightly_run_shows_progress_unless_quiet(
+    words: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its other settings are those of the interrupted run."""
+
+    def ended(*requested: object, allow_code: bool) -> None:
+        raise RequestedError(*requested, allow_code)
+
+    monkeypatch.setattr("bodycheck.runs.nightly_run.resume_nightly", ended)
+    monkeypatch.setattr("bodycheck.cli.nightly.progress_of", lambda *, quiet: f"quiet: {quiet}")
+    done = bodycheck("nightly", "--history", "kept", "--resume", *words)
+    assert isinstance(done.exception, RequestedError), done.output
+    history, watching, _, allow_code = done.exception.args
+    assert (history, watching, allow_code) == (Path("kept"), f"quiet: {bool(words)}", False)
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("words", [[], ["--quiet"]])
 def test_shard_of_a_nightly_run_is_stored_in_its_own_folder(
     words: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
