@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
+from pydantic import ValidationError
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import number
@@ -41,6 +42,7 @@ from bodycheck.reports.measurement.measures import (
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.scales import Scales
 from bodycheck.scenarios.model import Scenario
+from bodycheck.scenarios.reader import fault_lines
 
 Start: TypeAlias = Literal["scenario", "first-sample"]
 """Where the truth of a recording starts: at the start of the scenario, or at the first row of the file."""
@@ -212,7 +214,10 @@ def judged_motion(
     if start == "first-sample":
         if meant is None:
             meant = _completed(arrays, known_truth(scenario.scene, t_s, cache).trajectory)
-        scenario = started_at_first_sample(scenario, meant, known)
+        try:
+            scenario = started_at_first_sample(scenario, meant, known)
+        except ValidationError as error:
+            raise InputError(f"{path}: the first row: {fault_lines(error)[0]}") from None
         scales = Problem.of(scenario, problem.scenario_spec, cache).scales
     scene = scenario.scene
     truth = known_truth(scene, t_s, cache)

@@ -315,6 +315,14 @@ def test_a_misread_omega_does_not_accuse_the_attitude(cause: str, noise: float, 
     assert "not conserved" not in text
 
 
+def test_a_first_row_beyond_all_bodies_is_refused(tmp_path: Path, expected_message: ExpectedMessage) -> None:
+    """No truth starts there; in a later row it is an instability."""
+    q, w = solved(T_S)
+    w[0] = 1e200
+    with expected_message.raises(InputError):
+        judged(write(tmp_path / "sim.csv", T_S, (q, w)))
+
+
 @pytest.mark.parametrize("cause", MISREAD)
 def test_a_misread_omega_excuses_no_wrong_motion(cause: str, tmp_path: Path) -> None:
     """The attitude of another method is off, however omega is read."""

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from bodycheck.reports.document import markdown
+from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import Tables
 from bodycheck.reports.summary.cells import summary_cells
@@ -49,6 +50,16 @@ def test_what_is_wrong_is_listed_most_severe_first(tables: Tables) -> None:
         ("does-not-converge", "reference:taylor"),
         ("lower-order", "reference:rk4"),
     ]
+
+
+@pytest.mark.parametrize("verdict", [word for word, state in STATES.items() if state.tint == "bad"])
+def test_every_verdict_against_a_method_is_listed(verdict: str, tables: Tables) -> None:
+    """Each has its place in the order."""
+    spoiled = with_verdict(tables, "rk4", "orientation_error_rad", verdict=verdict)
+    (result,) = (
+        one for one in worst_results(spoiled, summary_cells(spoiled)) if one.method == "reference:rk4"
+    )
+    assert result.kind == verdict
 
 
 def test_each_has_a_command_of_a_case_that_shows_it(tables: Tables) -> None:

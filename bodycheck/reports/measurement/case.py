@@ -205,8 +205,9 @@ def stable_motion(
         if reason := invalid_state(trajectory):
             return reason
         motion = EnergyAndMomentum.of(scene, trajectory)
-    kinetic = np.append(true.kinetic, motion.kinetic[0]) if from_own_start else true.kinetic
-    return energy_blowup(motion.kinetic, kinetic_limit(kinetic), trajectory.t_s) or motion
+    at_start = motion.kinetic[:from_own_start]
+    limit_j = kinetic_limit(np.append(true.kinetic, at_start[np.isfinite(at_start)]))
+    return energy_blowup(motion.kinetic, limit_j, trajectory.t_s) or motion
 
 
 def measured_by(
