@@ -36,6 +36,9 @@ SINGLE = 2e-6
 FOLLOWS = "all of it comes from the bodies and joints that differ"
 """The cause of a mass matrix that is right for what an importer holds."""
 
+ALONE = "turns otherwise where it is imported alone, as by damping"
+"""What is said of a body whose numbers an importer holds, and which moves as they say in the file."""
+
 _NOTICEABLE = 3.0  # times the error of the engine itself
 _FLOOR_RAD = 1e-7  # importers find the principal axes of a nearly symmetric tensor to some 1e-9
 _LARGEST = 1e100  # kg, kg m^2: products of larger numbers leave the range of doubles
@@ -295,9 +298,7 @@ class Audit:
                     found.append((link, name, "; ".join(one.causes)))
                 elif one.state in ("agrees", "rounded") and name in link.spins and link.spins[name].deviates:
                     if link.spins[name].follows(link.spins[name].held_rad) is not False:
-                        found.append(
-                            (link, name, "turns otherwise where it is imported alone, as by damping")
-                        )
+                        found.append((link, name, ALONE))
                     elif one.state == "agrees":
                         found.append((link, name, "the numbers agree, but the motion deviates"))
         return found

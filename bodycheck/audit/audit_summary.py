@@ -10,7 +10,7 @@ from itertools import groupby
 from pathlib import Path
 
 from bodycheck._util.formatting import count, names, number
-from bodycheck.audit.audit import Audit, ImporterColumn, JointAudit, LinkAudit, LintFinding, Severity
+from bodycheck.audit.audit import ALONE, Audit, ImporterColumn, JointAudit, LinkAudit, LintFinding, Severity
 from bodycheck.reports.document import Sentence
 
 LEVELS: tuple[Severity, ...] = ("error", "warning", "note")
@@ -160,23 +160,26 @@ def _of_bodies(audit: Audit, column: ImporterColumn) -> tuple[str, bool]:
     every = [link.held[column.name] for link in links]
     states = Counter(one.state for one in every)
     total, merged = sum(states.values()), states["merged"]
-    differing = [(link, why) for link, name, why in audit.differing() if name == column.name]
+    differing = [why for _, name, why in audit.differing() if name == column.name]
+    changing = [why for why in differing if why != ALONE]
+    turning = len(differing) - len(changing)
+    turns = f", and turns {count(turning, 'link')} otherwise, as by damping" if turning else ""
     if (which := said_once(audit).get(column.name)) is not None:
-        turning = sum(link.held[column.name].state in ("agrees", "rounded") for link, _ in differing)
-        changed = len(differing) - turning - len(_discarding(audit, column.name))
+        changed = len(changing) - len(_discarding(audit, column.name))
         more = f", and changes {count(changed, 'link')} otherwise" if changed else ""
-        more += f", and turns {count(turning, 'link')} otherwise, as by damping" if turning else ""
         spins = [link.spins[column.name] for link in audit.links if column.name in link.spins]
         off = max((one.held_rad or 0.0 for one in spins if one.follows(one.held_rad) is False), default=0.0)
         spun = "a free spin of a possible link" if impossible(audit) else "a free spin"
         turned = f", so that {spun} is up to {number(off, 2)} rad off after 1 s" if off else ""
-        return f"discards {which}{turned}{more}", False
+        return f"discards {which}{turned}{more}{turns}", False
     if audit.compared:
         return _compared(audit, len(differing), total, single=bool(states["rounded"]))
-    if differing:
-        causes = Counter(why.partition(":")[0].partition(" (")[0] for _, why in differing)
+    if changing:
+        causes = Counter(why.partition(":")[0].partition(" (")[0] for why in changing)
         parts = (cause if len(causes) == 1 else f"{cause}: {n}" for cause, n in causes.most_common())
-        return f"changes {len(differing)} of {count(total, 'link')} ({'; '.join(parts)})", False
+        return f"changes {len(changing)} of {count(total, 'link')} ({'; '.join(parts)}){turns}", False
+    if turning:
+        return f"turns {turning} of {count(total, 'link')} otherwise, as by damping", False
     if not total:
         return "reads it", True
     if _merges_all(audit, column.name):

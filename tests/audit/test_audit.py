@@ -633,6 +633,12 @@ def test_a_body_that_only_turns_otherwise_is_not_called_changed() -> None:
     assert text.text == (
         "PyBullet discards tensors, which changes 2 of 3 links, and turns 1 link otherwise, as by damping."
     )
+    for some, said in (
+        ([0, 2, 2], "changes 1 of 3 links (tensor discarded), and turns 2 links otherwise"),
+        ([2, 2], "turns 2 of 2 links otherwise"),
+    ):
+        (_, text) = _sentences(Audit("robot.urdf", "urdf", "", [column], [links[k] for k in some], []))
+        assert text.text == f"PyBullet {said}, as by damping."
 
 
 @pytest.mark.parametrize(

@@ -291,6 +291,22 @@ def test_a_component_of_the_wrong_sign_is_not_all_of_the_velocity(axis: int, tmp
     assert "the velocity is read" not in text
 
 
+@pytest.mark.slow
+def test_each_of_two_faults_is_the_right_one(tmp_path: Path) -> None:
+    """A quadratic damping, which alone leaves less than a linear one, is exchanged for it."""
+
+    def rates(_: float, y: Array) -> Array:
+        q, w = y[:4], y[4:]
+        dq = 0.5 * np.array([-q[1:] @ w, *(q[0] * w + np.cross(q[1:], w))])
+        return np.concatenate([dq, 0.97 * np.cross(INERTIA * w, w) / INERTIA - 0.005 * w])
+
+    t_s, start = np.arange(401) * 0.05, np.array([1.0, 0, 0, 0, *OMEGA])
+    found = solve_ivp(rates, (0.0, t_s[-1]), start, "DOP853", t_s, rtol=1e-12, atol=1e-12).y.T
+    text = told(judged(write(tmp_path / "sim.csv", t_s, (found[:, :4], found[:, 4:]), "%.12g")))
+    assert "omega is damped at the rate 0.005 1/s" in text
+    assert "the gyroscopic term omega x I omega is multiplied by 0.97 (explains all of the error)" in text
+
+
 MISREAD: dict[str, Callable[[Array, Array], Array]] = {
     "omega is read in degrees per second, not rad/s": lambda _, w: np.degrees(w),
     "omega is read in the other axes": lambda q, w: Rotation.from_quat(q, scalar_first=True).apply(w),

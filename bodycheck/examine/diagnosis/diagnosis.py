@@ -538,8 +538,10 @@ class Search:
             ones = [fit for fit in parts if fit.complexity < best.complexity] if is_exact else parts
             starts = _pair_starts(ones, at, general=is_exact)
             pairs = self._sorted(base, few, fitted(few, base, at, starts), _SETTLED_PAIRS)
-            if specific := _specific(pairs[0], parts, at):
-                more = self._sorted(base, few, fitted(few, base, at, specific), _SETTLED_PAIRS)
+            # a pair that leaves little of a motion may have one right fault, which was not the best alone
+            small = (1.0 - _EXPLAINED) * few.cost_of(_healthy(few, base))
+            if others := _exchanged(pairs[0], parts, at, every=few.limit < pairs[0].cost <= small):
+                more = self._sorted(base, few, fitted(few, base, at, others), _SETTLED_PAIRS)
                 pairs = sorted([*pairs, *more], key=lambda fit: _score(fit, few))
             if substitutes := _substitutes(pairs[0], parts):
                 pairs += self._settled(base, few, fitted(few, base, at, substitutes))
@@ -715,14 +717,15 @@ def _substitutes(pair: Fit, singles: Sequence[Fit]) -> list[Start]:
     ]
 
 
-def _specific(pair: Fit, singles: Sequence[Fit], at: FaultContext) -> list[Start]:
-    """Return the pairs in which a specific fault stands for a general one."""
+def _exchanged(pair: Fit, singles: Sequence[Fit], at: FaultContext, *, every: bool) -> list[Start]:
+    """Return the pairs in which a specific fault stands for a general one; every: for either fault."""
     found: list[Start] = []
     for index, (fault, _) in enumerate(pair.parts):
         rest, values = pair.parts[1 - index]
-        if fault.is_general and not rest.is_general:
-            others = (one.faults[0] for one in singles if not one.is_general and one.faults[0] is not rest)
-            found += [((one, rest), (*start, *values)) for one in others for start in one.starts(at)]
+        if every or (fault.is_general and not rest.is_general):
+            others = (one.faults[0] for one in singles if not one.is_general)
+            own = (one for one in others if one not in (fault, rest))
+            found += [((one, rest), (*start, *values)) for one in own for start in one.starts(at)]
     return found
 
 
