@@ -7,7 +7,7 @@
 The first command stores in .coverage which tests run each line. A mutant is a copy of the package with one
 operator, constant, condition, return value or argument changed. It is killed if one of the tests that run its
 line fails, or takes several times its usual time; for a line that is run at import, the tests of its module.
-60 are tried, those of its package first, then those that run the least other code; slow ones if --slow.
+60 tests are tried, or 240 of its package; first those that run the least other code; slow ones if --slow.
 Prints the mutants that survive, some of which change nothing, and the number that were killed. Exit status 1
 if fewer than 85 % were killed.
 """
@@ -55,11 +55,12 @@ MODULES = (
     *("runs/version_search.py", "adapters/versions/*", "adapters/engine_names.py", "adapters/stable_step.py"),
     *("adapters/workers/build_identity.py", "_util/platform_identity.py", "_util/file_digests.py"),
 )
-MOST_TESTS = 60
+MOST_TESTS, MOST_OWN_TESTS = 60, 240
 
 # always the same folder, because kernels are cached by their path
 _FOLDER = Path(tempfile.gettempdir()) / "bodycheck-mutants"
 _OUTPUT = _FOLDER / "output.txt"
+_CACHE = _FOLDER / "cache"
 _MAX_MEMORY = 8 * 2**30  # bytes, in case a mutant never ends
 
 _OPTIONS = (
@@ -164,7 +165,7 @@ def tests_of(mutants: Sequence[Mutant], coverage: Path) -> list[tuple[str, ...]]
         package, _, module = mutant.module.removesuffix(".py").rpartition("/")
         of_it = {test for test in own if test.startswith(f"tests/{package}/") or f"/test_{module}" in test}
         ranked = sorted(own, key=lambda test: (test not in of_it, run[test], test))
-        found.append(tuple(ranked[:MOST_TESTS]))
+        found.append(tuple(ranked[: max(MOST_TESTS, min(len(of_it), MOST_OWN_TESTS))]))
     return found
 
 
@@ -186,7 +187,7 @@ def copied(place: Path) -> Path:
     # by the hash of the source, because a mutant may have the size and the time of another
     compileall.compile_dir(place / "bodycheck", quiet=1, invalidation_mode=PycInvalidationMode.CHECKED_HASH)
     os.chdir(place)
-    os.environ["PYTHONPATH"] = str(place)
+    os.environ |= {"PYTHONPATH": str(place), "BODYCHECK_CACHE_DIR": str(_CACHE)}
     sys.path.insert(0, str(place))
     # modules that no mutant changes are imported once and inherited by the processes of the trials
     for heavy in _HEAVY:
@@ -233,7 +234,8 @@ def passing(tests: tuple[str, ...], tiers: tuple[str, str]) -> tuple[tuple[str, 
 
 
 def passed(tests: Sequence[str], limit_s: float, *options: str) -> bool:
-    """Return whether tests pass within this processor time, in a separate process."""
+    """Return whether tests pass within this processor time, in a separate process, from no stored results."""
+    shutil.rmtree(_CACHE / "results", ignore_errors=True)  # they are of the code without this mutant
     trial = multiprocessing.get_context("fork").Process(target=_test, args=([*options, *tests], limit_s))
     trial.start()
     trial.join(20.0 * limit_s)  # allows for a process that waits and for a busy machine

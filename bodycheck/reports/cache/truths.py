@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import fields
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from bodycheck._util.file_digests import digest_of
 from bodycheck._util.platform_identity import numeric_parts
 from bodycheck.adapters.registry import own_code
 from bodycheck.adapters.workers import case_messages
@@ -99,7 +101,8 @@ def is_known(scene: Scene | TreeScene, t_s: Array, cache: Cache) -> bool:
 def _key(scene: Scene | TreeScene, t_s: Array) -> str:
     # includes the numerical libraries, because another build may round or order operations differently
     scene_message = case_messages.scene_message(scene)
-    return key_of(truth=scene_message, t_s=packed(t_s), code=own_code(), evaluated_by=numeric_parts())
+    code = [own_code(), digest_of(Path(__file__).parent)]  # the bounds of trees are combined here
+    return key_of(truth=scene_message, t_s=packed(t_s), code=code, evaluated_by=numeric_parts())
 
 
 def _message(truth: Truth) -> Message:

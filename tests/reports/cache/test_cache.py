@@ -217,14 +217,15 @@ def test_truth_is_computed_once_and_stored_bit_for_bit(
     )
     known_truth(spinning(np.nextafter(0.3, 1.0)), times, cache)
     known_truth(spinning(0.3), times + 1e-3, cache)
-    monkeypatch.setattr(truths, "own_code", lambda: "other code")
-    known_truth(spinning(0.3), times, cache)
-    assert len(solved) == 4
+    for code in ("own_code", "digest_of"):
+        monkeypatch.setattr(truths, code, lambda *_: "other code")
+        known_truth(spinning(0.3), times, cache)
+    assert len(solved) == 5
     installed = truths.numeric_parts()
     for part in installed:
         monkeypatch.setattr(truths, "numeric_parts", lambda p=part: {**installed, p: "another"})
         known_truth(spinning(0.3), times, cache)
-    assert len(solved) == 4 + len(installed)
+    assert len(solved) == 5 + len(installed)
     assert {"python", "numpy", "numba", "llvmlite", "processor", "environment"} <= installed.keys()
 
 
