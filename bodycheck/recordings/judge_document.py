@@ -366,9 +366,10 @@ def _ranking_parts(ranking: Ranking, *, is_explained: bool) -> Iterator[Part]:
         for rank, row in zip(ranking.ranks, ranking.rows, strict=True)
     )
     yield Sentence(_ranking_sentence(ranking), strong=True)
-    # neither the ranking nor an order shows wrong rows, but each explanation begins with them
+    # neither the ranking nor an order shows a wrong omega, or wrong rows, with which each explanation begins
     for motion in () if is_explained else ranking.motions:
-        yield from (Sentence(f"{motion.name}: {text}") for text in _wrong_rows(motion))
+        texts = [*_wrong_rows(motion)] or ([next(_turned(motion))] if _is_of_omega(motion) else [])
+        yield from (Sentence(f"{motion.name}: {text}") for text in texts)
     yield Sentence(_order_sentence(ranking))
     yield Table(columns, rows, title="Files by their distance from the truth")
     yield Table(

@@ -23,7 +23,7 @@ from bodycheck.recordings.judge_document import conclusion, conclusions, judgeme
 from bodycheck.recordings.judge_page import judgement_page
 from bodycheck.recordings.judged_motion import Start
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.document import Sentence
+from bodycheck.reports.document import Sentence, markdown
 from bodycheck.runs.runner import rank
 from bodycheck.scenarios.given_motion import GivenMotion
 from tests.helpers.expected_messages import ExpectedMessage
@@ -329,6 +329,18 @@ def test_a_misread_omega_does_not_accuse_the_attitude(cause: str, noise: float, 
         assert "The attitude is the true one for 10 s" in text
     assert "of its rotational energy" not in text
     assert "not conserved" not in text
+
+
+def test_a_ranking_states_an_omega_that_is_wrong_beside_a_right_attitude(tmp_path: Path) -> None:
+    """Files are ranked by their attitudes."""
+    q, w = solved(T_S)
+    files = [
+        write(tmp_path / "right.csv", T_S, (q, w)),
+        write(tmp_path / "degrees.csv", T_S, (q, np.degrees(w))),
+    ]
+    text = markdown(judgement_document(rank(files, body=BODY)))
+    assert "degrees.csv: Omega is up to 5.63e3 % of " in text
+    assert "right.csv: Omega" not in text
 
 
 def test_a_first_row_beyond_all_bodies_is_refused(tmp_path: Path, expected_message: ExpectedMessage) -> None:
