@@ -70,6 +70,16 @@ def test_successive_difference_is_the_angle_to_the_next_coarser_case(
     assert FAILED in [case.dt_s for case in found if not case.ok]
 
 
+def test_the_floor_of_a_measure_includes_that_of_its_cases(
+    problem: Problem, answers: dict[float | None, Answer]
+) -> None:
+    """The round-off of the products that a norm is made of is no bound of the truth."""
+    found = study(problem, ENGINE, METHOD, [Setting(dt_s=step) for step in STEPS], **carried_out(answers))
+    (row,) = (row for row in found.method_rows if row["quantity"] == "quaternion_norm_error")
+    own = [case.floors["quaternion_norm_error"] for case in found.cases if case.ok]
+    assert row["floor"] == max(own) == 1e-12 > limit(problem, "quaternion_norm_error")
+
+
 def test_restored_study_is_the_study(problem: Problem, answers: dict[float | None, Answer]) -> None:
     """After a round trip through JSON every column, row and series has the same bits, but a new origin."""
     how = carried_out(answers)
