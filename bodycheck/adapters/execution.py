@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import resource
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol, TypeAlias, cast
@@ -215,24 +215,27 @@ def _closed_on_failure(built: Simulation | TreeSimulation | Solver) -> Iterator[
         raise
 
 
-def cpu_time_s() -> float:
-    """Return the CPU time of this process in s, that of all its threads."""
+def _clock() -> Callable[[], float]:
+    """Return the clock of the CPU time of this process in s, that of all its threads."""
     if resource.getrlimit(resource.RLIMIT_CPU)[0] == resource.RLIM_INFINITY:
-        return time.process_time()
-    # Linux counts only ticks of some ms in process_time() where `ulimit -t` limits it; this has 1 us
+        return time.process_time
+    return _usage_s  # where `ulimit -t` limits it, Linux counts only ticks of some ms in process_time()
+
+
+def _usage_s() -> float:
     usage = resource.getrusage(resource.RUSAGE_SELF)
     return usage.ru_utime + usage.ru_stime
 
 
 class _SolverStopwatch:
     def __init__(self, solver: Solver) -> None:
-        self._solver = solver
+        self._solver, self._now = solver, _clock()
         solver.solve()
 
     def lap(self) -> float:
-        begin = cpu_time_s()
+        begin = self._now()
         self._solver.solve()
-        return cpu_time_s() - begin
+        return self._now() - begin
 
     def close(self) -> None:
         self._solver.close()
@@ -242,7 +245,7 @@ class _StepStopwatch:
     """Times the first steps of a case without stopping at samples, and scales to all of its steps."""
 
     def __init__(self, simulation: Simulation | TreeSimulation, plan: StepPlan) -> None:
-        self._simulation = simulation
+        self._simulation, self._now = simulation, _clock()
         trial = min(_TRIAL_STEPS, plan.steps)
         self._legs, self._scale = list(_first_steps(plan, trial)), 1.0
         self.lap()
@@ -252,11 +255,11 @@ class _StepStopwatch:
 
     def lap(self) -> float:
         self._simulation.reset()
-        begin = cpu_time_s()
+        begin = self._now()
         for leg in self._legs:
             self._simulation.apply(leg.wrench)
             self._simulation.advance(leg.steps)
-        return (cpu_time_s() - begin) * self._scale
+        return (self._now() - begin) * self._scale
 
     def close(self) -> None:
         self._simulation.close()
