@@ -172,6 +172,10 @@ def nightly_sentences(judged: Judgement) -> list[str]:
             found += headlines(better)
         elif not judged.state.recovered:
             found.append(nothing(judged.comparison))
+        # beside what became worse of a method, its map is in no line above
+        worse = {(one.change.engine, one.change.method) for one in judged.open}
+        beside = [one for one in judged.other_maps if (one.change.engine, one.change.method) in worse]
+        found += [f"{one.text}, since {one.duration}, {one.id}." for one in open_lines(beside)]
         found += scope(judged.comparison, lines)
         before = judged.comparison.before.run_id
         found.append(f"Compared with the accepted levels after the nightly run {before}.")

@@ -256,8 +256,8 @@ def test_a_new_cause_is_not_that_of_what_was_as_bad_before(monkeypatch: pytest.M
         found = tables(number, {ERROR: error, norm: of_norm})
         return with_tables(found, diagnoses=diagnoses, fingerprints=[maps[of_norm > sound]])
 
-    runs = [night(0, sound, 0.0, []), night(1, sound, 1e-7, []), night(2, worse, 1e-7, why)]
-    *_, second, third = judgements_of(*runs, night(3, worse, 1e-7, why), monkeypatch=monkeypatch)
+    runs = [night(1, sound, 0.0, []), night(2, sound, 1e-7, []), night(3, worse, 1e-7, why)]
+    *_, second, third = judgements_of(*runs, night(4, worse, 1e-7, why), monkeypatch=monkeypatch)
     for judged, runs_since in ((second, {norm: 2, ERROR: 1}), (third, {norm: 3, ERROR: 2})):
         lines = {one.line.main.quantity: one for one in open_lines(judged.open)}
         assert {name: one.regressions[0].runs for name, one in lines.items()} == runs_since
@@ -700,6 +700,8 @@ def test_one_command_accepts_a_regression_and_the_map_that_changed_with_it(
     assert (len(worse.open), len(worse.other_maps)) == (1, 1)
     (command,) = nightly_commands(worse)
     name = shlex.split(command.text)[shlex.split(command.text).index("--change") + 1]
+    (sentence,) = (text for text in nightly_sentences(worse) if "one-step map" in text)
+    assert sentence.endswith(f"(1 nightly run), {name}.")
     accept(History(tmp_path), run_id=None, ids=[name], reason="as meant", author="Ada")
     after = night(2, "M2", 50.0)
     assert (after.open, after.other_maps) == ((), ())
