@@ -309,6 +309,7 @@ def test_each_of_two_faults_is_the_right_one(tmp_path: Path) -> None:
 
 MISREAD: dict[str, Callable[[Array, Array], Array]] = {
     "omega is read in degrees per second, not rad/s": lambda _, w: np.degrees(w),
+    "omega is read in revolutions per minute, not rad/s": lambda _, w: w * 30.0 / np.pi,
     "omega is read in the other axes": lambda q, w: Rotation.from_quat(q, scalar_first=True).apply(w),
     "omega is read with the opposite sign": lambda _, w: -w,
     "the axes of omega are permuted when it is read: x, y, z as y, x, z": lambda _, w: w[:, [1, 0, 2]],
@@ -329,6 +330,19 @@ def test_a_misread_omega_does_not_accuse_the_attitude(cause: str, noise: float, 
         assert "The attitude is the true one for 10 s" in text
     assert "of its rotational energy" not in text
     assert "not conserved" not in text
+
+
+@pytest.mark.slow
+def test_a_fault_beside_an_omega_in_degrees_is_named(tmp_path: Path) -> None:
+    """It is looked for in the motion with the omega that was meant."""
+    q, w = solved(T_S)
+    path = write(tmp_path / "sim.csv", T_S, (q, np.degrees(w)), "%.12g")
+    (motion,) = rank([path], body=GivenMotion((40.0, 60.0, 85.0 * 1.05))).motions
+    text = conclusion(motion, explained_motion(motion, None))
+    assert (
+        "omega is read in degrees per second, not rad/s; and the largest principal moment of inertia" in text
+    )
+    assert "multiplied by 0.95238 (explains all of the error)" in text
 
 
 def test_a_ranking_states_an_omega_that_is_wrong_beside_a_right_attitude(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from bodycheck.examine.diagnosis.attitude_readings import LARGEST_TURN_RAD, attitude_diagnosis
 from bodycheck.examine.diagnosis.candidate_maps import COMMON, EXACT, Base
 from bodycheck.examine.diagnosis.diagnosis import (
+    ALL,
     LIBRARY_STEPS,
     Diagnosis,
     FittedFault,
@@ -122,7 +123,7 @@ def diagnosed_recording(
 def _of_misread_omega(
     trajectory: Trajectory, of_right: Callable[[Trajectory], Diagnosis | None]
 ) -> Diagnosis | None:
-    """Return the diagnosis of a recording that has no other fault than a wrong reading of omega, or None.
+    """Return the diagnosis of a recording with a wrong reading of omega and at most one other fault, or None.
 
     An omega in degrees per second turns the body by many radians between two samples, which the steps of the
     search would have to follow. of_right: the diagnosis of the recording with another omega.
@@ -130,10 +131,12 @@ def _of_misread_omega(
     found = []
     for one, right in omegas_meant(trajectory, _FAR):
         diagnosis = of_right(right)
-        if diagnosis is not None and diagnosis.verdict == "healthy":
+        if diagnosis is not None and (diagnosis.verdict == "healthy" or _is_one_fault(diagnosis)):
             found.append((one, diagnosis))
     if not found:
         return None
+    fewest = min(len(diagnosis.faults) for _, diagnosis in found)
+    (_, rest), *_ = found = [pair for pair in found if len(pair[1].faults) == fewest]
     first, *others = (
         FittedFault(fault.name, fault.kind, one.text, (), fault.confirm)
         for one, _ in found
@@ -141,13 +144,18 @@ def _of_misread_omega(
         if fault.name == one.name
     )
     return replace(
-        found[0][1],
+        rest,
         verdict="explained",
-        faults=(first,),
-        share=1.0,
-        alike=tuple(fault.sentence for fault in others),
-        alike_names=tuple((fault.name,) for fault in others),
+        faults=(first, *rest.faults),
+        share=rest.share or 1.0,
+        alike=(*(fault.sentence for fault in others), *rest.alike),
+        alike_names=(*((fault.name,) for fault in others), *rest.alike_names),
     )
+
+
+def _is_one_fault(diagnosis: Diagnosis) -> bool:
+    """Whether a single fault explains all of a motion."""
+    return diagnosis.verdict == "explained" and len(diagnosis.faults) == 1 and diagnosis.share >= ALL
 
 
 def omegas_meant(trajectory: Trajectory, farther: float = 0.0) -> list[tuple[WrongReading, Trajectory]]:

@@ -73,6 +73,7 @@ _DEGREES = (
     (180.0 / math.pi, "omega is read in degrees per second, not rad/s"),
     (math.pi / 180.0, "omega is read in rad/s as if it were in degrees per second, and converted again"),
     (0.5 / math.pi, "omega is read in revolutions per second, not rad/s"),
+    (30.0 / math.pi, "omega is read in revolutions per minute, not rad/s"),
     (-1.0, "omega is read with the opposite sign"),
 )
 
