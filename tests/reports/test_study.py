@@ -80,6 +80,18 @@ def test_the_floor_of_a_measure_includes_that_of_its_cases(
     assert row["floor"] == max(own) == 1e-12 > limit(problem, "quaternion_norm_error")
 
 
+def test_a_method_that_is_unstable_everywhere_has_a_verdict_on_its_orientation(
+    problem: Problem, answers: dict[float | None, Answer]
+) -> None:
+    """It has no measure at all."""
+    motion = answers[STEPS[0]].trajectory
+    assert motion is not None
+    lost = replace(answers[STEPS[0]], trajectory=replace(motion, omega_body_rad_s=np.nan * motion.omega_body))
+    settings = [Setting(dt_s=step) for step in STEPS]
+    rows = study(problem, ENGINE, METHOD, settings, **carried_out(dict.fromkeys(STEPS, lost))).method_rows
+    assert [(row["quantity"], row["verdict"]) for row in rows] == [(ORIENTATION, "unstable")]
+
+
 def test_restored_study_is_the_study(problem: Problem, answers: dict[float | None, Answer]) -> None:
     """After a round trip through JSON every column, row and series has the same bits, but a new origin."""
     how = carried_out(answers)

@@ -14,6 +14,7 @@ import pytest
 
 import bodycheck
 from bodycheck._util.errors import InputError
+from bodycheck.adapters.contract import Precision
 from bodycheck.reference_impl.one_step_maps.tree_maps import TREE_MAPS
 from bodycheck.reference_impl.rotations import quaternion_product
 from bodycheck.reference_impl.trajectory import Trajectory
@@ -230,8 +231,9 @@ def test_the_map_that_engines_share_is_named(chain: Run) -> None:
     assert all(name in details for name in _SAME)
 
 
+@pytest.mark.parametrize("precision", ["float64", "float32", "mixed"])
 @pytest.mark.parametrize("linear", [False, True])
-def test_how_a_map_turns_a_ball_is_named(linear: bool) -> None:
+def test_how_a_map_turns_a_ball_is_named(linear: bool, precision: Precision) -> None:
     """M1 with q + dt q omega / 2, normalised, in place of a turn by exp(dt omega), is another name."""
     scene = random_tree(np.random.default_rng(4), 2, floating=False, kinds=("ball",), springs=False)
     dt_s = scene.sample_interval_s / 4
@@ -246,7 +248,7 @@ def test_how_a_map_turns_a_ball_is_named(linear: bool) -> None:
         rows.append((q, u))
     q, u = (np.array(part)[::4] for part in zip(*rows, strict=True))
     motion = tree_trajectory(scene, scene.sample_times, q, u)
-    found = made_map(scene, motion, plan, "float64", scene_scales(scene, motion))
+    found = made_map(scene, motion, plan, precision, scene_scales(scene, motion))
     assert found["tree_map"] == ("M1, q + dt q omega / 2" if linear else "M1")
     assert found["tree_map_distance"] < 1e-13
 
