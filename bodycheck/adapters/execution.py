@@ -219,12 +219,8 @@ def _clock() -> Callable[[], float]:
     """Return the clock of the CPU time of this process in s, that of all its threads."""
     if resource.getrlimit(resource.RLIMIT_CPU)[0] == resource.RLIM_INFINITY:
         return time.process_time
-    return _usage_s  # where `ulimit -t` limits it, Linux counts only ticks of some ms in process_time()
-
-
-def _usage_s() -> float:
-    usage = resource.getrusage(resource.RUSAGE_SELF)
-    return usage.ru_utime + usage.ru_stime
+    # where `ulimit -t` limits it, Linux counts only ticks of some ms in process_time()
+    return lambda: sum(resource.getrusage(resource.RUSAGE_SELF)[:2])  # user and system
 
 
 class _SolverStopwatch:
