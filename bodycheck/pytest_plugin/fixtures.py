@@ -119,11 +119,11 @@ class Measured:
 
             note_failures(run, [result])
             run = with_causes(run, run.manifest[FAILED_CASES][:MAX_EXPLAINED])
-        if result.is_bad and self.report is not None:
-            from bodycheck.reports.render.html import report_pages  # imported here: it needs Jinja
+            if self.report is not None:
+                from bodycheck.reports.render.html import report_pages  # imported here: it needs Jinja
 
-            write_tables(run, self.report.parent)
-            replace_pages(report_pages(run), self.report)
+                write_tables(run, self.report.parent)
+                replace_pages(report_pages(run), self.report)
         assert_passed(result, run, self.record, self.cause, self.report)
 
 

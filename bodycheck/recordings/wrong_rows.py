@@ -138,8 +138,8 @@ def _with_omega_meant(
     trajectory = motion.case.trajectory
     if trajectory is None or not motion.known >= {"attitude", "omega"} or recorded.has_derived_omega:
         return None
+    judged = partial(judged_motion, path, name, problem=problem, cache=cache, start="first-sample")
     for _, meant in omegas_meant(trajectory):
-        judged = partial(judged_motion, path, name, problem=problem, cache=cache, start="first-sample")
         right = judged(recorded.with_omega_of(meant))
         if right.case.ok and (
             right.is_true_by(ORIENTATION)

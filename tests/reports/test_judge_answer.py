@@ -345,6 +345,16 @@ def test_a_fault_beside_an_omega_in_degrees_is_named(tmp_path: Path) -> None:
     assert "multiplied by 0.95238 (explains all of the error)" in text
 
 
+@pytest.mark.slow
+def test_each_alternative_to_two_faults_is_whole(tmp_path: Path) -> None:
+    """A slow clock and a gyro that is as much too fast cannot be told apart, in degrees either."""
+    q, w = solved(T_S)
+    text = told(judged(write(tmp_path / "sim.csv", 0.98 * T_S, (q, np.degrees(w)), "%.12g")))
+    causes = text.partition("Likely cause: ")[2].partition(" (explains all of the error)")[0].split("; or ")
+    assert len(causes) == 2
+    assert all(one.startswith("omega is read in degrees per second, not rad/s; and ") for one in causes)
+
+
 def test_a_ranking_states_an_omega_that_is_wrong_beside_a_right_attitude(tmp_path: Path) -> None:
     """Files are ranked by their attitudes."""
     q, w = solved(T_S)

@@ -143,13 +143,20 @@ def _of_misread_omega(
         for fault in FAULTS
         if fault.name == one.name
     )
+    both = [(fault, *rest.faults) for fault in others]  # each alternative is whole
     return replace(
         rest,
         verdict="explained",
         faults=(first, *rest.faults),
         share=rest.share or 1.0,
-        alike=(*(fault.sentence for fault in others), *rest.alike),
-        alike_names=(*((fault.name,) for fault in others), *rest.alike_names),
+        alike=(
+            *("; and ".join(one.sentence for one in faults) for faults in both),
+            *(f"{first.sentence}; and {sentence}" for sentence in rest.alike),
+        ),
+        alike_names=(
+            *(tuple(one.name for one in faults) for faults in both),
+            *((first.name, *names) for names in rest.alike_names),
+        ),
     )
 
 

@@ -269,9 +269,8 @@ def _outcomes(changes: Sequence[Change], _: Direction) -> list[str]:
 
 def _verdicts(changes: Sequence[Change], direction: Direction) -> list[str]:
     found = _of_kind(changes, "verdict")
-    if (
-        direction == "worse" and largest_error(changes) is not None
-    ):  # says more than that its order is unknown
+    # an error says more than that its order is no longer known
+    if direction == "worse" and largest_error(changes) is not None:
         decided = [one for one in found if severity(str(one.after)) != UNDECIDED]
         found = [one for one in found if one.quantity.endswith(ORIENTATION)] or decided
     if not found:
@@ -380,9 +379,8 @@ def _is_of_noise(change: Change) -> bool:
     """Whether the smaller value is below its noise, which counts in its place."""
     values = [value for value in (change.before, change.after) if isinstance(value, float)]
     low, high = min(values, default=0.0), max(values, default=0.0)
-    return change.kind == "accuracy" and low * 10.0 ** abs(change.decades or 0.0) < high * (
-        1.0 - _SAME_FACTOR
-    )
+    stated = low * 10.0 ** abs(change.decades or 0.0)
+    return change.kind == "accuracy" and stated < high * (1.0 - _SAME_FACTOR)
 
 
 def distinct(change: Change, least: int) -> tuple[str, str]:
