@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import shutil
 import subprocess
@@ -87,6 +88,16 @@ def test_each_option_has_one_sentence_and_at_most_one_flag() -> None:
     assert all(one.about.endswith(".") for _, one in options().values())
     signature = inspect.signature(bodycheck.run)
     assert set(signature.parameters) == set(options())
+
+
+def test_each_option_is_read_where_runs_are_made() -> None:
+    """An option that nothing but the checks of requests reads has no effect."""
+    read: set[str] = set()
+    for file in (PACKAGE / "runs").rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if file.name != "request.py" or (isinstance(node, ast.FunctionDef) and node.decorator_list):
+                read |= {one.attr for one in ast.walk(node) if isinstance(one, ast.Attribute)}
+    assert {one.name for one in fields(Request)} <= read
 
 
 def test_a_request_as_plain_data_is_the_same_request() -> None:

@@ -22,13 +22,14 @@ from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.comparison.environment_diff import simulated
 from bodycheck.reports.history.baseline import machine_class
 from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.case_columns import SPEEDS
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.study import Study, study
 from bodycheck.reports.run_files.method_words import identified
 from bodycheck.reports.run_files.run_reader import read_manifest, read_run
 from bodycheck.reports.run_files.run_tables import Run, key_of, study_key
 from bodycheck.reports.run_files.sentinels import machine_facts
-from bodycheck.reports.run_files.tables import SPEEDS, TABLES, Row
+from bodycheck.reports.run_files.tables import TABLES, Row
 from bodycheck.runs.directory import partial_of
 from bodycheck.runs.manifest import Identity
 from bodycheck.runs.request import undivided

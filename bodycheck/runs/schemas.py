@@ -21,6 +21,7 @@ from bodycheck.adapters.workers.received_messages import (
     StableStepMessage,
 )
 from bodycheck.reports.gates.gate import ChangeThreshold, Gate, measure_names
+from bodycheck.reports.measurement.case_columns import SCHEMA_VERSION
 from bodycheck.reports.measurement.measures import MEASURES
 from bodycheck.reports.run_files.run_reader import ManifestFile
 from bodycheck.reports.run_files.tables import TABLES, column_type
@@ -110,7 +111,7 @@ SCHEMAS: Mapping[str, Schema] = {
         Schema("thresholds", "1.1", "A file of thresholds of bodycheck", lambda: _tolerances("change")),
         Schema("engines", "1.0", "A file of programs for --engines", ProgramsFile.model_json_schema),
         Schema("manifest", "1.2", "manifest.json of a run", ManifestFile.model_json_schema),
-        Schema("results", "1.0", "The rows of results.csv, as JSON", _results),
+        Schema("results", SCHEMA_VERSION, "The rows of results.csv, as JSON", _results),
         Schema("protocol", "1.0", "A message of a worker", _protocol),
     )
 }

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -37,7 +37,8 @@ from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reference_impl.truth.truth import Truth
 from bodycheck.reference_impl.wrench import plan_steps
 from bodycheck.reports.measurement import compared_motion, measures
-from bodycheck.reports.measurement.case import _horizon, measured_by
+from bodycheck.reports.measurement.case import measured_by
+from bodycheck.reports.measurement.case_columns import ComparedCase, motion_columns
 from bodycheck.reports.measurement.compared_motion import Compared, EnergyAndMomentum
 from bodycheck.reports.measurement.invariants import (
     Invariant,
@@ -49,6 +50,7 @@ from bodycheck.reports.measurement.invariants import (
 )
 from bodycheck.reports.measurement.measure_bounds import TRUTH_BOUNDS, bound_of
 from bodycheck.reports.measurement.measures import (
+    ORIENTATION,
     SCALES,
     departures_of,
     reduced,
@@ -308,7 +310,12 @@ def test_samples_beyond_the_comparison_do_not_count() -> None:
 
 @pytest.mark.parametrize(
     ("angles", "horizon"),
-    [((0.0, 0.29, 0.31, 0.1), 1.0), ((0.0, 0.31, 0.1, 0.1), 0.0), ((0.0, 0.1, 0.29, 0.29), 3.0)],
+    [
+        ((0.0, 0.29, 0.31, 0.1), 1.0),
+        ((0.0, 0.31, 0.1, 0.1), 0.0),
+        ((0.31, 0.31, 0.31, 0.31), 0.0),
+        ((0.0, 0.1, 0.29, 0.29), 3.0),
+    ],
 )
 def test_horizon_is_the_last_time_before_an_error_of_0_3_rad(
     angles: tuple[float, ...], horizon: float
@@ -324,10 +331,15 @@ def test_horizon_is_the_last_time_before_an_error_of_0_3_rad(
 
 def test_an_error_of_0_3_rad_is_within_the_horizon() -> None:
     """Only a larger one ends it; if the first sample is wrong, there is none."""
-    t_s = np.arange(3.0)
-    assert _horizon(t_s, np.array([0.4, 0.4, 0.4])) == _horizon(t_s, np.array([0.0, 0.4, 0.0])) == 0.0
-    assert _horizon(t_s, np.array([0.0, 0.3, 0.4])) == 1.0
-    assert _horizon(t_s, np.array([0.0, 0.3, 0.3])) == 2.0
+
+    def horizon_s(*errors_rad: float) -> float:
+        facts: Any = SimpleNamespace(is_chaotic=True, times=np.arange(3.0))
+        case = ComparedCase(facts, cast(Any, None), {ORIENTATION: np.array(errors_rad)})
+        return float(motion_columns(case)["horizon_s"])
+
+    assert horizon_s(0.4, 0.4, 0.4) == horizon_s(0.0, 0.4, 0.0) == 0.0
+    assert horizon_s(0.0, 0.3, 0.4) == 1.0
+    assert horizon_s(0.0, 0.3, 0.3) == 2.0
 
 
 # ---------------------------------------------------------------------------------------------- invariants

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import json
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
+import bodycheck
 from bodycheck.reports.comparison.compare import renamed
+from bodycheck.reports.measurement.case_columns import COLUMNS
+from bodycheck.reports.measurement.measures import MEASURES
 from bodycheck.reports.run_files.run_reader import read_run, read_tables
 from bodycheck.reports.run_files.tables import TABLES, TableKind
 from bodycheck.runs.directory import run_to_folder
@@ -87,3 +94,55 @@ def test_a_run_has_no_other_tables(request_here: Request, tmp_path: Path) -> Non
     run, _ = run_to_folder(request_here, tmp_path / "whole", no_progress)
     with pytest.raises(AttributeError, match="counted"):
         _ = run.cuonted
+
+
+@pytest.mark.slow
+def test_every_column_of_results_has_a_value_in_some_case() -> None:
+    """A symmetric top, a chaotic motion and a tree together have all columns that are no measures."""
+    run = bodycheck.run(
+        ["symmetric-top", "chaotic-top", "double-pendulum"],
+        engines=["mujoco:euler", "reference:taylor"],
+        dt_s=[0.02, 0.01],
+        tolerances=[1e-6],
+        laws=False,
+    )
+    of_measures = {name for measure in MEASURES.values() for name in measure.columns}
+    given = {name for row in run.rows("results") for name, cell in row.items() if cell != ""}
+    assert {column.name for column in COLUMNS} - of_measures <= given
+
+
+COLUMN = """    CaseColumn(
+        "last_omega_x_rad_s", of_motion=lambda case: case.compared.trajectory.omega_body[-1, 0]
+    ),
+"""
+"""The column that is added to a copy of the package, in one place."""
+
+
+@pytest.mark.slow
+def test_a_new_column_of_results_is_known_wherever_columns_are(tmp_path: Path) -> None:
+    """A line in case_columns.py adds it to the run, its files, what is printed of them and the schema."""
+    package = Path(bodycheck.__file__).parent
+    shutil.copytree(package, tmp_path / "bodycheck", ignore=shutil.ignore_patterns("__pycache__"))
+    file = tmp_path / "bodycheck/reports/measurement/case_columns.py"
+    text, place = file.read_text(), '    CaseColumn("successive_difference_rad"),\n'
+    assert text.count(place) == 1
+    file.write_text(text.replace(place, place + COLUMN))
+    (tmp_path / "mine.toml").write_text(tumbling())
+
+    def printed(*words: str) -> str:
+        command = [sys.executable, "-m", "bodycheck", *words]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+
+    for part in ("1/2", "2/2"):
+        methods = "reference:m1,reference:rk4"
+        options = ("--dt", "0.1", "--no-speed", "--quiet", "--shard", part, "--out", f"part-{part[0]}")
+        printed("run", "mine.toml", "--engine", methods, *options)
+    printed("merge", "part-1", "part-2", "--out", "whole")
+    table = pd.read_csv(tmp_path / "whole/results.csv")
+    names = [*table.columns]
+    assert names[names.index("last_omega_x_rad_s") - 1] == "successive_difference_rad"
+    assert table["last_omega_x_rad_s"].abs().min() > 0.0
+    shown = printed("table", "whole", "--columns", "last_omega_x_rad_s").splitlines()
+    assert shown == ["last_omega_x_rad_s", *map(repr, table["last_omega_x_rad_s"])]
+    schema = json.loads(printed("schema", "results"))
+    assert schema["items"]["properties"]["last_omega_x_rad_s"] == {"type": ["number", "null"]}

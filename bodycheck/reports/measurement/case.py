@@ -30,15 +30,19 @@ from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reference_impl.wrench import StepPlan, plan_steps
+from bodycheck.reports.measurement.case_columns import (
+    AnsweredCase,
+    ComparedCase,
+    answer_columns,
+    motion_columns,
+)
 from bodycheck.reports.measurement.compared_motion import Compared, EnergyAndMomentum
-from bodycheck.reports.measurement.convergence import LARGEST_ERROR
 from bodycheck.reports.measurement.invariants import worst_drift
-from bodycheck.reports.measurement.joint_errors import joint_rows, worst_body
+from bodycheck.reports.measurement.joint_errors import joint_rows
 from bodycheck.reports.measurement.measure_bounds import bound_of
 from bodycheck.reports.measurement.measures import (
     IDENTITY,
     MEASURES,
-    ORIENTATION,
     QUANTITIES,
     departures_of,
     reduced,
@@ -154,7 +158,7 @@ def run_case(problem: Problem, engine: Engine, method: Method, setting: Setting,
     if answer.outcome == "unsupported":
         return CaseResult({**columns, "outcome": "unsupported", "message": answer.message})
     plan = None if setting.dt_s is None else plan_steps(scene, setting.dt_s)
-    columns |= _effort(method, plan, answer)
+    columns |= answer_columns(AnsweredCase(problem, method, plan, answer))
 
     def ended(outcome: str, message: str) -> CaseResult:
         ending = {**columns, "outcome": outcome, "message": message}
@@ -225,11 +229,8 @@ def measured_by(
     series = {name: values[:n] for name, values in series_of(compared, departures).items()}
     columns: dict[str, Any] = dict(reduced(series, departures, problem.scales))
     if compared.joints is not None:
-        joints = {name: values[:n] for name, values in compared.joints.series.items()}
-        columns |= {"worst_body": worst} if (worst := worst_body(joints)) else {}
-        series |= joints
-    if problem.is_chaotic:
-        columns["horizon_s"] = _horizon(problem.times, series[ORIENTATION])
+        series |= {name: values[:n] for name, values in compared.joints.series.items()}
+    columns |= motion_columns(ComparedCase(problem, compared, series))
     if drift := worst_drift(compared.invariant_drifts):
         columns |= drift.columns
     judged = {name: scale_of(problem.columns, name) for name in QUANTITIES if name in columns}
@@ -239,26 +240,6 @@ def measured_by(
         departures={name: departures[name][:n].reshape(n, -1) / scale for name, scale in judged.items()},
         floors={name: MEASURES[name].floor(compared) / scale for name, scale in judged.items()},
     )
-
-
-def _horizon(t_s: Array, error_rad: Array) -> float:
-    """Return the last of the times (n,) up to which the error (n,) stayed at or below 0.3 rad, 0 if none."""
-    beyond = error_rad > LARGEST_ERROR
-    within = int(np.argmax(beyond)) if beyond.any() else len(t_s)
-    return float(t_s[within - 1]) if within else 0.0
-
-
-def _effort(method: Method, plan: StepPlan | None, answer: Answer) -> dict[str, Any]:
-    """Return the columns steps, rhs_evaluations and stepping, as far as they are known."""
-    columns: dict[str, Any] = {}
-    steps = answer.steps if plan is None else plan.steps
-    if steps is not None:
-        columns["steps"] = steps
-        if method.evaluations is not None:
-            columns["rhs_evaluations"] = method.evaluations * steps
-    if answer.stepping is not None:
-        columns["stepping"] = answer.stepping
-    return columns
 
 
 def _identity(problem: Problem, engine: Engine, method: Method, setting: Setting) -> dict[str, Any]:

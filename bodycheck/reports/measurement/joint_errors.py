@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -85,7 +85,7 @@ def joint_heading(name: str) -> str:
     return f"error of the joint of {body}, {unit}" if name.startswith(PREFIX) and body else ""
 
 
-def worst_body(series: dict[str, Array]) -> str | None:
+def worst_body(series: Mapping[str, Array]) -> str | None:
     """Return the body whose joint errs most: in rad, or in m where no joint turns; None without joints."""
     for unit in ("rad", "m"):
         end = f".q_{unit}"

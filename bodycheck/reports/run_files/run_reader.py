@@ -32,12 +32,13 @@ from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion, measured_by, scenario_spec
+from bodycheck.reports.measurement.case_columns import SPEEDS
 from bodycheck.reports.measurement.compared_motion import EnergyAndMomentum
 from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, SIGNED
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.removed_motions import motion_again
 from bodycheck.reports.run_files.run_tables import Run, Tables, announced_of, case_of, study_key
-from bodycheck.reports.run_files.tables import SPEEDS, TABLES, Row, TableKind, read_rows
+from bodycheck.reports.run_files.tables import TABLES, Row, TableKind, read_rows
 from bodycheck.reports.run_files.trajectory_files import read_arrays
 from bodycheck.reports.run_files.writer import file_name, trajectory_file
 from bodycheck.scenarios.library import scenario_names

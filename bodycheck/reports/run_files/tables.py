@@ -18,51 +18,16 @@ import numpy as np
 from bodycheck._util.errors import InputError
 from bodycheck._util.pinned_libraries import duckdb_connection
 from bodycheck._util.untrusted import escaped, no_formula, open_input
-from bodycheck.reference_impl.truth.truth import QUANTITIES
 from bodycheck.reports.document import markdown_table
 from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.case_columns import COLUMNS, Holds
 from bodycheck.reports.measurement.measures import IDENTITY, MEASURES
 from bodycheck.reports.measurement.study import Study
-from bodycheck.reports.measurement.tree_map_made import DISTANCE, MAP, NEXT
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.run_files.method_words import LAW_VERDICTS, identified
 
 if TYPE_CHECKING:
     import pandas as pd
-
-_CASE = (
-    "run_id",
-    *IDENTITY,
-    "control",
-    "precision",
-    "dt_s",
-    "tolerance",
-    "steps",
-    "duration_s",
-    "outcome",
-    "message",
-    "reproduce",
-    "reused",
-    "build",
-)
-_SCALES = (
-    "length_scale_m",
-    "speed_scale_m_s",
-    "omega_scale_rad_s",
-    "energy_scale_j",
-    "rotational_energy_scale_j",
-    "angular_momentum_scale_kg_m2_s",
-    "linear_momentum_scale_kg_m_s",
-)
-_TRUTH = (
-    "truth",
-    *(f"truth_bound_{quantity}" for quantity in QUANTITIES),
-    "compared_until_s",
-    "horizon_s",
-)
-SPEEDS = ("cpu_s", "cpu_s_low", "cpu_s_high", "ns_per_step", "relative_cpu")
-"""The columns of results that are measured times, or ratios of them."""
-
 
 Row: TypeAlias = dict[str, Any]
 """A row of a table, by column; cells without a value are absent, or None."""
@@ -119,20 +84,18 @@ _OF_STUDY = ("run_id", "scenario", "engine", "method")
 _OF_METHOD = ("run_id", "engine", "method")
 _ENDINGS = ("ok", *STATES)
 
+
+def _holding(holds: Holds) -> tuple[str, ...]:
+    """Return the columns of results.csv that hold this."""
+    return tuple(column.name for column in COLUMNS if column.holds == holds)
+
+
 _ALL = (
     TableKind(
         name="results",
-        columns=(
-            *_CASE,
-            *_SCALES,
-            *(column for measure in MEASURES.values() for column in measure.columns),
-            *("invariant", "worst_body", MAP, DISTANCE, NEXT, "successive_difference_rad"),
-            *_TRUTH,
-            *SPEEDS,
-            *("rhs_evaluations", "stepping"),
-        ),
+        columns=("run_id", *(column.name for column in COLUMNS)),
         needed=(*_OF_STUDY, "control", "outcome", "reproduce"),
-        words=("precision", "invariant", "worst_body", MAP, "truth", "stepping"),
+        words=_holding("words"),
         choices={"outcome": _ENDINGS},
         intervals=("cpu_s",),
         in_every_run=True,
@@ -250,10 +213,10 @@ TABLES: dict[str, TableKind] = {kind.name: kind for kind in _ALL}
 """The tables of a run, by name: writing, reading, merging, renaming of engines, the Python interface and the
 command `table` follow from it."""
 
-_YES_OR_NO = ("reused",)
+_YES_OR_NO = _holding("yes or no")
 EMPTY = {"reused": False, "message": ""}
 """What an empty cell stands for, where it is known."""
-_WHOLE_NUMBERS = ("steps", "rhs_evaluations", "points")
+_WHOLE_NUMBERS = (*_holding("whole number"), "points")
 _LARGEST_WHOLE = 2**63 - 1
 _TEXTS = frozenset(
     ("run_id", *IDENTITY, "control", "outcome", "message", "reproduce", "build", "quantity", "verdict")
