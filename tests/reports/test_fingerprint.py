@@ -50,7 +50,7 @@ from bodycheck.reports.run_files.method_words import (
     SAME_BITS,
     identified,
 )
-from bodycheck.reports.summary.method_identity import fingerprint_document
+from bodycheck.reports.summary.method_identity import fingerprint_document, laws_document
 from bodycheck.runs.engine_checks import laws
 
 ROOT = Path(__file__).parents[2]
@@ -574,6 +574,15 @@ def test_laws_are_checked_without_probes(monkeypatch: pytest.MonkeyPatch) -> Non
     every = (*LAWS, *(law for law, _ in TREE_LAWS))
     assert {row["law"] for row in laws("reference:m1", timeout_s=60.0)} == {law.name for law in every}
     assert tuple(law.name for law in every) == LAW_NAMES
+
+
+def test_the_document_of_laws_is_headed_by_whether_one_is_broken() -> None:
+    """The first sentence is the heading, and its colour is that of the verdict."""
+    row = {"engine": "e", "method": "m", "law": "momentum"}
+    for verdict, tint in (("holds", "good"), ("broken", "bad")):
+        head = laws_document([{**row, "verdict": verdict}]).parts[0]
+        assert isinstance(head, Sentence)
+        assert (head.tint, head.strong) == (tint, True)
 
 
 def test_each_row_has_the_map_and_the_replay_of_its_method() -> None:

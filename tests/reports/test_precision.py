@@ -285,6 +285,15 @@ def test_the_floor_grows_with_the_root_of_the_steps_or_with_the_steps() -> None:
         assert math.log10(grown) == pytest.approx(exponent, abs=0.1), name
 
 
+def test_curvatures_are_those_of_a_regular_precession() -> None:
+    """omega_x = omega_1 cos(k t), k = (I3 - I1) omega_3 / I1 (Landau and Lifshitz, Mechanics, section 35)."""
+    found = RoundOff.of(problem_of("symmetric-top"), ERROR, "float32")
+    k, t_s = (3.0 - 2.0) / 2.0 * 2.0, np.linspace(0.0, 10.0, 101)
+    angles = k * t_s[1:-1]
+    curvatures = [k * k * np.sqrt(np.mean(wave**2)) for wave in (np.cos(angles), np.sin(angles))]
+    assert [curvature for _, curvature in found.components[0]] == pytest.approx(curvatures, rel=2e-3)
+
+
 def test_the_floor_is_proportional_to_the_unit_round_off_where_roundings_are_independent() -> None:
     """At a coarse step the floors of float32 and float64 differ by 2^29."""
     single, double = (RoundOff.of(problem_of("tumbling"), ERROR, kind) for kind in ("float32", "float64"))
