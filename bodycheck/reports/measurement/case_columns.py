@@ -52,7 +52,7 @@ class ComparedCase:
 class CaseColumn:
     """A column of results.csv.
 
-    of_answer, of_motion: its value in a case, None where there is none. Without either, others give the value:
+    of_answer, of_motion: its value in a case, None where there is none. Without either, others give it:
     `Problem.columns` what all cases of a scenario share, `study` what compares cases, `speed` what is timed,
     `run_case` how the case is identified and ended.
     """
