@@ -73,6 +73,7 @@ def compile_kernels(
     if any(scene.continuous_loads for scene in scenes):
         names += [name + _WITH_CONTINUOUS_LOADS for name in methods if name not in _KERNELS]
     probes = {name: scene for name, scene in never_cached.items() if not _mark(name).exists()}
+    names.sort(key=lambda name: -_KERNELS.get(name, 0))  # the longest first, so that both end together
     waiting = deque(name for name in names if not _mark(name).exists())
     before, expected = _stored_kernels(), _expected_kernels(waiting, scenes)
 
@@ -89,10 +90,14 @@ def compile_kernels(
         with _reporting(report):
             while name := _next(waiting):
                 _compile_here(name)
+        free = [scene for scene in scenes if scene.is_free_rotation]
+        while free and other.poll() is None and not closed_forms_compiled():
+            report()
+            time.sleep(_POLL_S)
+        _solve(free, probes, report)
         while other.poll() is None:
             report()
             time.sleep(_POLL_S)
-        _solve([scene for scene in scenes if scene.is_free_rotation], probes, report)
 
 
 def _solve(scenes: Iterable[Scene], probes: Mapping[str, Scene], report: Callable[[], None]) -> None:

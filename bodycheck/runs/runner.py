@@ -238,13 +238,7 @@ def _compile(selection: Selection, cache: Cache, progress: Progress) -> bool:
     of_trees = [TREE_STEPS] if trees and methods else []
     if any(not is_known(scene, scene.sample_times, cache) for scene in trees):
         of_trees.insert(0, TREE_TRUTHS)
-    compile_kernels(
-        scenes,
-        [*of_trees, *methods],  # the longest first
-        unsolved,
-        never_cached=probes,
-        compiled=compiled,
-    )
+    compile_kernels(scenes, [*of_trees, *methods], unsolved, never_cached=probes, compiled=compiled)
     return bool(compilations)
 
 

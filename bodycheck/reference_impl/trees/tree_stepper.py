@@ -132,7 +132,7 @@ def _eliminate(m: Array, x: Array) -> None:
 
 @unspecialised_borrowing_kernel
 def _move(joints: Array, q: Array, k: Array, h: float, out: Array) -> None:
-    """out = q (+) h k, columns (nq, 1) and (nu, 1)."""
+    """out = q (+) h k, columns (nq, 1) and (nu, 1); out may be q."""
     place = rate = 0
     for joint in range(len(joints)):
         for _ in range(joints[joint, 0] + joints[joint, 1] % _BALL):
@@ -201,8 +201,7 @@ def advance_tree(
             put_rates(tree, space, passive, rate_rows, rule, q, u, t, h, added, du)
             for i in range(rates):
                 u[i, 0] += h * du[i, 0]
-            _move(tree.joints, q, u, h, moved)
-            q[:] = moved
+            _move(tree.joints, q, u, h, q)
             continue
         total_k[:], total[:], k[:], du[:] = 0.0, 0.0, 0.0, 0.0
         for stage in range(4):
@@ -216,8 +215,7 @@ def advance_tree(
             for i in range(rates):
                 total_k[i, 0] += weight * k[i, 0]
                 total[i, 0] += weight * du[i, 0]
-        _move(tree.joints, q, total_k, 1.0, moved)
-        q[:] = moved
+        _move(tree.joints, q, total_k, 1.0, q)
         for i in range(rates):
             u[i, 0] += total[i, 0]
 
