@@ -373,6 +373,11 @@ FAULTS: Sequence[Fault] = (
     Fault("omega-late", "omega read one step late", _set(stale=("omega_body",))),
     Fault("position-late", "x read one step late", _set(stale=("position",))),
     Fault("omega-reversed-when-read", "-omega", _reading(omega_body=lambda r: -_held(r.omega_body))),
+    Fault(
+        "omega-turned-when-read",
+        "omega x, -y, -z when read",
+        _reading(omega_body=lambda r: _held(r.omega_body) * [1.0, -1.0, -1.0]),
+    ),
     Fault("velocity-scaled", "v x 1.0001 when read", _reading(velocity=lambda r: 1.0001 * r.velocity)),
     Fault("position-scaled", "x x 1.0001 when read", _reading(position=lambda r: 1.0001 * r.position)),
     Fault("step-1e-3", "h x 1.001", _set(step_factor=1.001)),

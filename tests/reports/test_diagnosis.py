@@ -210,6 +210,7 @@ def test_a_step_too_short_to_be_examined_costs_nothing() -> None:
         ("body-torque", "rk4", "step-1-percent", "step-scaled", 1.01),
         ("powered-flight", "m1", "gravity-reversed", "gravity", -1.0),
         ("fast-flight", "m2", "omega-clamped-at-175", "omega-clamped-body-after", 175.0),
+        ("full-tensor", "m2", "omega-turned-when-read", "omega-axes-x-y-z", None),
     ],
 )
 def test_a_planted_fault_is_named_with_its_parameter(

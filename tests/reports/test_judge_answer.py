@@ -313,6 +313,13 @@ MISREAD: dict[str, Callable[[Array, Array], Array]] = {
     "omega is read in the other axes": lambda q, w: Rotation.from_quat(q, scalar_first=True).apply(w),
     "omega is read with the opposite sign": lambda _, w: -w,
     "the axes of omega are permuted when it is read: x, y, z as y, x, z": lambda _, w: w[:, [1, 0, 2]],
+    "the axes of omega are turned when it is read: x, y, z as x, -y, -z": lambda _, w: w * [1, -1, -1],
+    "the axes of omega are turned when it is read: x, y, z as x, -z, y": lambda _, w: (
+        w[:, [0, 2, 1]] * [1, -1, 1]
+    ),
+    "omega is read in the other axes, world for body or body for world; and omega is read in degrees": (
+        lambda q, w: np.degrees(Rotation.from_quat(q, scalar_first=True).apply(w))
+    ),
 }
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -129,33 +129,36 @@ def _of_misread_omega(
     search would have to follow. of_right: the diagnosis of the recording with another omega.
     """
     found = []
-    for one, right in omegas_meant(trajectory, _FAR):
+    for readings, right in omegas_meant(trajectory, _FAR):
         diagnosis = of_right(right)
         if diagnosis is not None and (diagnosis.verdict == "healthy" or _is_one_fault(diagnosis)):
-            found.append((one, diagnosis))
+            found.append((readings, diagnosis))
     if not found:
         return None
     fewest = min(len(diagnosis.faults) for _, diagnosis in found)
     (_, rest), *_ = found = [pair for pair in found if len(pair[1].faults) == fewest]
+    kinds = {fault.name: fault for fault in FAULTS}
     first, *others = (
-        FittedFault(fault.name, fault.kind, one.text, (), fault.confirm)
-        for one, _ in found
-        for fault in FAULTS
-        if fault.name == one.name
+        tuple(
+            FittedFault(one.name, kinds[one.name].kind, one.text, (), kinds[one.name].confirm)
+            for one in readings
+        )
+        for readings, _ in found
     )
-    both = [(fault, *rest.faults) for fault in others]  # each alternative is whole
+    whole = [(*misread, *rest.faults) for misread in others]  # each alternative is whole
+    texts, names = "; and ".join(one.sentence for one in first), tuple(one.name for one in first)
     return replace(
         rest,
         verdict="explained",
-        faults=(first, *rest.faults),
+        faults=(*first, *rest.faults),
         share=rest.share or 1.0,
         alike=(
-            *("; and ".join(one.sentence for one in faults) for faults in both),
-            *(f"{first.sentence}; and {sentence}" for sentence in rest.alike),
+            *("; and ".join(one.sentence for one in faults) for faults in whole),
+            *(f"{texts}; and {sentence}" for sentence in rest.alike),
         ),
         alike_names=(
-            *(tuple(one.name for one in faults) for faults in both),
-            *((first.name, *names) for names in rest.alike_names),
+            *(tuple(one.name for one in faults) for faults in whole),
+            *((*names, *more) for more in rest.alike_names),
         ),
     )
 
@@ -165,8 +168,12 @@ def _is_one_fault(diagnosis: Diagnosis) -> bool:
     return diagnosis.verdict == "explained" and len(diagnosis.faults) == 1 and diagnosis.share >= ALL
 
 
-def omegas_meant(trajectory: Trajectory, farther: float = 0.0) -> list[tuple[WrongReading, Trajectory]]:
+def omegas_meant(
+    trajectory: Trajectory, farther: float = 0.0
+) -> list[tuple[tuple[WrongReading, ...], Trajectory]]:
     """Return the wrong readings of omega that bring it near the turns between the attitudes, and the motions.
+
+    If none does, two of them: other axes, and another unit.
 
     farther: a relative distance from these turns; of an omega that is nearer, none is returned.
     """
@@ -182,17 +189,30 @@ def omegas_meant(trajectory: Trajectory, farther: float = 0.0) -> list[tuple[Wro
 
     if size == 0.0 or (before := distance(trajectory)) < farther:
         return []
-    meant = [(one, _undone(one, trajectory)) for one in wrong_readings("w")]
-    return [(one, right) for one, right in meant if distance(right) < _NEAR * min(before / _FAR, 1.0)]
+    near = _NEAR * min(before / _FAR, 1.0)
+    for readings in ([(one,) for one in wrong_readings("w")], _axes_and_units()):
+        meant = [(some, _undone(some, trajectory)) for some in readings]
+        if found := [(some, right) for some, right in meant if distance(right) < near]:
+            return found
+    return []
 
 
-def _undone(one: WrongReading, trajectory: Trajectory) -> Trajectory:
+def _axes_and_units() -> list[tuple[WrongReading, ...]]:
+    """Return the pairs of a wrong reading of the axes of omega and one of its unit."""
+    readings = wrong_readings("w")
+    units = [one for one in readings if one.name == "omega-read-scaled"]
+    return [(axes, unit) for axes in readings if axes not in units for unit in units]
+
+
+def _undone(readings: Sequence[WrongReading], trajectory: Trajectory) -> Trajectory:
     """Return the recording with the omega that was meant."""
     world = trajectory.omega_body_rad_s is None
     omega = trajectory.omega_world if world else trajectory.omega_body
     none = np.zeros((3, 1))
     read = ReportedStates(none, none, normalised(trajectory.attitude).T, omega.T)
-    right = one.undo(read, world_omega=world).w.T
+    for one in readings:
+        read = one.undo(read, world_omega=world)
+    right = read.w.T
     if world:
         return replace(trajectory, omega_world_rad_s=right)
     return replace(trajectory, omega_body_rad_s=right, omega_world_rad_s=None)

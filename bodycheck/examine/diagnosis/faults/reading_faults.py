@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from itertools import permutations
+from itertools import permutations, product
 
 import numpy as np
 
@@ -86,19 +86,39 @@ _COMPONENTS = {
 """Quantity -> its names in a reading, in a trajectory and with an axis, and what confirms a wrong reading."""
 
 
-def _omega_matrix(name: str, sentence: str, matrix: Array) -> Fault:
-    """Return the fault that omega is multiplied by an orthogonal matrix (3, 3) when it is read."""
+def _omega_axes(matrix: Array, how: str, applies: Callable[[FaultContext], bool]) -> Fault:
+    """Return the fault that omega is multiplied by a matrix (3, 3) of one 1 or -1 per row when it is read."""
+    named = [f"{'-' if min(row) < 0.0 else ''}{'xyz'[int(np.argmax(np.abs(row)))]}" for row in matrix]
     return Fault(
-        name,
+        f"omega-axes-{''.join(named)}",
         "reading",
-        sentence,
+        f"the axes of omega are {how} when it is read: x, y, z as {', '.join(named)}",
         Misread(
             lambda r, _, __: replace(r, w=np.einsum("ij,j...->i...", matrix, r.w)),
             lambda r, _, __: replace(r, w=np.einsum("ji,j...->i...", matrix, r.w)),
         ),
-        applies=lambda at: at.rotates,
+        applies=applies,
         confirm="compare omega with the derivative of the attitude",
     )
+
+
+def _other_axes_of_omega() -> Iterator[Fault]:
+    """Yield the permutations of the axes of omega, and their turns by right angles.
+
+    Such as from forward, left, up to forward, right, down, or from z upwards to y upwards.
+    """
+
+    def turns_about_all(at: FaultContext) -> bool:
+        """Whether each axis differs from its opposite."""
+        return at.rotates and bool(np.all(np.any(at.transitions.trajectory.omega_body, axis=0)))
+
+    orders = [np.eye(3)[list(order)] for order in permutations(range(3))]
+    for matrix in orders[1:]:
+        yield _omega_axes(matrix, "permuted", lambda at: at.rotates)
+    for signs, order in product(list(product((1.0, -1.0), repeat=3))[1:], orders):
+        matrix = np.array(signs)[:, None] * order
+        if np.linalg.det(matrix) > 0.0:
+            yield _omega_axes(matrix, "turned", turns_about_all)
 
 
 def _axis_scaled(quantity: str, axis: int) -> Fault:
@@ -227,13 +247,7 @@ def reading_faults() -> Iterator[Fault]:
     )
     for axis in range(3):
         yield _axis_scaled("omega", axis)
-    for order in list(permutations(range(3)))[1:]:
-        axes = ["xyz"[k] for k in order]
-        yield _omega_matrix(
-            f"omega-axes-{''.join(axes)}",
-            f"the axes of omega are permuted when it is read: x, y, z as {', '.join(axes)}",
-            np.eye(3)[list(order)],
-        )
+    yield from _other_axes_of_omega()
     yield Fault(
         "omega-read-scaled",
         "reading",
