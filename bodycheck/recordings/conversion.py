@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import (
     conjugate,
     exp_quaternion,
+    geodesic_angle,
     matrix_to_quaternion,
     project_to_so3,
     quaternion_product,
@@ -53,6 +55,7 @@ _LARGEST_SLOPES = {"euler": 0.5, "rodrigues": 1.0, "modified_rodrigues": 2.0, "v
 
 _MAX_NAMED = 4
 _IGNORED = ("bound_rad", *SENSORS)  # the last column of `bodycheck truth`, and sensors in stored motions
+_TURNED = 0.1  # rad: a body turns by so much, whatever the noise of attitudes is
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -63,7 +66,7 @@ class RecordedMotion:
     arrays: t_s (n,) and quantities, as an npz of bodycheck has them. resolution: name of each array -> the
     spacing of the numbers that the file can state, in the unit of the array: () for t_s, (3,) for a vector,
     (4,) for a quaternion, (3, 3) for a matrix. computed: the arrays that the file has in another form.
-    has_derived_omega: whether omega is the derivative of the attitudes, as the file has none.
+    without_omega: what the file has in place of an omega, which is then the derivative of its attitudes.
     has_unused_position: whether a position was left out, as the file has no velocity with which it starts.
     assumed: the option with the map that was not given, and why it is assumed; "" if there is none.
     """
@@ -71,28 +74,49 @@ class RecordedMotion:
     arrays: dict[str, Array]
     resolution: dict[str, Array]
     computed: frozenset[str] = frozenset()
-    has_derived_omega: bool = False
+    without_omega: Literal["", "no omega", "only zeros as omega"] = ""
     has_unused_position: bool = False
     assumed: str = ""
 
+    @property
+    def has_only_zeros(self) -> bool:
+        """Whether omega is 0 in every row, although the attitude turns: as of a column that nothing fills."""
+        attitude = self._attitude
+        if attitude is None or not self._omegas or any(np.any(self.arrays[name]) for name in self._omegas):
+            return False
+        return bool(np.any(geodesic_angle(attitude, attitude[:1]) > _TURNED))
+
+    @property
+    def _omegas(self) -> list[str]:
+        return [name for name in ("omega_body_rad_s", "omega_world_rad_s") if name in self.arrays]
+
+    @property
+    def _attitude(self) -> Array | None:
+        """The attitudes (n, 4); None without any."""
+        if "rotation" in self.arrays and "quaternion" not in self.arrays:
+            return matrix_to_quaternion(project_to_so3(self.arrays["rotation"]))
+        return self.arrays.get("quaternion")
+
     def with_omega(self) -> RecordedMotion | None:
         """Return the recording with omega derived from its attitudes; None where it has too few."""
-        arrays, spacings = dict(self.arrays), dict(self.resolution)
-        if "quaternion" not in arrays and "rotation" not in arrays:
-            return None
-        attitude = arrays.get("quaternion")
+        arrays, spacings = (
+            {name: values for name, values in given.items() if name not in self._omegas}
+            for given in (self.arrays, self.resolution)
+        )
+        attitude = self._attitude
         if attitude is None:
-            attitude = matrix_to_quaternion(project_to_so3(arrays["rotation"]))
+            return None
         derived = derived_rates(arrays["t_s"], attitude, Resolution.of(spacings).attitude)
         if derived is None:
             return None
         arrays["omega_body_rad_s"], spacings["omega_body_rad_s"] = derived[0], np.full(3, derived[1])
-        return replace(self, arrays=arrays, resolution=spacings, has_derived_omega=True)
+        without = self.without_omega or ("only zeros as omega" if self._omegas else "no omega")
+        return replace(self, arrays=arrays, resolution=spacings, without_omega=without)
 
     def with_omega_of(self, meant: Trajectory) -> RecordedMotion:
         """Return the recording with the omega that was meant, which has as many digits."""
         arrays, spacings = dict(self.arrays), dict(self.resolution)
-        for name in {"omega_body_rad_s", "omega_world_rad_s"} & arrays.keys():
+        for name in self._omegas:
             read, right = arrays.pop(name), getattr(meant, name)
             if right is not None:
                 arrays[name] = right
@@ -104,10 +128,8 @@ class RecordedMotion:
         arrays = {name: values[start:stop] for name, values in self.arrays.items()}
         if start:
             arrays["t_s"] = arrays["t_s"] - arrays["t_s"][0]
-        if not self.has_derived_omega:
-            return replace(self, arrays=arrays)
-        del arrays["omega_body_rad_s"]
-        return replace(self, arrays=arrays).with_omega()
+        part = replace(self, arrays=arrays)
+        return part.with_omega() if self.without_omega else part
 
     def moved(self, quantity: str, rows: int) -> RecordedMotion:
         """Return the recording with attitude or omega moved by one row, 1 to the row before, -1 to the next.

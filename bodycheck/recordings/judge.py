@@ -95,7 +95,8 @@ def of_given_body(
     for path, read in zip(paths, recordings, strict=True):
         if len(read.arrays["t_s"]) < 2:
             raise InputError(f"{path}: has a single row, so nothing to judge")
-        recorded = read if "omega" in quantities_of(read.arrays) else read.with_omega()
+        has_omega = "omega" in quantities_of(read.arrays) and not read.has_only_zeros
+        recorded = read if has_omega else read.with_omega()
         if recorded is None:
             raise InputError(
                 f"{path}: has no angular velocity at which the motion of a body could start, nor three "
@@ -225,7 +226,7 @@ def explained_motion(
     states = (trajectory.position_m, trajectory.velocity_m_s, trajectory.attitude, trajectory.omega_body)
     is_finite = all(np.isfinite(values).all() for values in states)
     has_only_wrong_rows = is_right_elsewhere(motion)
-    if motion.has_derived_omega:  # it follows from the attitudes, so they alone are examined
+    if motion.without_omega:  # it follows from the attitudes, so they alone are examined
         known = known - {"omega"}
         found = _of_attitudes(motion, scene, trajectory)
     elif is_finite and not has_only_wrong_rows:

@@ -87,9 +87,9 @@ def conclusion(motion: JudgedMotion, case: ExplainedCase | None) -> str:
 
 def _derived(motion: JudgedMotion) -> Iterator[str]:
     """Yield what is not in the file, but derived from it."""
-    if motion.has_derived_omega:
+    if motion.without_omega:
         known_to = number(0.5 * motion.resolution.omega, 2)
-        yield f"The file has no omega: it is derived from the attitudes, to {known_to} rad/s."
+        yield f"The file has {motion.without_omega}: it is derived from the attitudes, to {known_to} rad/s."
 
 
 def _of_noise(motion: JudgedMotion, found: Diagnosis) -> Iterator[str]:
@@ -259,8 +259,8 @@ def _cause(motion: JudgedMotion, case: ExplainedCase) -> Iterator[str]:
     found, takes_step = case.diagnosis, case.case.dt_s is None and motion.is_even
     is_right = ORIENTATION in motion.row and motion.is_at_floor(ORIENTATION) and not _is_of_omega(motion)
     is_right = is_right and not motion.path_errors
-    if found is None or (motion.has_derived_omega and found.verdict == "healthy" and not is_right):
-        if motion.has_derived_omega and not is_right:
+    if found is None or (motion.without_omega and found.verdict == "healthy" and not is_right):
+        if motion.without_omega and not is_right:
             yield (
                 "No wrong reading of the attitudes explains it; with omega in the file more is tried, "
                 "such as a wrong inertia."

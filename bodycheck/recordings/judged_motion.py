@@ -109,7 +109,7 @@ class JudgedMotion:
     momentum: its largest changes, None where the file has no attitude or omega. energy: the largest change of
     the rotational energy since the first row, with its sign, over the largest of the truth, None without
     omega. floors: measure -> what the truth and the digits of the file leave open, relative as the
-    measure is. noise: of the quantities that have it. start: where the truth starts. has_derived_omega,
+    measure is. noise: of the quantities that have it. start: where the truth starts. without_omega,
     has_unused_position, assumed: of the recording. is_omega_misread: whether omega is read wrongly, and the
     truth starts at the one that was meant. repaired: the same without what is wrong with its rows, where
     nothing else is. part: its longest part without single wrong rows, where more is wrong.
@@ -126,7 +126,7 @@ class JudgedMotion:
     floors: Mapping[str, float]
     noise: Mapping[str, RowNoise]
     start: Start
-    has_derived_omega: bool = False
+    without_omega: str = ""
     has_unused_position: bool = False
     assumed: str = ""
     is_omega_misread: bool = False
@@ -242,7 +242,7 @@ def judged_motion(
     at_samples = Problem(scenario, truth, true, scales, problem.scenario_spec, int(np.count_nonzero(trusted)))
     motion = stable_motion(scene, trajectory, true, from_own_start=True)
     if isinstance(motion, str):
-        if recorded.has_derived_omega:  # lost a sample before the attitude that it is derived from
+        if recorded.without_omega:  # lost a sample before the attitude that it is derived from
             still = replace(trajectory, omega_body_rad_s=np.zeros_like(trajectory.omega_body))
             motion = invalid_state(still) or motion
         columns |= {"outcome": "unstable", "message": motion}
@@ -282,7 +282,7 @@ def judged_motion(
         _floors(columns, at_samples, resolution, start),
         _noise(at_samples, trajectory, known, resolution),
         start,
-        recorded.has_derived_omega,
+        recorded.without_omega,
         recorded.has_unused_position,
         recorded.assumed,
     )

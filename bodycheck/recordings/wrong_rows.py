@@ -136,7 +136,7 @@ def _with_omega_meant(
 ) -> JudgedMotion | None:
     """Measure a recording from the omega that was meant, if its attitude is then the true one, or nearly."""
     trajectory = motion.case.trajectory
-    if trajectory is None or not motion.known >= {"attitude", "omega"} or recorded.has_derived_omega:
+    if trajectory is None or not motion.known >= {"attitude", "omega"} or recorded.without_omega:
         return None
     judged = partial(judged_motion, path, name, problem=problem, cache=cache, start="first-sample")
     for _, meant in omegas_meant(trajectory):
@@ -238,7 +238,7 @@ def _repairs(recorded: RecordedMotion, start: Start) -> Iterator[tuple[str, dict
     if from_first and (rest := recorded.rows(1, len(arrays["t_s"]))) is not None:
         yield "Only the first row, or the step from it, is wrong. From the second row on", _SECOND_ROW, rest
     has_one_omega = ("omega_body_rad_s" in arrays) != ("omega_world_rad_s" in arrays)
-    if has_one_omega and "attitude" in quantities_of(arrays) and not recorded.has_derived_omega:
+    if has_one_omega and "attitude" in quantities_of(arrays) and not recorded.without_omega:
         # of a motion that starts at its first row, the other two differ in the times alone
         for quantity, rows, wrong in _APART[:2] if from_first else _APART:
             of_omega = int((quantity == "omega") == (rows > 0))

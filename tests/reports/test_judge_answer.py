@@ -119,7 +119,7 @@ def test_attitudes_that_resolve_nothing_are_not_called_true(tmp_path: Path) -> N
         lines = [line.split(",")[:5] for line in path.read_text().splitlines()]
         path.write_text("\n".join(map(",".join, lines)) + "\n")
         (ranked,) = judged(path).motions
-        assert ranked.has_derived_omega
+        assert ranked.without_omega
         assert not ranked.is_true
         assert conclusions(ranked, None)[0].tint == "open"
         assert "true one for" not in conclusion(ranked, None)
@@ -337,6 +337,18 @@ def test_a_misread_omega_does_not_accuse_the_attitude(cause: str, noise: float, 
         assert "The attitude is the true one for 10 s" in text
     assert "of its rotational energy" not in text
     assert "not conserved" not in text
+
+
+def test_a_column_of_omega_that_nothing_fills_is_no_start(tmp_path: Path) -> None:
+    """Zeros beside attitudes that turn are not the rates of a body; those of one at rest are."""
+    q, w = solved(T_S)
+    text = told(judged(write(tmp_path / "sim.csv", T_S, (q, 0.0 * w), "%.12g")))
+    assert text.startswith("The attitude is the true one for 10 s")
+    assert "only zeros as omega" in text
+    still = np.tile([1.0, 0.0, 0.0, 0.0], (len(q), 1))
+    text = told(judged(write(tmp_path / "rest.csv", T_S, (still, 0.0 * w), "%.12g")))
+    assert text.startswith("The attitude is the true one for 10 s")
+    assert "as omega" not in text
 
 
 @pytest.mark.slow
