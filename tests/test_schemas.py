@@ -160,8 +160,8 @@ def check_version(name: str) -> None:
     level = changed(set(stored["constraints"]), set(constraints(schema.document)))
     before, now = (tuple(map(int, version.split("."))) for version in (stored["version"], schema.version))
     assert not level or (now[0] > before[0] if level == "major" else now > before), (
-        f"{name}: the schema changed ({level}): raise its version in bodycheck/runs/schemas.py, "
-        "then run python -m tests.test_schemas"
+        f"{name}: the schema changed ({level}): raise its version in bodycheck/runs/schemas.py, that of "
+        "results in bodycheck/reports/measurement/case_columns.py, then run python -m tests.test_schemas"
     )
 
 

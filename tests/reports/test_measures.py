@@ -38,7 +38,7 @@ from bodycheck.reference_impl.truth.truth import Truth
 from bodycheck.reference_impl.wrench import plan_steps
 from bodycheck.reports.measurement import compared_motion, measures
 from bodycheck.reports.measurement.case import measured_by
-from bodycheck.reports.measurement.case_columns import ComparedCase, motion_columns
+from bodycheck.reports.measurement.case_columns import COLUMNS, ComparedCase
 from bodycheck.reports.measurement.compared_motion import Compared, EnergyAndMomentum
 from bodycheck.reports.measurement.invariants import (
     Invariant,
@@ -335,7 +335,9 @@ def test_an_error_of_0_3_rad_is_within_the_horizon() -> None:
     def horizon_s(*errors_rad: float) -> float:
         facts: Any = SimpleNamespace(is_chaotic=True, times=np.arange(3.0))
         case = ComparedCase(facts, cast(Any, None), {ORIENTATION: np.array(errors_rad)})
-        return float(motion_columns(case)["horizon_s"])
+        (of_motion,) = (one.of_motion for one in COLUMNS if one.name == "horizon_s")
+        assert of_motion is not None
+        return float(of_motion(case))
 
     assert horizon_s(0.4, 0.4, 0.4) == horizon_s(0.0, 0.4, 0.0) == 0.0
     assert horizon_s(0.0, 0.3, 0.4) == 1.0
