@@ -56,6 +56,7 @@ _LARGEST_SLOPES = {"euler": 0.5, "rodrigues": 1.0, "modified_rodrigues": 2.0, "v
 _MAX_NAMED = 4
 _IGNORED = ("bound_rad", *SENSORS)  # the last column of `bodycheck truth`, and sensors in stored motions
 _TURNED = 0.1  # rad: a body turns by so much, whatever the noise of attitudes is
+_MOVED = 10.0  # times the distance of two rows, which the noise of positions at rest does not reach
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -67,7 +68,7 @@ class RecordedMotion:
     spacing of the numbers that the file can state, in the unit of the array: () for t_s, (3,) for a vector,
     (4,) for a quaternion, (3, 3) for a matrix. computed: the arrays that the file has in another form.
     without_omega: what the file has in place of an omega, which is then the derivative of its attitudes.
-    has_unused_position: whether a position was left out, as the file has no velocity with which it starts.
+    unused_position: what the file has in place of a velocity with which a position starts that is left out.
     assumed: the option with the map that was not given, and why it is assumed; "" if there is none.
     """
 
@@ -75,16 +76,35 @@ class RecordedMotion:
     resolution: dict[str, Array]
     computed: frozenset[str] = frozenset()
     without_omega: Literal["", "no omega", "only zeros as omega"] = ""
-    has_unused_position: bool = False
+    unused_position: Literal["", "no velocity", "only zeros as velocity"] = ""
     assumed: str = ""
 
-    @property
-    def has_only_zeros(self) -> bool:
-        """Whether omega is 0 in every row, although the attitude turns: as of a column that nothing fills."""
-        attitude = self._attitude
-        if attitude is None or not self._omegas or any(np.any(self.arrays[name]) for name in self._omegas):
+    def has_only_zeros(self, rate: Literal["velocity", "omega"]) -> bool:
+        """Whether a rate is 0 in every row, but not its integral: as of a column that nothing fills.
+
+        A rate that is rounded to 0 has an integral, which is not counted.
+        """
+        names = [name for name in self.arrays if name.startswith(rate)]
+        moved = self._turned() if rate == "omega" else self._moved()
+        if moved is None or not names or any(np.any(self.arrays[name]) for name in names):
             return False
-        return bool(np.any(geodesic_angle(attitude, attitude[:1]) > _TURNED))
+        rounded = max(float(np.max(self.resolution[name])) for name in names)
+        return moved > rounded * float(np.ptp(self.arrays["t_s"]))
+
+    def _turned(self) -> float | None:
+        """Return the largest angle from the first attitude in rad, 0 for noise; None without attitudes."""
+        if (attitude := self._attitude) is None:
+            return None
+        largest = float(np.max(geodesic_angle(attitude, attitude[:1])))
+        return largest if largest > _TURNED else 0.0
+
+    def _moved(self) -> float | None:
+        """Return the largest distance from the first position in m, 0 for noise; None without positions."""
+        if (position := self.arrays.get("position_m")) is None:
+            return None
+        between = np.linalg.norm(np.diff(position, axis=0), axis=1)
+        largest = float(np.max(np.linalg.norm(position - position[:1], axis=1)))
+        return largest if largest > _MOVED * np.median(between) else 0.0
 
     @property
     def _omegas(self) -> list[str]:

@@ -89,23 +89,26 @@ def of_given_body(
     """Return the recordings without what has no start, and the scenario of a body that starts at their rows.
 
     A position is left out if there is no velocity to start with; omega is derived from the attitudes where
-    there is none. Raises InputError where a file has a single row, or neither.
+    there is none. A rate of zeros is none where its integral moves. Raises InputError where a file has a
+    single row, or neither.
     """
     kept = []
     for path, read in zip(paths, recordings, strict=True):
         if len(read.arrays["t_s"]) < 2:
             raise InputError(f"{path}: has a single row, so nothing to judge")
-        has_omega = "omega" in quantities_of(read.arrays) and not read.has_only_zeros
+        has_omega = "omega" in quantities_of(read.arrays) and not read.has_only_zeros("omega")
         recorded = read if has_omega else read.with_omega()
         if recorded is None:
             raise InputError(
                 f"{path}: has no angular velocity at which the motion of a body could start, nor three "
                 "attitudes from which to derive it; --scenario gives the start"
             )
-        arrays, is_unused = dict(recorded.arrays), False
-        if "velocity_m_s" not in arrays:
-            is_unused = arrays.pop("position_m", None) is not None
-        kept.append(replace(recorded, arrays=arrays, has_unused_position=is_unused))
+        arrays, unused = dict(recorded.arrays), recorded.unused_position
+        if "velocity_m_s" not in arrays or recorded.has_only_zeros("velocity"):
+            has_zeros = arrays.pop("velocity_m_s", None) is not None
+            if arrays.pop("position_m", None) is not None:
+                unused = "only zeros as velocity" if has_zeros else "no velocity"
+        kept.append(replace(recorded, arrays=arrays, unused_position=unused))
     ends_s = [float(one.arrays["t_s"][-1]) for one in kept]
     return kept, body.scenario(max(ends_s), len(kept[0].arrays["t_s"]))
 

@@ -72,8 +72,9 @@ def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Senten
         parts = [*distance[:1], *cause, *distance[1:], *_conservation(motion), *of_noise]
     parts += _norms(motion)
     parts += _derived(motion)
-    if motion.has_unused_position:
-        parts.append("The position is not compared, as the file has no velocity with which it starts.")
+    if motion.unused_position:
+        has = motion.unused_position
+        parts.append(f"The position is not compared, as the file has {has} with which it starts.")
     if motion.assumed:
         parts.append(f"Read with {motion.assumed}.")
     tint = "bad" if is_wrong else "good" if is_noisy or motion.is_true else "open"

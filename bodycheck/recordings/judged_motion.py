@@ -110,7 +110,7 @@ class JudgedMotion:
     the rotational energy since the first row, with its sign, over the largest of the truth, None without
     omega. floors: measure -> what the truth and the digits of the file leave open, relative as the
     measure is. noise: of the quantities that have it. start: where the truth starts. without_omega,
-    has_unused_position, assumed: of the recording. is_omega_misread: whether omega is read wrongly, and the
+    unused_position, assumed: of the recording. is_omega_misread: whether omega is read wrongly, and the
     truth starts at the one that was meant. repaired: the same without what is wrong with its rows, where
     nothing else is. part: its longest part without single wrong rows, where more is wrong.
     """
@@ -127,7 +127,7 @@ class JudgedMotion:
     noise: Mapping[str, RowNoise]
     start: Start
     without_omega: str = ""
-    has_unused_position: bool = False
+    unused_position: str = ""
     assumed: str = ""
     is_omega_misread: bool = False
     repaired: Repair | None = None
@@ -283,7 +283,7 @@ def judged_motion(
         _noise(at_samples, trajectory, known, resolution),
         start,
         recorded.without_omega,
-        recorded.has_unused_position,
+        recorded.unused_position,
         recorded.assumed,
     )
 

@@ -351,6 +351,20 @@ def test_a_column_of_omega_that_nothing_fills_is_no_start(tmp_path: Path) -> Non
     assert "as omega" not in text
 
 
+def test_a_column_of_velocities_that_nothing_fills_is_no_start(tmp_path: Path) -> None:
+    """A position that moves is then not compared; one at rest, with noise, is."""
+    at, velocity = fallen(GRAVITY)
+    text = told(thrown(tmp_path / "sim.csv", at, 0.0 * velocity))
+    assert text.startswith("The attitude is the true one for 10 s")
+    assert "only zeros as velocity" in text
+    q, w = solved(T_S)
+    noisy = 1.0 + 1e-3 * np.random.default_rng(2).standard_normal(at.shape)
+    head = "t_s,x_m,y_m,z_m,qw,qx,qy,qz,vx_m_s,vy_m_s,vz_m_s,wx_body_rad_s,wy_body_rad_s,wz_body_rad_s"
+    path = tmp_path / "rest.csv"
+    np.savetxt(path, np.column_stack([T_S, noisy, q, 0.0 * at, w]), "%.9f", ",", header=head, comments="")
+    assert "as velocity" not in told(judged(path))
+
+
 @pytest.mark.slow
 def test_a_fault_beside_an_omega_in_degrees_is_named(tmp_path: Path) -> None:
     """It is looked for in the motion with the omega that was meant."""
