@@ -45,6 +45,7 @@ def test_program_is_valid_where_it_exists() -> None:
     "name",
     [
         *(
+            "mujoco:rk4",
             "mujoco==3.*",
             "mujoco==",
             "mujoco===3.6.0",

@@ -24,8 +24,9 @@ from bodycheck.reports.measurement.verdicts import UNDECIDED, severity
 from bodycheck.reports.run_files.run_tables import study_key
 
 Kind: TypeAlias = Literal[
-    "case", "outcome", "verdict", "law", "order", "stability", "accuracy", "sign", "speed", "fingerprint"
+    "outcome", "verdict", "law", "order", "stability", "accuracy", "sign", "speed", "fingerprint", "case"
 ]
+"""What changed, the most severe first."""
 Status: TypeAlias = Literal["worse", "missing", "improved", "moved", "new"]
 
 FAILING: tuple[Status, ...] = ("worse", "missing")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 from bodycheck._util.formatting import count, names, number, setting
 from bodycheck._util.source_commit import commit_range, comparison_url
@@ -49,18 +49,6 @@ _TINTS: dict[Status, str] = {
     "new": "open",
 }
 _MAX_LINES = 20
-_KINDS: tuple[Kind, ...] = (
-    "outcome",
-    "verdict",
-    "law",
-    "order",
-    "stability",
-    "accuracy",
-    "sign",
-    "speed",
-    "fingerprint",
-    "case",
-)
 
 
 @dataclass(frozen=True)
@@ -108,12 +96,12 @@ def groups(changes: Iterable[Change]) -> list[ChangeGroup]:
         key = (change.status, change.kind, change.scenario, f"{change.engine}:{change.method}")
         found.setdefault(key, []).append(change)
     made = [ChangeGroup(*key, tuple(members)) for key, members in found.items()]
-    statuses = list(HEADINGS)
+    statuses, kinds = list(HEADINGS), get_args(Kind)
     return sorted(
         made,
         key=lambda group: (
             statuses.index(group.status),
-            _KINDS.index(group.kind),
+            kinds.index(group.kind),
             -group.changes[0].size,
         ),
     )

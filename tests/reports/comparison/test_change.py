@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +24,6 @@ from bodycheck.reports.comparison.change import (
 )
 from bodycheck.reports.comparison.compare import compare
 from bodycheck.reports.comparison.comparison_document import (
-    _KINDS,
     HEADINGS,
     _best_change,
     change_tables,
@@ -717,11 +716,6 @@ def test_a_group_names_the_change_that_the_headline_names() -> None:
     (group,) = groups([drift, error])
     assert group.text == f"{change_text(error)}; 1 more change, in 1 case"
     assert group.row[3] == "x 1e3"
-
-
-def test_every_kind_of_change_has_its_place() -> None:
-    """A kind without a place could not be listed."""
-    assert set(_KINDS) == set(get_args(Kind))
 
 
 def test_most_severe_kind_comes_first() -> None:

@@ -355,6 +355,9 @@ def test_distance_is_in_decades_for_errors_and_plain_for_orders() -> None:
     error = one(gate(upper=1e-3), {"orientation_error_rad": 1e-2})
     near = one(gate(upper=1e-3), {"orientation_error_rad": 9.7e-3})
     order = one(gate(measure="order.orientation_error_rad", lower=3.9), {}, methods=[{"order": 3.5}])
+    kept = one(gate(upper=1e-3), {"orientation_error_rad": 1e-5})
+    assert kept.worst is not None
+    assert distance(kept.worst, kept.gate) == "2 decades within"
     assert error.worst is not None
     assert near.worst is not None
     assert order.worst is not None
