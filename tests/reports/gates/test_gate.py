@@ -358,6 +358,9 @@ def test_distance_is_in_decades_for_errors_and_plain_for_orders() -> None:
     kept = one(gate(upper=1e-3), {"orientation_error_rad": 1e-5})
     assert kept.worst is not None
     assert distance(kept.worst, kept.gate) == "2 decades within"
+    met = one(gate(measure="order.orientation_error_rad", lower=3.9), {}, methods=[{"order": 4.2}])
+    assert met.worst is not None
+    assert distance(met.worst, met.gate) == "0.3 within"
     assert error.worst is not None
     assert near.worst is not None
     assert order.worst is not None
