@@ -44,6 +44,7 @@ One long step with a misplaced stage or weight is as several short ones of a met
 """
 _ALIKE = 0.9  # correlation of errors that one map makes, in one step and in several
 _FAR, _NEAR = 0.5, 0.2  # relative distance of omega from the turns between the attitudes: misread, meant
+_AS_NEAR = 1.5  # times the least such distance: noise hides which of these readings it is
 
 
 def diagnosed_recording(
@@ -192,8 +193,10 @@ def omegas_meant(
     near = _NEAR * min(before / _FAR, 1.0)
     for readings in ([(one,) for one in wrong_readings("w")], _axes_and_units()):
         meant = [(some, _undone(some, trajectory)) for some in readings]
-        if found := [(some, right) for some, right in meant if distance(right) < near]:
-            return found
+        gaps = [distance(right) for _, right in meant]
+        if (least := min(gaps)) < near:
+            within = min(near, _AS_NEAR * least)
+            return [one for one, gap in zip(meant, gaps, strict=True) if gap <= within]
     return []
 
 
