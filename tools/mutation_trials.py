@@ -6,7 +6,7 @@
 
 The first command stores in .coverage which tests run each line. A mutant is a copy of the package with one
 operator, constant, condition, return value or argument changed. It is killed if one of the tests that run its
-line fails, or takes several times its usual time; for a line that is run at import, the tests of its module.
+line, or a line that names a changed constant, fails, or takes several times its usual time.
 60 tests are tried, or 240 of its package; first those that run the least other code; slow ones if --slow.
 Prints the mutants that survive, some of which change nothing, and the number that were killed. Exit status 1
 if fewer than 85 % were killed.
@@ -160,13 +160,26 @@ def tests_of(mutants: Sequence[Mutant], coverage: Path) -> list[tuple[str, ...]]
     found = []
     for mutant in mutants:
         by_line = lines.get(str(ROOT / "bodycheck" / mutant.module), {})
-        own = {test for test in by_line.get(mutant.line, ()) if test}
+        own = {test for line in _lines_with(mutant) for test in by_line.get(line, ()) if test}
         own = own or {test for tests in by_line.values() for test in tests if test}
         package, _, module = mutant.module.removesuffix(".py").rpartition("/")
         of_it = {test for test in own if test.startswith(f"tests/{package}/") or f"/test_{module}" in test}
         ranked = sorted(own, key=lambda test: (test not in of_it, run[test], test))
         found.append(tuple(ranked[: max(MOST_TESTS, min(len(of_it), MOST_OWN_TESTS))]))
     return found
+
+
+def _lines_with(mutant: Mutant) -> set[int]:
+    """Return the line of a mutant in a function, or those in functions that name what another one assigns."""
+    tree = ast.parse((ROOT / "bodycheck" / mutant.module).read_text(encoding="utf-8"))
+    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+    if any(one.body[0].lineno <= mutant.line <= (one.end_lineno or 0) for one in functions):
+        return {mutant.line}
+    changed = [one for one in tree.body if one.lineno <= mutant.line <= (one.end_lineno or 0)]
+    names = [node for one in changed for node in ast.walk(one) if isinstance(node, ast.Name)]
+    assigned = {name.id for name in names if isinstance(name.ctx, ast.Store)}
+    inside = (node for function in functions for node in ast.walk(function))
+    return {node.lineno for node in inside if isinstance(node, ast.Name) and node.id in assigned}
 
 
 def summed_up(judged: Sequence[Mutant], survived: Sequence[Mutant]) -> bool:
