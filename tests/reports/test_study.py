@@ -16,6 +16,7 @@ from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.measurement.round_off import RoundOff
 from bodycheck.reports.measurement.study import limit, restored, stored_form, study
 from bodycheck.scenarios.library import load_scenario
 
@@ -139,3 +140,15 @@ def test_arithmetic_of_single_precision_raises_the_floor(
         floors += [row["floor"] for row in rows if row["quantity"] == ORIENTATION]
     assert floors[0] == limit(problem, ORIENTATION)
     assert floors[1] > 1e3 * floors[0]
+
+
+def test_the_best_step_has_the_floor_that_its_arithmetic_predicts(
+    problem: Problem, answers: dict[float | None, Answer]
+) -> None:
+    """Of a method in doubles too, whose points have no floor of their own."""
+    settings = [Setting(dt_s=step) for step in STEPS]
+    rows = study(problem, ENGINE, METHOD, settings, **carried_out(answers)).method_rows
+    (row,) = (row for row in rows if row["quantity"] == ORIENTATION)
+    predicted = RoundOff.of(problem, ORIENTATION, "float64", METHOD.rounding_bias)
+    assert row["best_dt_s"] == min(STEPS)
+    assert row["predicted_floor"] == predicted.at(min(STEPS)) > 0.0
