@@ -339,6 +339,21 @@ def test_a_misread_omega_does_not_accuse_the_attitude(cause: str, noise: float, 
     assert "not conserved" not in text
 
 
+@pytest.mark.slow(after=1)
+@pytest.mark.parametrize("cause", ["omega is read in degrees per second, not rad/s", [*MISREAD][5]])
+def test_a_misread_omega_is_known_where_rows_are_as_near_as_their_noise(cause: str, tmp_path: Path) -> None:
+    """Its integral over several rows is compared: between two rows the attitudes turn by 20 mrad."""
+    t_s, rng = np.arange(501) * 0.02, np.random.default_rng(3)
+    q, w = solved(t_s)
+    noisy = q + 1e-3 * rng.standard_normal(q.shape)
+    read = MISREAD[cause](q, w + 1e-3 * rng.standard_normal(w.shape))
+    rows = noisy / np.linalg.norm(noisy, axis=1, keepdims=True), read
+    text = told(judged(write(tmp_path / "sim.csv", t_s, rows, "%.6f")))
+    assert text.startswith("Omega is up to ")
+    assert f"Likely cause: {cause}" in text
+    assert "which the noise of the first row can make" in text
+
+
 def test_a_column_of_omega_that_nothing_fills_is_no_start(tmp_path: Path) -> None:
     """Zeros beside attitudes that turn are not the rates of a body; those of one at rest are."""
     q, w = solved(T_S)

@@ -44,6 +44,7 @@ One long step with a misplaced stage or weight is as several short ones of a met
 """
 _ALIKE = 0.9  # correlation of errors that one map makes, in one step and in several
 _FAR, _NEAR = 0.5, 0.2  # relative distance of omega from the turns between the attitudes: misread, meant
+_TURN_RAD, _FEWEST = 0.3, 8  # between rows that are compared, and of these intervals
 _AS_NEAR = 1.5  # times the least such distance: noise hides which of these readings it is
 
 
@@ -179,13 +180,15 @@ def omegas_meant(
     farther: a relative distance from these turns; of an omega that is nearer, none is returned.
     """
     attitude = normalised(trajectory.attitude)
-    turns = log_quaternion(quaternion_product(conjugate(attitude[:-1]), attitude[1:]))
+    apart = _rows_apart(attitude)
+    turns = _turns(attitude[::apart])
     some = np.linalg.norm(turns, axis=-1) < LARGEST_TURN_RAD
-    size, interval_s = np.linalg.norm(turns[some]), np.diff(trajectory.t_s)[:, None]
+    size, intervals_s = np.linalg.norm(turns[some]), np.diff(trajectory.t_s)[:, None]
 
     def distance(one: Trajectory) -> float:
         omega = one.omega_body
-        gaps = 0.5 * (omega[:-1] + omega[1:]) * interval_s - turns
+        sums = np.cumsum(0.5 * (omega[:-1] + omega[1:]) * intervals_s, axis=0)
+        gaps = np.diff(np.vstack([np.zeros(3), sums])[::apart], axis=0) - turns
         return float(np.linalg.norm(gaps[some]) / size)
 
     if size == 0.0 or (before := distance(trajectory)) < farther:
@@ -198,6 +201,18 @@ def omegas_meant(
             within = min(near, _AS_NEAR * least)
             return [one for one, gap in zip(meant, gaps, strict=True) if gap <= within]
     return []
+
+
+def _turns(attitude: Array) -> Array:
+    """Return the rotation vectors (n - 1, 3) from each attitude to the next, in body axes."""
+    return log_quaternion(quaternion_product(conjugate(attitude[:-1]), attitude[1:]))
+
+
+def _rows_apart(attitude: Array) -> int:
+    """Return after how many rows a body turns by more than attitudes are noisy, but not far."""
+    turn = float(np.median(np.linalg.norm(_turns(attitude), axis=-1))) if len(attitude) > 1 else 0.0
+    most = max((len(attitude) - 1) // _FEWEST, 1)
+    return min(max(int(_TURN_RAD / turn), 1), most) if turn > 0.0 else 1
 
 
 def _axes_and_units() -> list[tuple[WrongReading, ...]]:
