@@ -31,8 +31,9 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import (
     conjugate,
     exp_quaternion,
-    geodesic_angle,
+    log_quaternion,
     matrix_to_quaternion,
+    normalised,
     project_to_so3,
     quaternion_product,
     quaternion_to_matrix,
@@ -56,7 +57,7 @@ _LARGEST_SLOPES = {"euler": 0.5, "rodrigues": 1.0, "modified_rodrigues": 2.0, "v
 _MAX_NAMED = 4
 _IGNORED = ("bound_rad", *SENSORS)  # the last column of `bodycheck truth`, and sensors in stored motions
 _TURNED = 0.1  # rad: a body turns by so much, whatever the noise of attitudes is
-_MOVED = 10.0  # times the distance of two rows, which the noise of positions at rest does not reach
+_MOVED, _PART = 10.0, 0.1  # times the change between two rows, and of all axes: noise reaches neither
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -75,36 +76,40 @@ class RecordedMotion:
     arrays: dict[str, Array]
     resolution: dict[str, Array]
     computed: frozenset[str] = frozenset()
-    without_omega: Literal["", "no omega", "only zeros as omega"] = ""
-    unused_position: Literal["", "no velocity", "only zeros as velocity"] = ""
+    without_omega: str = ""
+    unused_position: str = ""
     assumed: str = ""
 
-    def has_only_zeros(self, rate: Literal["velocity", "omega"]) -> bool:
-        """Whether a rate is 0 in every row, but not its integral: as of a column that nothing fills.
+    def unfilled(self, rate: Literal["velocity", "omega"]) -> str:
+        """Return what of a rate is 0 in every row, but not its integral, as of a column that nothing fills.
 
-        A rate that is rounded to 0 has an integral, which is not counted.
+        In words; "" if nothing is. A rate that is rounded to 0 has an integral, which is not counted.
         """
-        names = [name for name in self.arrays if name.startswith(rate)]
-        moved = self._turned() if rate == "omega" else self._moved()
-        if moved is None or not names or any(np.any(self.arrays[name]) for name in names):
-            return False
-        rounded = max(float(np.max(self.resolution[name])) for name in names)
-        return moved > rounded * float(np.ptp(self.arrays["t_s"]))
+        name = next((name for name in self.arrays if name.startswith(rate)), "")
+        if not name or (steps := self._steps(name)) is None:
+            return ""
+        rounded = self.resolution[name] * np.ptp(self.arrays["t_s"])
+        noise = np.maximum(_MOVED * np.median(np.abs(steps), axis=0), _TURNED if rate == "omega" else 0.0)
+        has_moved = np.max(np.abs(np.cumsum(steps, axis=0)), axis=0) > np.maximum(noise, rounded)
+        sizes = np.linalg.norm(steps, axis=0)
+        has_moved &= sizes > _PART * np.linalg.norm(sizes)
+        is_zero = ~np.any(self.arrays[name], axis=0)
+        lost = [axis for axis, is_lost in zip("xyz", is_zero & has_moved, strict=True) if is_lost]
+        axes = "" if is_zero.all() else f" {'about' if rate == 'omega' else 'along'} {names(lost)}"
+        return f"only zeros as {rate}{axes}" if lost else ""
 
-    def _turned(self) -> float | None:
-        """Return the largest angle from the first attitude in rad, 0 for noise; None without attitudes."""
-        if (attitude := self._attitude) is None:
+    def _steps(self, rate: str) -> Array | None:
+        """Return the change (n - 1, 3) of what is integrated from a rate, in its axes; None without it."""
+        if rate == "velocity_m_s":
+            position = self.arrays.get("position_m")
+            return None if position is None or len(position) < 2 else np.diff(position, axis=0)
+        if (attitude := self._attitude) is None or len(attitude) < 2:
             return None
-        largest = float(np.max(geodesic_angle(attitude, attitude[:1])))
-        return largest if largest > _TURNED else 0.0
-
-    def _moved(self) -> float | None:
-        """Return the largest distance from the first position in m, 0 for noise; None without positions."""
-        if (position := self.arrays.get("position_m")) is None:
-            return None
-        between = np.linalg.norm(np.diff(position, axis=0), axis=1)
-        largest = float(np.max(np.linalg.norm(position - position[:1], axis=1)))
-        return largest if largest > _MOVED * np.median(between) else 0.0
+        back, there = conjugate(normalised(attitude[:-1])), normalised(attitude[1:])
+        in_world = rate == "omega_world_rad_s"
+        return log_quaternion(
+            quaternion_product(there, back) if in_world else quaternion_product(back, there)
+        )
 
     @property
     def _omegas(self) -> list[str]:
@@ -130,7 +135,7 @@ class RecordedMotion:
         if derived is None:
             return None
         arrays["omega_body_rad_s"], spacings["omega_body_rad_s"] = derived[0], np.full(3, derived[1])
-        without = self.without_omega or ("only zeros as omega" if self._omegas else "no omega")
+        without = self.without_omega or self.unfilled("omega") or "no omega"
         return replace(self, arrays=arrays, resolution=spacings, without_omega=without)
 
     def with_omega_of(self, meant: Trajectory) -> RecordedMotion:

@@ -96,7 +96,7 @@ def of_given_body(
     for path, read in zip(paths, recordings, strict=True):
         if len(read.arrays["t_s"]) < 2:
             raise InputError(f"{path}: has a single row, so nothing to judge")
-        has_omega = "omega" in quantities_of(read.arrays) and not read.has_only_zeros("omega")
+        has_omega = "omega" in quantities_of(read.arrays) and not read.unfilled("omega")
         recorded = read if has_omega else read.with_omega()
         if recorded is None:
             raise InputError(
@@ -104,10 +104,11 @@ def of_given_body(
                 "attitudes from which to derive it; --scenario gives the start"
             )
         arrays, unused = dict(recorded.arrays), recorded.unused_position
-        if "velocity_m_s" not in arrays or recorded.has_only_zeros("velocity"):
-            has_zeros = arrays.pop("velocity_m_s", None) is not None
+        zeros = recorded.unfilled("velocity")
+        if "velocity_m_s" not in arrays or zeros:
+            arrays.pop("velocity_m_s", None)
             if arrays.pop("position_m", None) is not None:
-                unused = "only zeros as velocity" if has_zeros else "no velocity"
+                unused = zeros or "no velocity"
         kept.append(replace(recorded, arrays=arrays, unused_position=unused))
     ends_s = [float(one.arrays["t_s"][-1]) for one in kept]
     return kept, body.scenario(max(ends_s), len(kept[0].arrays["t_s"]))

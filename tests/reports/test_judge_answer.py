@@ -339,6 +339,20 @@ def test_a_misread_omega_does_not_accuse_the_attitude(cause: str, noise: float, 
     assert "not conserved" not in text
 
 
+def test_an_axis_of_omega_that_nothing_fills_is_no_start(tmp_path: Path) -> None:
+    """Omega then follows from the attitudes; of a turn about z alone the others are 0, whatever the noise."""
+    q, w = solved(T_S)
+    text = told(judged(write(tmp_path / "sim.csv", T_S, (q, w * [0.0, 0.0, 1.0]), "%.12g")))
+    assert text.startswith("The attitude is the true one for 10 s")
+    assert "only zeros as omega about x and y" in text
+    rng, spin = np.random.default_rng(0), 12.0 * T_S
+    flat = np.stack([np.cos(spin / 2.0), 0.0 * spin, 0.0 * spin, np.sin(spin / 2.0)], axis=-1)
+    noisy = flat + 1e-2 * rng.standard_normal(flat.shape)
+    noisy /= np.linalg.norm(noisy, axis=1, keepdims=True)
+    rows = noisy, np.tile([0.0, 0.0, 12.0], (len(T_S), 1))
+    assert "only zeros" not in told(judged(write(tmp_path / "flat.csv", T_S, rows, "%.6f")))
+
+
 @pytest.mark.slow(after=1)
 @pytest.mark.parametrize("cause", ["omega is read in degrees per second, not rad/s", [*MISREAD][5]])
 def test_a_misread_omega_is_known_where_rows_are_as_near_as_their_noise(cause: str, tmp_path: Path) -> None:
