@@ -52,8 +52,8 @@ def conclusions(motion: JudgedMotion, case: ExplainedCase | None) -> list[Senten
     """
     diagnosis = None if case is None else case.diagnosis
     if not motion.case.ok:
-        unstable = Sentence(f"{motion.name} is unstable: {motion.row['message']}.", "bad", strong=True)
-        return [unstable, *map(Sentence, _wrong_rows(motion))]
+        rows = [*_wrong_rows(motion)] or [f"{motion.name} is unstable: {motion.row['message']}."]
+        return [Sentence(rows[0], "bad", strong=True), *map(Sentence, rows[1:])]
     is_wrong = diagnosis is not None and diagnosis.verdict == "explained"
     is_noisy = diagnosis is not None and diagnosis.is_within_noise and diagnosis.verdict == "healthy"
     of_noise = [] if diagnosis is None else [*_of_noise(motion, diagnosis)]

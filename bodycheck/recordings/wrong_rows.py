@@ -123,7 +123,13 @@ def without_exceptions(motion: JudgedMotion) -> JudgedMotion:
 
 def _is_repaired(later: JudgedMotion, motion: JudgedMotion, left: float = _LEFT) -> bool:
     """Whether a motion without what is wrong is the true one, or leaves little of the errors."""
-    return later.is_true or _largest(later) <= left * _largest(motion)
+    return _is_right(later, motion) or _largest(later) <= left * _largest(motion)
+
+
+def _is_right(later: JudgedMotion, motion: JudgedMotion) -> bool:
+    """Whether a motion without what is wrong is the true one; of an unstable one, to the noise of rows."""
+    is_noise = all(later.is_noise(one) for one in TURNING if one in later.row)
+    return later.is_true or (is_noise and not motion.case.ok)
 
 
 def _with_omega_meant(
@@ -191,7 +197,7 @@ def _best_repair(
         later = judged_motion(path, name, repaired, problem, None, start)
         if later.row["outcome"] == "ok":
             rest = without_exceptions(later)
-            left = 0.0 if rest.is_true else _largest(rest)
+            left = 0.0 if _is_right(rest, motion) else _largest(rest)
             found.append((left, Repair(wrong, first_rows, later), rest))
     if not found:
         return None

@@ -339,6 +339,16 @@ def test_a_misread_omega_does_not_accuse_the_attitude(cause: str, noise: float, 
     assert "not conserved" not in text
 
 
+def test_a_first_row_without_omega_is_no_instability_in_noise(tmp_path: Path) -> None:
+    """Next to the energy of its noise, that of the later rows is large."""
+    q, w = solved(T_S)
+    noise = 1e-3 * np.random.default_rng(4).standard_normal(w.shape)
+    read = np.where(np.arange(len(w))[:, None] == 0, 0.0, w) + noise
+    text = told(judged(write(tmp_path / "sim.csv", T_S, (q, read), "%.12g")))
+    assert text.startswith("Only the first row, or the step from it, is wrong.")
+    assert "unstable" not in text
+
+
 def test_an_axis_of_omega_that_nothing_fills_is_no_start(tmp_path: Path) -> None:
     """Omega then follows from the attitudes; of a turn about z alone the others are 0, whatever the noise."""
     q, w = solved(T_S)
