@@ -212,7 +212,7 @@ def _rows_apart(attitude: Array) -> int:
     """Return after how many rows a body turns by more than attitudes are noisy, but not far."""
     turn = float(np.median(np.linalg.norm(_turns(attitude), axis=-1))) if len(attitude) > 1 else 0.0
     most = max((len(attitude) - 1) // _FEWEST, 1)
-    return min(max(int(_TURN_RAD / turn), 1), most) if turn > 0.0 else 1
+    return max(int(min(_TURN_RAD / turn, most)), 1) if turn > 0.0 else 1
 
 
 def _axes_and_units() -> list[tuple[WrongReading, ...]]:
