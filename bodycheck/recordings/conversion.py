@@ -13,7 +13,7 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import names
-from bodycheck.examine.diagnosis.attitude_readings import derived_rates
+from bodycheck.examine.diagnosis.attitude_readings import derived_rates, turns_between
 from bodycheck.examine.diagnosis.quantity_resolution import Resolution
 from bodycheck.recordings.column_map import (
     ATTITUDES,
@@ -31,7 +31,6 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import (
     conjugate,
     exp_quaternion,
-    log_quaternion,
     matrix_to_quaternion,
     normalised,
     project_to_so3,
@@ -99,17 +98,15 @@ class RecordedMotion:
         return f"only zeros as {rate}{axes}" if lost else ""
 
     def _steps(self, rate: str) -> Array | None:
-        """Return the change (n - 1, 3) of what is integrated from a rate, in its axes; None without it."""
+        """Return the change (n - 1, 3) of the integral of a rate, in its axes, to a sign; None without it."""
         if rate == "velocity_m_s":
             position = self.arrays.get("position_m")
             return None if position is None or len(position) < 2 else np.diff(position, axis=0)
         if (attitude := self._attitude) is None or len(attitude) < 2:
             return None
-        back, there = conjugate(normalised(attitude[:-1])), normalised(attitude[1:])
+        # of the inverse attitudes: the turns in world axes, reversed
         in_world = rate == "omega_world_rad_s"
-        return log_quaternion(
-            quaternion_product(there, back) if in_world else quaternion_product(back, there)
-        )
+        return turns_between(conjugate(normalised(attitude)) if in_world else normalised(attitude))
 
     @property
     def _omegas(self) -> list[str]:

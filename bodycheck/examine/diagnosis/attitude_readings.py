@@ -31,6 +31,11 @@ LARGEST_TURN_RAD = 2.5
 """The largest turn between attitudes that is used: beyond pi, rotation vectors are ambiguous."""
 
 
+def turns_between(attitude: Array) -> Array:
+    """Return the rotation vectors (n - 1, 3) from each unit quaternion to the next, in body axes."""
+    return log_quaternion(quaternion_product(conjugate(attitude[:-1]), attitude[1:]))
+
+
 def derived_rates(t_s: Array, attitude: Array, resolution_rad: float) -> tuple[Array, float] | None:
     """Return omega (n, 3) in body axes, rad/s, of attitudes (n, 4), and the spacing of its components.
 

@@ -8,7 +8,11 @@ from functools import partial
 
 import numpy as np
 
-from bodycheck.examine.diagnosis.attitude_readings import LARGEST_TURN_RAD, attitude_diagnosis
+from bodycheck.examine.diagnosis.attitude_readings import (
+    LARGEST_TURN_RAD,
+    attitude_diagnosis,
+    turns_between,
+)
 from bodycheck.examine.diagnosis.candidate_maps import COMMON, EXACT, Base
 from bodycheck.examine.diagnosis.diagnosis import (
     ALL,
@@ -31,7 +35,7 @@ from bodycheck.examine.diagnosis.strapdown import strapdown_rules
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.one_step_maps import EXACT as EXACT_MAP
 from bodycheck.reference_impl.one_step_maps.one_step_map import Motion, Solid, scene_loads, times
-from bodycheck.reference_impl.rotations import conjugate, log_quaternion, normalised, quaternion_product
+from bodycheck.reference_impl.rotations import normalised
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.scales import Scales
@@ -181,7 +185,7 @@ def omegas_meant(
     """
     attitude = normalised(trajectory.attitude)
     apart = _rows_apart(attitude)
-    turns = _turns(attitude[::apart])
+    turns = turns_between(attitude[::apart])
     some = np.linalg.norm(turns, axis=-1) < LARGEST_TURN_RAD
     size, intervals_s = np.linalg.norm(turns[some]), np.diff(trajectory.t_s)[:, None]
 
@@ -203,14 +207,9 @@ def omegas_meant(
     return []
 
 
-def _turns(attitude: Array) -> Array:
-    """Return the rotation vectors (n - 1, 3) from each attitude to the next, in body axes."""
-    return log_quaternion(quaternion_product(conjugate(attitude[:-1]), attitude[1:]))
-
-
 def _rows_apart(attitude: Array) -> int:
     """Return after how many rows a body turns by more than attitudes are noisy, but not far."""
-    turn = float(np.median(np.linalg.norm(_turns(attitude), axis=-1))) if len(attitude) > 1 else 0.0
+    turn = float(np.median(np.linalg.norm(turns_between(attitude), axis=-1))) if len(attitude) > 1 else 0.0
     most = max((len(attitude) - 1) // _FEWEST, 1)
     return max(int(min(_TURN_RAD / turn, most)), 1) if turn > 0.0 else 1
 
