@@ -1,4 +1,4 @@
-"""The tableaus of the Runge-Kutta methods against the order conditions, by rooted trees."""
+"""The tableaus of the Runge-Kutta methods and of known maps against the order conditions, by rooted trees."""
 
 from __future__ import annotations
 
@@ -13,6 +13,12 @@ import pytest
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.integrators.facts import Integrator, Tableau
+from bodycheck.reference_impl.one_step_maps.tableaus import (
+    CROUCH_GROSSMAN_3,
+    EXPLICIT,
+    IMPLICIT,
+    NamedTableau,
+)
 
 EPS = float(np.finfo(np.float64).eps)
 
@@ -67,7 +73,7 @@ def stage_weights(tree: Tree, a: Array) -> Array:
     return weights
 
 
-def order_defect(tableau: Tableau, order: int) -> float:
+def order_defect(tableau: Tableau | NamedTableau, order: int) -> float:
     """Return max |b . g(t) - 1 / gamma(t)| over the trees of `order` nodes."""
     return max(
         abs(float(tableau.b @ stage_weights(tree, tableau.a)) - 1.0 / density(tree)) for tree in trees(order)
@@ -90,13 +96,20 @@ def test_tableau_is_explicit_and_its_nodes_are_the_sums_of_its_rows(method: Inte
     assert method.evaluations == len(b)
 
 
-@every_tableau
-def test_tableau_has_exactly_the_stated_order(method: Integrator) -> None:
+@pytest.mark.parametrize(
+    "method",
+    [
+        *(method for method in INTEGRATORS.values() if method.tableau is not None),
+        *(*EXPLICIT, *IMPLICIT, CROUCH_GROSSMAN_3),
+    ],
+    ids=lambda m: m.name,
+)
+def test_tableau_has_exactly_the_stated_order(method: Integrator | NamedTableau) -> None:
     """b . g(t) = 1 / gamma(t) for every tree of up to `order` nodes, but not for all of one node more.
 
     Butcher (1963); Hairer, Norsett and Wanner (1993), Solving ODEs I, theorem II.2.13.
     """
-    tableau = tableau_of(method)
+    tableau = tableau_of(method) if isinstance(method, Integrator) else method
     for order in range(1, method.order + 1):
         assert order_defect(tableau, order) <= 16 * EPS, order
     assert order_defect(tableau, method.order + 1) > 1e-8

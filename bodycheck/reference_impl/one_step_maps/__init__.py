@@ -1,7 +1,6 @@
 """One-step maps in numpy: what engines are compared with, n states at a time, without compilation.
 
-To add a map, yield an `OneStepMap` from `first_order.py`, `runge_kutta_maps.py` or `lie_group.py`:
-fingerprints and tests find it in MAPS.
+To add a map, see "A known map" in CONTRIBUTING.md: fingerprints, diagnoses and tests find it in MAPS.
 """
 
 from __future__ import annotations

@@ -192,6 +192,7 @@ _RULES = (
         "omega+ = omega - dt (I + dt D / 2)^-1 (omega x I omega) + dt I^-1 tau",
         "as M3 about the midpoint",
         default_pose="mean",
+        order=2,
     ),
     _OmegaRule(
         "trapezoidal rule",
