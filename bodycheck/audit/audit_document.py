@@ -33,7 +33,8 @@ from bodycheck.audit.audit_summary import (
 from bodycheck.audit.joint_causes import QUANTITIES
 from bodycheck.reference_impl.rotations import matrix_to_quaternion
 from bodycheck.reports.alerts import Alert
-from bodycheck.reports.document import Cell, Column, Document, Sentence, Span, Table
+from bodycheck.reports.document import Document, Sentence, Table
+from bodycheck.reports.table_layout import Cell, Column, Span
 from bodycheck.scenarios.model_files.joint import UNLIMITED, StatedJoint
 
 _MAX_FINDINGS = 40

@@ -22,7 +22,8 @@ from bodycheck.audit.audit_run import (
 )
 from bodycheck.audit.audit_spins import error_of_numbers, orientation_error, spun, truth_of
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.document import Column, Document, Sentence, Span, Table
+from bodycheck.reports.document import Document, Sentence, Table
+from bodycheck.reports.table_layout import Column, Span
 from bodycheck.scenarios.model_files import read_model
 from bodycheck.scenarios.model_files.model_file import ModelFile
 

@@ -367,7 +367,7 @@ def _judge_tree(
         found = runner.judge_tree(file, scenario, steps_s)
     document = tree_judgement(found)
     answer(document, tree_judgement_data(found), as_json=json)
-    write_files({"html": html}, {"html": lambda: page(document, "document.html")}, as_json=json)
+    write_files({"html": html}, {"html": lambda: page(document)}, as_json=json)
 
 
 def _given_motion(

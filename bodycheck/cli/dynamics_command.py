@@ -118,7 +118,7 @@ def dynamics(
     write_files(
         files,
         {
-            "html": lambda: document.page(shown, "document.html"),
+            "html": lambda: document.page(shown),
             "markdown": lambda: document.markdown(shown),
         },
         as_json=json,

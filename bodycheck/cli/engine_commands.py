@@ -188,7 +188,7 @@ def gradients(
     write_files(
         files,
         {
-            "html": lambda: document.page(shown, "document.html"),
+            "html": lambda: document.page(shown),
             "markdown": lambda: document.markdown(shown),
         },
         as_json=json,

@@ -173,7 +173,8 @@ def list_(json: Json = False) -> None:
     from bodycheck._util.file_digests import disk_bytes
     from bodycheck._util.formatting import count
     from bodycheck.adapters.versions.environments import environments
-    from bodycheck.reports.document import Column, Document, Sentence, Table, answer
+    from bodycheck.reports.document import Document, Sentence, Table, answer
+    from bodycheck.reports.table_layout import Column
 
     every = environments()
     lead = "no environments: `bodycheck environments make` or the first run of an engine creates them"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +22,13 @@ from bodycheck.ensembles.ensemble_files import (
 )
 from bodycheck.ensembles.ensemble_result import SENTINELS, EnsembleResult, key_text
 from bodycheck.ensembles.hunt_run import HuntResult, command_of
-from bodycheck.reports.document import Column, Command, Document, Sentence, Table, page
+from bodycheck.reports.document import Command, Document, Drawing, Sentence, Table, page
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.render.figures import panel
 from bodycheck.reports.render.styles import heading
 from bodycheck.reports.run_files.method_words import OTHER_BITS, SAME_BITS
 from bodycheck.reports.summary.quantiles import Quantile
+from bodycheck.reports.table_layout import Column
 
 _QUANTILES = (0.5, 0.95, 0.99)
 
@@ -91,14 +93,17 @@ def _worst_table(result: EnsembleResult, folder: Path) -> Table:
 
 def write_ensemble_page(result: EnsembleResult, folder: Path) -> Path:
     """Write report.html: the distributions and the worst bodies, with the figure if it was drawn."""
-    drawn = Markup()
-    if (folder / DISTRIBUTIONS).exists():
-        one_each = (
-            distributions_svg(result.statistics, [measure], transparent=True) for measure in ROTATION_MEASURES
-        )
-        drawn = drawn.join(map(panel, one_each))
+    measures = ROTATION_MEASURES if (folder / DISTRIBUTIONS).exists() else ()
+    drawn = (distributions_svg(result.statistics, [measure], transparent=True) for measure in measures)
+    figure = Drawing(
+        title="Distributions of the errors",
+        note="The share of bodies whose error is larger than the abscissa; a line farther to the left is "
+        "better. Both axes are logarithmic.",
+        drawing=Markup().join(map(panel, drawn)),
+    )
+    document = ensemble_document(result, folder)
     path = folder / "report.html"
-    write_file(path, page(ensemble_document(result, folder), "ensemble.html", figure=drawn).encode())
+    write_file(path, page(replace(document, parts=(figure, *document.parts))).encode())
     return path
 
 

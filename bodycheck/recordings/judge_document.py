@@ -24,11 +24,12 @@ from bodycheck.recordings.judged_motion import (
     is_free,
 )
 from bodycheck.recordings.wrong_rows import exceptions_of, is_right_elsewhere, without_exceptions
-from bodycheck.reports.document import Column, Document, Part, Sentence, Table
+from bodycheck.reports.document import Document, Part, Sentence, Table
 from bodycheck.reports.measurement.convergence import Convergence
 from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS
 from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, SIGNED, gain_word
 from bodycheck.reports.render.styles import heading
+from bodycheck.reports.table_layout import Column
 
 _DIGITS = 3
 _PER_CENT = 1e-4  # relative: from there on in per cent

@@ -63,11 +63,12 @@ def judgement_page(ranking: Ranking, cases: Sequence[ExplainedCase]) -> str:
         if motion.case.ok:
             same = next((group for group in groups if _same_times(group[0].problem, motion.problem)), None)
             groups.append([motion]) if same is None else same.append(motion)
+    document = judgement_document(ranking, cases, evidence=True)
     return page(
-        judgement_document(ranking, cases, evidence=True),
+        replace(document, parts=(*document.parts, drawn_explanations(cases, "in the file"))),
         "judged.html",
         allowed=Markup("script-src 'unsafe-inline'; img-src data: blob:; "),
-        sections=[_section(group, drawn, number) for number, group in enumerate(groups, 1)],
+        motions=[_section(group, drawn, number) for number, group in enumerate(groups, 1)],
         styles=drawn,
         own=(),
         styles_data=[asdict(style) for style in drawn.values()],
@@ -76,7 +77,6 @@ def judgement_page(ranking: Ranking, cases: Sequence[ExplainedCase]) -> str:
         engine_colour=colours.__getitem__,
         js=Markup("\n").join(asset(f"templates/{name}.js") for name in _SCRIPTS),
         plotly=asset("vendor/plotly-basic.min.js"),
-        figure=drawn_explanations(cases),
     )
 
 

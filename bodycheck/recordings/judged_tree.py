@@ -21,10 +21,11 @@ from bodycheck.reference_impl.trees.tree_bodies import tree_trajectory
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.truths import known_truth
-from bodycheck.reports.document import Column, Document, Sentence, Table
+from bodycheck.reports.document import Document, Sentence, Table
 from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.trajectory_files import COLUMNS, read_arrays, state_columns, tree_table
+from bodycheck.reports.table_layout import Column
 from bodycheck.scenarios.tree_model import TreeScenario
 
 _UNITS = {

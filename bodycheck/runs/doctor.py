@@ -24,8 +24,9 @@ from bodycheck.adapters.registry import default_engines, distribution_of, option
 from bodycheck.adapters.versions.uv import uv_program
 from bodycheck.adapters.workers.engine_pool import announced
 from bodycheck.reference_impl.precompile import closed_forms_compiled
-from bodycheck.reports.document import Column, Document, Sentence, Span, Table
+from bodycheck.reports.document import Document, Sentence, Table
 from bodycheck.reports.summary.catalogue import on_request_state
+from bodycheck.reports.table_layout import Column, Span
 
 _NOT_LISTED = {"", "all", "bench", "docs", "engines", "release", "test"}
 """Extras of developers, and those whose packages stand in lines of their own."""

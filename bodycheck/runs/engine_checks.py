@@ -27,7 +27,8 @@ from bodycheck.examine.probes.fingerprint import (
 from bodycheck.examine.probes.laws import law_rows
 from bodycheck.examine.probes.tree_laws import check_tree_laws
 from bodycheck.reports.cache.answers import Answers, EngineClient
-from bodycheck.reports.document import Column, Command, Document, Sentence, Span, Table
+from bodycheck.reports.document import Command, Document, Sentence, Table
+from bodycheck.reports.table_layout import Column, Span
 from bodycheck.runs.dynamics_run import DynamicsOptions, dynamics
 from bodycheck.runs.selection import select
 from bodycheck.scenarios.library import PROBES

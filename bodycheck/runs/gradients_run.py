@@ -28,7 +28,8 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.cache.answers import Answers, EngineClient
-from bodycheck.reports.document import Column, Document, Sentence, Span, Table
+from bodycheck.reports.document import Document, Sentence, Table
+from bodycheck.reports.table_layout import Column, Span
 from bodycheck.runs.selection import select
 from bodycheck.scenarios.library import PROBES
 

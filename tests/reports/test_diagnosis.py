@@ -38,12 +38,13 @@ from bodycheck.reference_impl.rotations import exp_quaternion, normalised, quate
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import steps_per_sample
-from bodycheck.reports.document import Document, Sentence, Span, Table
+from bodycheck.reports.document import Document, Sentence, Table
 from bodycheck.reports.document import markdown as as_markdown
 from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.table_layout import Span
 from bodycheck.runs.directory import write_run
 from bodycheck.scenarios.library import load_scenario
 from tests.helpers.expected_messages import ExpectedMessage

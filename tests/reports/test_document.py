@@ -12,24 +12,25 @@ from typing import Any
 
 import numpy as np
 import pytest
+from markupsafe import Markup
 from rich.console import Console
 
 from bodycheck.reports import document
 from bodycheck.reports.document import (
-    Column,
     Command,
     Document,
-    Kind,
+    DocumentSection,
+    Drawing,
     Part,
     Sentence,
-    Span,
     Table,
     json_text,
     markdown,
-    plain,
+    page,
     print_document,
-    shortened,
 )
+from bodycheck.reports.table_layout import Column, Kind, Span, plain, shortened
+from tests.helpers.doc_pages import blocks
 
 COMMAND = "bodycheck run intermediate-axis --engine reference:quaternion-euler --dt 0.001 --no-speed"
 COLUMNS = (
@@ -169,6 +170,45 @@ class Answer:
     values: Any
     folder: Path
     nested: tuple[Span, ...]
+
+
+SECTIONS: dict[type[DocumentSection], DocumentSection] = {
+    Table: Table((Column("c"),), (("content",),), title="heading"),
+    Drawing: Drawing("heading", "content", Markup("<svg></svg>")),
+}
+"""An example of each kind of section, with these words."""
+
+
+def recipe() -> DocumentSection:
+    """Return an example of the kind that CONTRIBUTING.md adds, from its text."""
+    (text,) = [one.text for one in blocks("CONTRIBUTING.md", "python") if "DocumentSection" in one.text]
+    found: dict[str, Any] = {"__name__": "recipe"}
+    exec(compile(text, "CONTRIBUTING.md", "exec", dont_inherit=True), found)
+    made: DocumentSection = found["Listing"]("heading", ("content",))
+    return made
+
+
+def test_every_kind_of_section_has_an_example() -> None:
+    """An example is needed to see that it draws itself."""
+    known = {kind for kind in DocumentSection.__subclasses__() if kind.__module__ != "recipe"}
+    assert set(SECTIONS) == known
+
+
+@pytest.mark.parametrize("section", [*SECTIONS.values(), recipe()], ids=lambda one: type(one).__name__)
+def test_a_section_draws_its_content_below_its_heading_in_each_of_its_media(
+    section: DocumentSection, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Between two sentences, in the media of `only` and in no other."""
+    shown = Document("title", (section, Sentence("end")))
+    texts = {
+        "console": "\n".join(on_console(shown.parts, 80, monkeypatch)),
+        "markdown": markdown(shown),
+        "page": page(shown).partition("<main>")[2],
+    }
+    for medium, text in texts.items():
+        found = re.search(r"heading.*content", text, re.DOTALL)
+        assert (found is not None) is (medium in section.only), text
+    assert re.search(r"<h2 [^>]*>heading</h2>", texts["page"])
 
 
 def test_json_has_dataclasses_arrays_and_paths_and_no_nan() -> None:

@@ -9,6 +9,8 @@ from pathlib import Path
 from urllib.parse import unquote, urljoin, urlsplit
 
 import pytest
+from jinja2 import ChoiceLoader, DictLoader, PackageLoader
+from markupsafe import escape
 from playwright.sync_api import Browser, Error, expect
 
 from bodycheck._util.errors import InputError
@@ -99,6 +101,30 @@ def test_every_link_of_every_page_leads_to_its_place(run: Run) -> None:
 def test_a_small_run_has_one_page(run: Run) -> None:
     """It needs no other file."""
     assert [path for path, _ in report.report_pages(run)] == [FIRST]
+
+
+@pytest.mark.usefixtures("one_each")
+def test_a_new_section_of_the_report_is_a_template_and_its_place(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its template reads the run; it stands where report.html includes it, on the first page alone."""
+    loader = report.environment().loader
+    assert isinstance(loader, PackageLoader)
+    text, _, _ = loader.get_source(report.environment(), "report.html")
+    place = '{% include "overall.html" %}'
+    assert text.count(place) == 1
+    added = {
+        "report.html": text.replace(place, place + '\n{% include "engines.html" %}'),
+        "engines.html": "<section><h2>Engines</h2>{{ run.manifest.engines | join }}</section>",
+    }
+    changed = report.environment().overlay(loader=ChoiceLoader([DictLoader(added), loader]))
+    monkeypatch.setattr(report, "environment", lambda: changed)
+    *further, first = (text for _, text in report.report_pages(run))
+    found = re.search(r'id="overall".*<h2>Engines</h2>(.*?)</section>.*id="scenarios"', first, re.DOTALL)
+    assert found is not None
+    assert found[1] == escape("".join(run.manifest["engines"]))
+    assert further
+    assert not any("<h2>Engines</h2>" in text for text in further)
 
 
 @pytest.mark.nightly

@@ -7,7 +7,7 @@ import pytest
 from bodycheck._util.formatting import brief, names, number, scientific, step
 from bodycheck.reference_impl.one_step_maps import MAPS
 from bodycheck.reference_impl.one_step_maps.tree_maps import TREE_MAPS
-from bodycheck.reports.document import Sentence, Span, Table, plain
+from bodycheck.reports.document import Sentence, Table
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.run_files.method_words import _MAPS_IN_WORDS, NO_KNOWN_MAP, NOT_MEASURED, map_in_words
@@ -22,6 +22,7 @@ from bodycheck.reports.summary.sentences import (
     verdict_sentences,
 )
 from bodycheck.reports.summary.worst_results import worst_results
+from bodycheck.reports.table_layout import Span, plain
 from tests.helpers.gate_tables import make_tables, with_tables
 
 UNKNOWN = {"scenarios": {}, "run_s": None, "compile_s": None} | dict.fromkeys(

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 from bodycheck._util.formatting import count, names, number
 from bodycheck.examine.dynamics.engine_dynamics import LABELS, EngineDynamics, ReadingResult
-from bodycheck.reports.document import Column, Document, Part, Sentence, Span, Table
+from bodycheck.reports.document import Document, Part, Sentence, Table
+from bodycheck.reports.table_layout import Column, Span
 
 _TINTS = {"right": "good", "wrong": "bad", "failed": "bad", "unsupported": "open"}
 _AFTER = {

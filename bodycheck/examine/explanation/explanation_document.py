@@ -21,8 +21,9 @@ from bodycheck.examine.diagnosis.fit import planted
 from bodycheck.examine.diagnosis.transitions import QUANTITIES
 from bodycheck.examine.explanation.explain import ExplainedCase
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.document import Cell, Column, Command, Document, Part, Sentence, Span, Table, page
+from bodycheck.reports.document import Command, Document, Drawing, Part, Sentence, Table, page
 from bodycheck.reports.measurement.verdicts import FAULTS
+from bodycheck.reports.table_layout import Cell, Column, Span
 
 _HOLDS = 30.0  # multiples of the round-off
 _MIN_SHOWN = 1e-18  # below round-off: exact agreement on a logarithmic axis
@@ -307,17 +308,24 @@ def explanation_data(cases: Sequence[ExplainedCase]) -> list[dict[str, Any]]:
 
 def explanation_page(cases: Sequence[ExplainedCase]) -> str:
     """Return the explanations as one self-contained HTML page, with the figure if matplotlib is installed."""
-    return page(explanation_document(cases), "explain.html", figure=drawn_explanations(cases))
+    document = explanation_document(cases)
+    drawn = drawn_explanations(cases, "that the engine reports")
+    return page(replace(document, parts=(*document.parts, drawn)))
 
 
-def drawn_explanations(cases: Sequence[ExplainedCase]) -> Markup:
-    """Return a panel of a page for each case with differences; "" without matplotlib."""
+def drawn_explanations(cases: Sequence[ExplainedCase], start: str) -> Drawing:
+    """Return a panel for each case with differences; none without matplotlib. start: of each interval."""
     from bodycheck.reports.render.figures import panel
 
-    if find_spec("matplotlib") is None:
-        return Markup()
     differ = [one for one in cases if one.diagnosis and errors_over_time(one.diagnosis)]
-    return Markup().join(panel(explanation_figure([one], ".svg", on_page=True)) for one in differ)
+    if find_spec("matplotlib") is None:
+        differ = []
+    return Drawing(
+        title="The difference from the map, without and with the fault",
+        note="The largest difference of any quantity over one sample interval, divided by the scale of the "
+        f"quantity. Each interval starts from the state {start}, so earlier errors do not accumulate.",
+        drawing=Markup().join(panel(explanation_figure([one], ".svg", on_page=True)) for one in differ),
+    )
 
 
 def explanation_figure(cases: Sequence[ExplainedCase], suffix: str, *, on_page: bool = False) -> bytes:

@@ -26,11 +26,12 @@ from bodycheck.reports.comparison.headlines import (
     moved_texts,
 )
 from bodycheck.reports.comparison.overlays import overlays_of
-from bodycheck.reports.document import MEDIA, Column, Command, Document, Sentence, Span, Table, page
+from bodycheck.reports.document import Command, Document, Sentence, Table, page
 from bodycheck.reports.measurement.case import scenario_spec
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.render.styles import engine_colour, heading
 from bodycheck.reports.run_files.run_tables import Tables, study_key
+from bodycheck.reports.table_layout import MEDIA, Column, Span
 
 HEADINGS: dict[Status, str] = {
     "worse": "Worse",

@@ -10,12 +10,13 @@ from typing import Any, TypeVar
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import count, names, number
 from bodycheck.reports.comparison.compare import compare
-from bodycheck.reports.document import Column, Document, Sentence, Table
+from bodycheck.reports.document import Document, Sentence, Table
 from bodycheck.reports.gates.gate import Gate, GateMeasure, measure_of
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.gates.verdict import rows_of
 from bodycheck.reports.measurement.measures import MEASURES
 from bodycheck.reports.run_files.run_tables import Tables
+from bodycheck.reports.table_layout import Column
 
 _Result = TypeVar("_Result")
 

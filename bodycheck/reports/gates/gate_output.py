@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 from bodycheck._util.formatting import count, number
 from bodycheck.reports.alerts import Alert, badge, xml_text
-from bodycheck.reports.document import Column, Document, Sentence, Span, Table
+from bodycheck.reports.document import Document, Sentence, Table
 from bodycheck.reports.gates.proposal import BoundChange
 from bodycheck.reports.gates.verdict import GateCheck, GateResult, GateRow, at_of, distance
 from bodycheck.reports.run_files.run_tables import (
@@ -22,6 +22,7 @@ from bodycheck.reports.run_files.run_tables import (
     failed_case,
     study_key,
 )
+from bodycheck.reports.table_layout import Column, Span
 
 
 def as_junit(results: Sequence[GateResult], where: str) -> bytes:

@@ -14,7 +14,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.alerts import Alert
 from bodycheck.reports.comparison.comparison_document import HEADINGS, change_tables, nothing, scope, searches
 from bodycheck.reports.comparison.headlines import headlines, lines_of
-from bodycheck.reports.document import MEDIA, Column, Command, Document, Medium, Sentence, Table, page
+from bodycheck.reports.document import Command, Document, Sentence, Table, page
 from bodycheck.reports.history.acceptances import acceptance_text
 from bodycheck.reports.history.archive import started_at
 from bodycheck.reports.history.baseline import SUMMARY_KEYS, machine_class
@@ -35,6 +35,7 @@ from bodycheck.reports.render.styles import engine_colour
 from bodycheck.reports.summary.sentences import Summary
 from bodycheck.reports.summary.worst_results import faulty
 from bodycheck.reports.summary.worst_results import headline as methods_headline
+from bodycheck.reports.table_layout import MEDIA, Column, Medium
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -17,7 +17,7 @@ from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.pivot import rotational_inertia
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.trees.tree_scene import TreeScene
-from bodycheck.reports.document import Column, Document, Sentence, Table
+from bodycheck.reports.document import Document, Sentence, Table
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.render.body_figures import (
@@ -33,6 +33,7 @@ from bodycheck.reports.render.figures import WIDTHS_IN, check_drawable, figure_b
 from bodycheck.reports.render.page.played_motions import shown_cases, shown_errors
 from bodycheck.reports.render.styles import TRUTH
 from bodycheck.reports.run_files.run_tables import Run, coarsest_shared_step
+from bodycheck.reports.table_layout import Column
 
 if TYPE_CHECKING:
     from matplotlib.animation import AbstractMovieWriter

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import Progress, ProgressColumn, SpinnerColumn, Task
 from rich.text import Text
 
-from bodycheck.reports.document import shortened
+from bodycheck.reports.table_layout import shortened
 
 _SPINNER_WIDTH = 2
 _MAX_SILENCE_S = 30.0  # of a log

@@ -6,9 +6,10 @@ from collections.abc import Iterator
 
 from bodycheck._util.formatting import brief, names, number, setting, step
 from bodycheck.adapters.engine_names import REFERENCE
-from bodycheck.reports.document import Column, Command, Document, Part, Sentence, Table
+from bodycheck.reports.document import Command, Document, Part, Sentence, Table
 from bodycheck.reports.measurement.verdicts import unit_of
 from bodycheck.reports.summary.advice import Advice, Option, ScenarioAdvice
+from bodycheck.reports.table_layout import Column
 
 _COLUMNS = (
     Column("engine:method", "name"),

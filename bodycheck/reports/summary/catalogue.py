@@ -14,8 +14,9 @@ from bodycheck.adapters.registry import default_engines, engine_names, optional_
 from bodycheck.adapters.versions.environments import installed_version, needed_environment, requirements_of
 from bodycheck.adapters.workers.engine_pool import announced
 from bodycheck.reference_impl.one_step_maps import named_map
-from bodycheck.reports.document import Column, Document, Sentence, Table
+from bodycheck.reports.document import Document, Sentence, Table
 from bodycheck.reports.measurement.measures import MEASURES, SIGNED, Measure
+from bodycheck.reports.table_layout import Column
 from bodycheck.scenarios.library import scenario_summaries, suites, tree_summaries
 
 

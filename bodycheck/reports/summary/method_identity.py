@@ -6,9 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 from bodycheck._util.formatting import count, names, number
-from bodycheck.reports.document import Column, Document, Sentence, Span, Table
+from bodycheck.reports.document import Document, Sentence, Table
 from bodycheck.reports.run_files.method_words import NO_KNOWN_MAP, NOT_MEASURED, REPLAY, map_in_words
 from bodycheck.reports.run_files.run_tables import MethodKey, key_of
+from bodycheck.reports.table_layout import Column, Span
 
 _UNKNOWN = (NO_KNOWN_MAP, NOT_MEASURED)
 

@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from bodycheck._util.formatting import count, names, number
-from bodycheck.reports.document import Column, Document, Medium, Sentence, Span, Table
+from bodycheck.reports.document import Document, Sentence, Table
 from bodycheck.reports.measurement.convergence import LARGEST_ERROR
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.run_files.run_tables import FAILED_CHECKS, MethodKey, Tables
 from bodycheck.reports.summary.cells import Cell, Overview, overviews, summary_cells
 from bodycheck.reports.summary.shared_maps import shared_maps
 from bodycheck.reports.summary.worst_results import MethodResults, faulty, headline, worst_methods
+from bodycheck.reports.table_layout import Column, Medium, Span
 
 _REFUSED = ("invalid", "unsupported")
 _ENGINES_IN_COMMON, _METHODS_IN_COMMON = 2, 3  # that have one wrong limit: fewer may agree by chance

@@ -33,9 +33,9 @@ from bodycheck.reports.comparison.comparison_document import (
     sentences,
 )
 from bodycheck.reports.comparison.environment_diff import environment_diff, redefined
-from bodycheck.reports.document import MEDIA
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.run_files.run_tables import Tables
+from bodycheck.reports.table_layout import MEDIA
 from tests.helpers.gate_tables import make_tables
 from tests.helpers.swapped_runs import swapped
 
