@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import inspect
-import shutil
 import subprocess
 import sys
 from dataclasses import fields
@@ -15,6 +14,7 @@ import pytest
 
 import bodycheck
 from bodycheck.runs.request import Execution, Request, options, stored_fields
+from tests.helpers.changed_package import copy_with
 from tests.helpers.scenario_texts import tumbling
 
 PACKAGE = Path(bodycheck.__file__).parent
@@ -68,12 +68,7 @@ print(*("--colour" in call(command, "--help")[1] for command in ("run", "nightly
 @pytest.mark.slow
 def test_a_new_option_is_known_wherever_options_are(tmp_path: Path) -> None:
     """A line in request.py adds it to both commands, to Python, the manifest, merging and resuming."""
-    shutil.copytree(PACKAGE, tmp_path / "bodycheck", ignore=shutil.ignore_patterns("__pycache__"))
-    file = tmp_path / "bodycheck/runs/request.py"
-    text = file.read_text()
-    place = "    speed_passes: int"
-    assert text.count(place) == 1
-    file.write_text(text.replace(place, DECLARATION + place))
+    copy_with(tmp_path, "bodycheck/runs/request.py", "    speed_passes: int", DECLARATION)
     (tmp_path / "mine.toml").write_text(tumbling())
     done = subprocess.run(
         [sys.executable, "-c", dedent(SCRIPT)], cwd=tmp_path, capture_output=True, text=True, check=False

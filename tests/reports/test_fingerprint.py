@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import math
 import shlex
-import shutil
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
@@ -16,7 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import bodycheck
 from bodycheck.adapters.contract import Build, Engine, Method, ReadBack, Reading, Setting
 from bodycheck.adapters.execution import Answer, Case
 from bodycheck.examine.probes import examination
@@ -56,6 +52,7 @@ from bodycheck.reports.run_files.method_words import (
 )
 from bodycheck.reports.summary.method_identity import fingerprint_document, laws_document
 from bodycheck.runs.engine_checks import laws
+from tests.helpers.changed_package import copy_with, printed_by
 from tests.helpers.scenario_texts import tumbling
 
 ROOT = Path(__file__).parents[2]
@@ -616,7 +613,7 @@ def test_each_row_has_the_map_and_the_replay_of_its_method() -> None:
     assert found == [("M1", SAME_BITS), (None, OTHER_BITS), (None, None)]
 
 
-MAP = 'explicit("late stage", 2, ["3/4"], "1/3 2/3", "a test"),'
+MAP = '    explicit("late stage", 2, ["3/4"], "1/3 2/3", "a test"),\n'
 """The map that is added to a copy of the package, in one place."""
 LATE_STAGE = """
 from dataclasses import replace
@@ -642,19 +639,13 @@ def step(state, dt):
 @pytest.mark.slow
 def test_a_new_map_is_known_wherever_maps_are(tmp_path: Path) -> None:
     """A line in tableaus.py names it in fingerprints, in explanations and in judgements of recordings."""
-    package = Path(bodycheck.__file__).parent
-    shutil.copytree(package, tmp_path / "bodycheck", ignore=shutil.ignore_patterns("__pycache__"))
-    file = tmp_path / "bodycheck/reference_impl/one_step_maps/tableaus.py"
-    text, place = file.read_text(), "EXPLICIT = (\n"
-    assert text.count(place) == 1
-    file.write_text(text.replace(place, f"{place}    {MAP}\n"))
+    file, first = "bodycheck/reference_impl/one_step_maps/tableaus.py", '    explicit("Heun 2"'
+    copy_with(tmp_path, file, first, MAP)
     (tmp_path / "mine.py").write_text(LATE_STAGE)
     (tmp_path / "mine.toml").write_text(tumbling())
 
     def printed(*words: str) -> str:
-        command = [sys.executable, "-m", "bodycheck", *words]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
-        return " ".join(done.stdout.split())
+        return " ".join(printed_by(tmp_path, *words).split())
 
     name = "late stage, additive quaternion"
     assert f"known map {name}" in printed("fingerprint", "mine:step", "--allow-code")

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import shutil
-import subprocess
-import sys
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -21,6 +19,7 @@ from bodycheck.runs.directory import run_to_folder
 from bodycheck.runs.merge import merge
 from bodycheck.runs.request import Request
 from bodycheck.runs.run_progress import no_progress
+from tests.helpers.changed_package import copy_with, printed_by
 from tests.helpers.in_process_cli import run_bodycheck
 from tests.helpers.scenario_texts import tumbling
 
@@ -121,18 +120,10 @@ COLUMN = """    CaseColumn(
 @pytest.mark.slow
 def test_a_new_column_of_results_is_known_wherever_columns_are(tmp_path: Path) -> None:
     """A line in case_columns.py adds it to the run, its files, what is printed of them and the schema."""
-    package = Path(bodycheck.__file__).parent
-    shutil.copytree(package, tmp_path / "bodycheck", ignore=shutil.ignore_patterns("__pycache__"))
-    file = tmp_path / "bodycheck/reports/measurement/case_columns.py"
-    text, place = file.read_text(), '    CaseColumn("successive_difference_rad"),\n'
-    assert text.count(place) == 1
-    file.write_text(text.replace(place, place + COLUMN))
+    file = "bodycheck/reports/measurement/case_columns.py"
+    copy_with(tmp_path, file, '    CaseColumn("successive_difference_rad"),\n', COLUMN)
     (tmp_path / "mine.toml").write_text(tumbling())
-
-    def printed(*words: str) -> str:
-        command = [sys.executable, "-m", "bodycheck", *words]
-        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
-
+    printed = partial(printed_by, tmp_path)
     for part in ("1/2", "2/2"):
         methods = "reference:m1,reference:rk4"
         options = ("--dt", "0.1", "--no-speed", "--quiet", "--shard", part, "--out", f"part-{part[0]}")
@@ -140,7 +131,7 @@ def test_a_new_column_of_results_is_known_wherever_columns_are(tmp_path: Path) -
     printed("merge", "part-1", "part-2", "--out", "whole")
     table = pd.read_csv(tmp_path / "whole/results.csv")
     names = [*table.columns]
-    assert names[names.index("last_omega_x_rad_s") - 1] == "successive_difference_rad"
+    assert names[names.index("last_omega_x_rad_s") + 1] == "successive_difference_rad"
     assert table["last_omega_x_rad_s"].abs().min() > 0.0
     shown = printed("table", "whole", "--columns", "last_omega_x_rad_s").splitlines()
     assert shown == ["last_omega_x_rad_s", *map(repr, table["last_omega_x_rad_s"])]
