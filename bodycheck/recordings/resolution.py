@@ -76,11 +76,6 @@ def largest_finite(values: Array) -> float:
 def digits_of(values: Array) -> Digits | None:
     """Return how values (n,) are rounded; None where a few different ones, or equal steps, do not show it."""
     finite = values[np.isfinite(values)]
-    with np.errstate(over="ignore", invalid="ignore"):
-        steps = np.diff(finite)
-        off = np.abs(steps - np.median(steps)) if len(steps) else np.zeros(1)
-        if np.mean(off <= _EQUAL * np.spacing(largest_finite(finite))) >= _MOST:
-            return None
     sample = np.unique(finite[:: max(1, len(finite) // _SAMPLES)])
     if len(sample) < _FEWEST_VALUES:
         return None
@@ -93,6 +88,8 @@ def digits_of(values: Array) -> Digits | None:
         is_float32=False,
         magnitude=max(number.adjusted() for number in full),
     )
+    if _are_even(finite, 10.0**-found.decimals):
+        return None
     with np.errstate(over="ignore"):
         off = np.abs(sample - sample.astype(np.float32))
         is_float32 = all(
@@ -101,6 +98,21 @@ def digits_of(values: Array) -> Digits | None:
             for value, rounding in zip(sample.tolist(), off.tolist(), strict=True)
         )
     return replace(found, is_float32=is_float32)
+
+
+def _are_even(values: Array, unit: float) -> bool:
+    """Whether values (n,) have equal steps, except by a slow quantity that is rounded to a unit.
+
+    Most values of that equal the one before, and the others differ from it by one unit.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        steps, rounding = np.diff(values), _EQUAL * np.spacing(largest_finite(values))
+        off = np.abs(steps - np.median(steps))
+        if np.mean(off <= rounding) < _MOST:
+            return False
+        moved = off[off > rounding]
+        is_slow = np.median(steps) == 0.0 and np.mean(np.abs(moved - unit) <= rounding) >= _MOST
+    return not (len(moved) and is_slow)
 
 
 def _decimals(number: Decimal) -> int:

@@ -115,6 +115,21 @@ def test_equal_steps_do_not_show_how_they_were_rounded(tmp_path: Path) -> None:
     assert digits_of(4.0 - 0.981 * np.arange(200)) is None
 
 
+@pytest.mark.parametrize("decimals", [1, 2, 3])
+def test_a_slow_quantity_shows_how_it_was_rounded(decimals: int, tmp_path: Path) -> None:
+    """Most of its values equal the one before, and the others differ by one unit of the last decimal."""
+    values = 3.0 * 0.1**decimals * rates(2000)
+    assert np.mean(np.diff(values.round(decimals), axis=0) == 0.0) > 0.9
+    motion = written(tmp_path, lambda v: f"{v:.{decimals}f}", values)
+    assert motion.resolution["omega_body_rad_s"] == pytest.approx([0.1**decimals] * 3)
+
+
+def test_jumps_of_a_held_quantity_do_not_show_how_it_was_rounded() -> None:
+    """Other jumps than by one unit are those of the quantity: 0.1, then 0.3, then 0.6."""
+    assert digits_of(np.repeat([0.1, 0.3, 0.6], 50)) is None
+    assert digits_of(np.repeat([0.1, 0.2, 0.3], 50)) is not None
+
+
 def test_resolution_is_mapped_like_its_column(tmp_path: Path) -> None:
     """Units, products and axes apply to the resolution, and angles give that of the quaternion."""
     rows = ["t,p,q,r,yaw,pitch,roll"]

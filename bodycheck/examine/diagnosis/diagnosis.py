@@ -170,7 +170,8 @@ class Diagnosis:
             return f"no fault: the motion is that of {self.base_words}{order}{within}{equal}"
         if self.verdict == "strapdown":
             omega = "omega is that of the exact motion" + (f", to {self.within}" if self.within else "")
-            return f"no fault in omega: {omega}; the attitude is integrated from it: {self.base_words}"
+            rule = f"{self.base_words}{_equal(self.equal_maps)}"
+            return f"no fault in omega: {omega}; the attitude is integrated from it: {rule}"
         if self.verdict == "lower-order":
             return f"the method is{self._of_order}, not {self.order}: the motion is that of {self.base_words}"
         if self.verdict == "elsewhere":

@@ -33,6 +33,7 @@ from bodycheck.examine.diagnosis.quantity_resolution import NOT_RECORDED, Resolu
 from bodycheck.examine.diagnosis.whitening import Whitening
 from bodycheck.reference_impl.arrays import Array, largest_norm
 from bodycheck.reference_impl.pivot import about_pivot
+from bodycheck.reference_impl.rotations import exp_quaternion
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.scales import Scales
@@ -120,29 +121,36 @@ class Transitions:
         base, model: the map whose derivatives are used, by default without faults.
         """
         whole = self if self.whole is None else self.whole
-        derivatives = whole._derivatives(base, whole.grid.model(whole.scene) if model is None else model)
-        return self.whitened_with(derivatives)
-
-    def whitened_with(self, derivatives: Array) -> Transitions:
-        """Return the transitions with their differences whitened; derivatives (s, n, n) of the whole log."""
-        whole = self if self.whole is None else self.whole
-        rows = whole.rows
-        least = whole.rounding[rows] / ROUND_OFF
-        spread = np.maximum(whole.spread[rows], least)
+        least = whole.rounding[whole.rows] / ROUND_OFF
+        spread = np.maximum(whole.spread[whole.rows], least)
+        healthy = whole.grid.model(whole.scene)
+        derivatives, missed = whole._derivatives(base, healthy if model is None else model, spread)
         # a program whose numbers are float32 may also compute in float32
-        noise = spread if whole.is_single else least
+        noise = spread if whole.is_single else np.hypot(least, missed)
         follows = np.r_[False, np.diff(whole.indices) == 1]
         whitening = Whitening.of(derivatives, spread, noise, follows)
         return replace(self, whitening=whitening, whole=None if self.whole is None else whole)
 
-    def _derivatives(self, base: Base, model: Model) -> Array:
-        """(s, n, n): of the known quantities after each transition with respect to those before it."""
-        models = [model.copied() for _ in range(1 + len(self.rows))]
-        for row, shifted in zip(self.rows.tolist(), models[1:], strict=True):
-            undo = partial(_shifted, row=row, size=SHIFT * self.sizes[row])
-            shifted.misreadings = (*shifted.misreadings, Misreading(_as_read, undo))
+    def _derivatives(self, base: Base, model: Model, spread: Array) -> tuple[Array, Array]:
+        """Return the derivatives of a map (s, n, n), and what they miss of it (n,), in root mean square.
+
+        Of the known quantities after each transition with respect to those before it. They miss the terms of
+        second order in the errors of a state, of deviation `spread` (n,): those of a coarse omega are larger
+        than the round-off of a fine attitude.
+        """
+        count = len(self.rows)
+        errors = spread[:, None] * np.random.default_rng(0).choice([-1.0, 1.0], (count, len(self.indices)))
+        shifts = [*(SHIFT * np.eye(count)[:, :, None]), errors]
+        models = [model.copied() for _ in range(1 + len(shifts))]
+        for shift, shifted in zip(shifts, models[1:], strict=True):
+            by = np.zeros((12, shift.shape[1]))
+            by[self.rows] = shift * self.sizes[self.rows, None]
+            shifted.misreadings = (*shifted.misreadings, Misreading(_as_read, partial(_shifted, by=by)))
         found = replace(self, from_rows=True).gaps(models, base)[:, self.rows]
-        return derivatives_of(found)
+        *changes, by_errors = found[:1] - found[1:]
+        derivatives = np.ascontiguousarray(np.moveaxis(np.array(changes) / SHIFT, (2, 1, 0), (0, 1, 2)))
+        missed = by_errors - np.einsum("sij,js->is", derivatives, errors)
+        return derivatives, np.sqrt(np.mean(missed**2, axis=1))
 
     def subset(self, max_count: int) -> Transitions:
         """Return at most so many of the transitions, evenly spread, the first and the load switches kept.
@@ -507,26 +515,15 @@ class Transitions:
         return now
 
 
-def derivatives_of(found: Array) -> Array:
-    """Return the derivatives (s, n, n) from differences (1 + n, n, s), the first from unshifted states."""
-    change = (found[:1] - found[1:]) / SHIFT
-    return np.ascontiguousarray(np.moveaxis(change, (2, 1, 0), (0, 1, 2)))
-
-
 def _as_read(reading: ReportedStates) -> ReportedStates:
     return reading
 
 
-def _shifted(reading: ReportedStates, row: int, size: float) -> ReportedStates:
-    """Return the reading with one of its twelve components shifted."""
-    name, axis = "xvqw"[row // 3], row % 3
-    if name == "q":
-        turn = np.zeros((4, 1))
-        turn[0], turn[1 + axis] = math.cos(0.5 * size), math.sin(0.5 * size)
-        return replace(reading, q=product(reading.q, turn))
-    value = getattr(reading, name).copy()
-    value[axis] += size
-    return replace(reading, **{name: value})
+def _shifted(reading: ReportedStates, by: Array) -> ReportedStates:
+    """Return the reading with its twelve components shifted; by: (12, s) or (12, 1)."""
+    x, v, turn, w = by.reshape(4, 3, -1)
+    q = product(reading.q, exp_quaternion(turn.T).T)
+    return ReportedStates(reading.x + x, reading.v + v, q, reading.w + w)
 
 
 def _relative(change: Array, value: Array) -> float:
