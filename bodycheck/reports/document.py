@@ -152,9 +152,9 @@ class Table(DocumentSection):
         """Return the rows, which a narrow screen stacks."""
         from markupsafe import Markup
 
-        from bodycheck.reports.templating import environment
+        from bodycheck.reports.templating import rendered
 
-        return Markup(environment().get_template("table.html").render(table=self, spans=spans))
+        return Markup(rendered("table.html", table=self, spans=spans))
 
 
 @dataclass(frozen=True)
@@ -300,17 +300,16 @@ def page(document: Document, template: str = "document.html", **others: Any) -> 
 
     template: extends document.html by what only this page has, from `others`.
     """
-    from bodycheck.reports.templating import environment
+    from bodycheck.reports.templating import rendered
 
     parts = document.on("page")
-    return (
-        environment()
-        .get_template(template)
-        .render(
-            title=document.title,
-            sentences=[part for part in parts if isinstance(part, Sentence)],
-            commands=[part for part in parts if isinstance(part, Command)],
-            sections=[part for part in parts if isinstance(part, DocumentSection)],
-            **others,
-        )
+    facts = [part for part in parts if isinstance(part, Table) and not part.title]
+    return rendered(
+        template,
+        title=document.title,
+        sentences=[part for part in parts if isinstance(part, Sentence)],
+        commands=[part for part in parts if isinstance(part, Command)],
+        facts=facts,
+        sections=[part for part in parts if isinstance(part, DocumentSection) and part not in facts],
+        **others,
     )

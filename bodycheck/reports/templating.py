@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
+from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -33,6 +35,11 @@ def environment() -> Environment:
     }
     environment.globals |= {"count": formatting.count, "css": asset("templates/report.css")}
     return environment
+
+
+def rendered(template: str, *shared: Mapping[str, Any], **values: Any) -> str:
+    """Return the HTML of a template with values, which it escapes."""
+    return environment().get_template(template).render(*shared, **values)
 
 
 def with_issues(text: str) -> Markup:

@@ -29,6 +29,8 @@ from bodycheck.examine.probes.laws import LAWS, REVERSE, STATES, Checked, check_
 from bodycheck.examine.probes.tree_laws import TREE_LAWS
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.one_step_maps import EXACT, MAPS, formula_of
+from bodycheck.reference_impl.one_step_maps.first_order import first_order_maps
+from bodycheck.reference_impl.one_step_maps.lie_group import lie_group_maps
 from bodycheck.reference_impl.one_step_maps.one_step_map import (
     Loads,
     Motion,
@@ -37,6 +39,7 @@ from bodycheck.reference_impl.one_step_maps.one_step_map import (
     held_acceleration,
     scene_loads,
 )
+from bodycheck.reference_impl.one_step_maps.runge_kutta_maps import runge_kutta_maps
 from bodycheck.reference_impl.rotations import geodesic_angle, normalised
 from bodycheck.reference_impl.scene import RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
@@ -210,6 +213,46 @@ def test_free_steps_have_the_order_that_the_library_states() -> None:
         found = np.log2(errors[0] / errors[1]) / 2.0 - 1.0
         near = 0.5 if one.order < 5 else 0.97  # where round-off allows only steps with terms of higher order
         assert -0.5 < found - one.order < near, name
+
+
+def test_what_the_library_states_of_a_map_holds_for_its_steps() -> None:
+    """Of all maps: time advances, reversible ones return, attitudes are rotations where they say so."""
+    draw, count = np.random.default_rng(1), 8
+    solid = Solid(np.asarray(1.0), np.array([[1.0, 0.1, -0.05], [0.1, 2.0, 0.2], [-0.05, 0.2, 2.6]]))
+    attitude = normalised(draw.normal(size=(count, 4)))
+    position, velocity, omega = draw.normal(size=(3, count, 3))
+    start, h = Motion(np.full(count, 0.3), position, velocity, attitude, omega), np.full(count, 0.1)
+    asked = 0
+
+    def drag(*motion: Array) -> tuple[Array, Array]:
+        nonlocal asked
+        asked += 1
+        *_, velocity, omega = motion
+        return -0.1 * velocity, -0.1 * omega
+
+    for name, one in MAPS.items():
+        begin = replace(start, rotation=start.orthogonal if "matrix" in one.attitude else None)
+        end = one.step(solid, begin, h, no_loads)
+        assert np.allclose(end.t, start.t + h, rtol=1e-15), name
+        norms = np.max(np.abs(np.linalg.norm(end.quaternion, axis=-1) - 1.0))
+        assert norms < 1e-13 or one.attitude == "quaternion", name
+        assert (end.rotation is not None) is ("matrix" in one.attitude), name
+        if end.rotation is not None:
+            gram = end.rotation @ np.swapaxes(end.rotation, -1, -2)
+            assert np.max(np.abs(gram - np.eye(3))) < 1e-13 or one.attitude == "matrix", name
+        if one.reversible:
+            back = one.step(solid, replace(end, omega=-end.omega, velocity=-end.velocity), h, no_loads)
+            assert np.max(geodesic_angle(back.quaternion, start.quaternion)) < 1e-12, name
+            assert np.allclose(back.omega, -start.omega, rtol=0.0, atol=1e-12), name
+        asked = 0
+        one.step(solid, begin, h, drag)
+        assert asked > 1 or not one.stages, name
+
+
+def test_names_of_maps_are_unique() -> None:
+    """A second map of one name would take the place of the first."""
+    names = [one.name for one in (EXACT, *first_order_maps(), *runge_kutta_maps(), *lie_group_maps())]
+    assert sorted(names) == sorted(MAPS)
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ from markupsafe import escape
 from playwright.sync_api import Browser, Error, expect
 
 from bodycheck._util.errors import InputError
+from bodycheck.reports import templating
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import check_files, read_summary
 from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion
@@ -108,17 +109,17 @@ def test_a_new_section_of_the_report_is_a_template_and_its_place(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its template reads the run; it stands where report.html includes it, on the first page alone."""
-    loader = report.environment().loader
+    loader = templating.environment().loader
     assert isinstance(loader, PackageLoader)
-    text, _, _ = loader.get_source(report.environment(), "report.html")
+    text, _, _ = loader.get_source(templating.environment(), "report.html")
     place = '{% include "overall.html" %}'
     assert text.count(place) == 1
     added = {
         "report.html": text.replace(place, place + '\n{% include "engines.html" %}'),
         "engines.html": "<section><h2>Engines</h2>{{ run.manifest.engines | join }}</section>",
     }
-    changed = report.environment().overlay(loader=ChoiceLoader([DictLoader(added), loader]))
-    monkeypatch.setattr(report, "environment", lambda: changed)
+    changed = templating.environment().overlay(loader=ChoiceLoader([DictLoader(added), loader]))
+    monkeypatch.setattr(templating, "environment", lambda: changed)
     *further, first = (text for _, text in report.report_pages(run))
     found = re.search(r'id="overall".*<h2>Engines</h2>(.*?)</section>.*id="scenarios"', first, re.DOTALL)
     assert found is not None

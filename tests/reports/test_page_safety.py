@@ -30,6 +30,7 @@ def test_names_are_text_wherever_they_stand(html: str, page: Page) -> None:
     assert not {"i", "u", "tt", "em"} & {tag for tag, _ in page.tags}
     for text in (HOSTILE, "<b>failed</b>", "<i>invalid</i>", "<u>none</u>", "no <em>such</em> thing"):
         assert text in page.text
+        assert text not in html
     assert "{{ 7 * 7 }}" in page.text
     assert page.data
     for data in page.data:

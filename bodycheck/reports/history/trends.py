@@ -24,7 +24,7 @@ from bodycheck.reports.history.queries import recorded, recorded_cases
 from bodycheck.reports.history.regression import Judgement
 from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION
 from bodycheck.reports.render.styles import MARKERS, engine_colour
-from bodycheck.reports.templating import asset, environment
+from bodycheck.reports.templating import asset, rendered
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,17 +67,14 @@ def trends_page(judged: Judgement) -> str:
         "labels": {name: _title(name) for name in _QUANTITIES},
         "series": series,
     }
-    return (
-        environment()
-        .get_template(FILE)
-        .render(
-            title="bodycheck: history of all measures",
-            first=headline(judged),
-            open=regressions,
-            data=data,
-            js=Markup("\n").join(asset(f"templates/{name}.js") for name in ("plot_style", "trends")),
-            plotly=asset("vendor/plotly-basic.min.js"),
-        )
+    return rendered(
+        FILE,
+        title="bodycheck: history of all measures",
+        first=headline(judged),
+        open=regressions,
+        data=data,
+        js=Markup("\n").join(asset(f"templates/{name}.js") for name in ("plot_style", "trends")),
+        plotly=asset("vendor/plotly-basic.min.js"),
     )
 
 

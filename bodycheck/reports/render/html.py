@@ -37,7 +37,7 @@ from bodycheck.reports.summary.cells import Cell, faults_of
 from bodycheck.reports.summary.method_identity import known_map_text, laws_text, rows_by_method
 from bodycheck.reports.summary.sentences import Summary, verdict_sentences
 from bodycheck.reports.summary.worst_results import faulty
-from bodycheck.reports.templating import asset, environment
+from bodycheck.reports.templating import asset, rendered
 
 _SCRIPTS = (
     *(
@@ -204,8 +204,7 @@ class _Report:
 
     def section(self, section: Section) -> Markup:
         """Return the HTML of a section."""
-        template = environment().get_template("scenario.html")
-        return Markup(template.render(self._shared, section=section))
+        return Markup(rendered("scenario.html", self._shared, section=section))
 
     def part(self, part: ReportPart, own: Sequence[_Rendered], *, home: str, more: bool) -> str:
         """Return a page of some scenarios; home: the address of the first page; more: whether one follows."""
@@ -252,24 +251,21 @@ class _Report:
     def _page(self, run: Run, rows: Sequence[MapRow], **own: Any) -> str:
         """Return a page with the maps of some scenarios; run: with these scenarios."""
         cells = [row.parts.get(key) for row in rows for key in self._styles]
-        return (
-            environment()
-            .get_template("report.html")
-            .render(
-                self._shared,
-                rows=rows,
-                map_data={
-                    "rows": [step(row.at_s) for row in rows],
-                    "cells": [None if cell is None else cell.map_data for cell in cells],
-                },
-                shown_states={
-                    cell.state
-                    for problem in run.problems
-                    for cell in self._summary.cells[problem.scenario.name].values()
-                },
-                faults=faults_of(run.cases),
-                **own,
-            )
+        return rendered(
+            "report.html",
+            self._shared,
+            rows=rows,
+            map_data={
+                "rows": [step(row.at_s) for row in rows],
+                "cells": [None if cell is None else cell.map_data for cell in cells],
+            },
+            shown_states={
+                cell.state
+                for problem in run.problems
+                for cell in self._summary.cells[problem.scenario.name].values()
+            },
+            faults=faults_of(run.cases),
+            **own,
         )
 
     def _run_of(self, names: Sequence[str]) -> Run:
