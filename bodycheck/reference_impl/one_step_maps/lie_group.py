@@ -480,7 +480,7 @@ def _single_maps() -> Iterator[OneStepMap]:
     formula = "q+ = q exp(dt omega / 2) exp(dt^2 omega' / 4), omega+ by SSP RK3"
     yield OneStepMap("SPIRAL", formula, source, 2, _spiral)
     formula = "omega(dt/2) by SSP RK3, q+ = q exp(dt omega(dt/2) / 2), omega+ by SSP RK3 from omega(dt/2)"
-    yield OneStepMap("SPIRAL, velocity Verlet", formula, source, 2, _verlet_spiral)
+    yield OneStepMap("SPIRAL, velocity Verlet", formula, source, 2, _verlet_spiral, stages=True)
     yield OneStepMap(
         "Moser-Veselov",
         "F J - J F^T = dt [L]x, L+ = F^T L, R+ = R F; L = I omega in body axes, J = tr(I) / 2 - I",
@@ -489,6 +489,7 @@ def _single_maps() -> Iterator[OneStepMap]:
         _Kicked(_moser_veselov),
         aliases=("Lie group variational integrator", "RATTLE on SO(3)"),
         reversible=True,
+        stages=True,
     )
     for i, j, k in ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)):
         yield OneStepMap(
@@ -498,6 +499,7 @@ def _single_maps() -> Iterator[OneStepMap]:
             2,
             _Kicked(_PrincipalRotations((i, j, k))),
             reversible=True,
+            stages=True,
         )
     for about in range(3):
         for rest in range(3):
@@ -509,6 +511,7 @@ def _single_maps() -> Iterator[OneStepMap]:
                     2,
                     _Kicked(_SymmetricTop(about, rest)),
                     reversible=True,
+                    stages=True,
                 )
     yield OneStepMap(
         "splitting6",
