@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import chain
 from pathlib import Path
 from typing import Literal
 
@@ -218,12 +219,22 @@ class _ConventionError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class _Target:
-    """A quantity in SI units: scale x product of the columns (n,); spacing: of the columns of stamps."""
+    """A quantity in SI units: scale x product of the columns (n,).
+
+    spacing: of the columns of stamps. written: how each column is written, where its text shows it.
+    """
 
     scale: float
     columns: tuple[Array, ...]
     rows: int
     spacing: float | None = None
+    written: tuple[Callable[[], Digits | None], ...] = ()
+
+    @classmethod
+    def of(cls, recording: Recording, names: Sequence[str], scale: float = 1.0) -> _Target:
+        """Return the product of some columns of a recording."""
+        written = tuple(partial(recording.written_digits, name) for name in names)
+        return cls(scale, tuple(map(recording.values, names)), recording.rows, None, written)
 
     @cached_property
     def values(self) -> Array:
@@ -234,9 +245,16 @@ class _Target:
         return product if self.columns and self.scale == 1.0 else product * self.scale
 
     @cached_property
-    def digits(self) -> tuple[Digits | None, ...]:
-        """How each of its columns is rounded, where that shows."""
+    def shown(self) -> tuple[Digits | None, ...]:
+        """How each of its columns is rounded, where its numbers show that."""
         return tuple(map(digits_of, self.columns))
+
+    @cached_property
+    def digits(self) -> tuple[Digits | None, ...]:
+        """How each of its columns is rounded, where its numbers or their text show that."""
+        if not self.written:
+            return self.shown
+        return tuple(digits or text() for digits, text in zip(self.shown, self.written, strict=True))
 
     def resolution(self, default: Digits) -> float:
         """Return the spacing of the quantity; default: of columns that do not show their digits."""
@@ -255,15 +273,16 @@ class _Target:
 def _resolutions(targets: Mapping[str, _Target]) -> dict[str, Array]:
     """Return target -> resolution (1,): of its digits, else of those of its vector, else of the file's."""
 
-    def finest(names: Iterable[str], default: Digits) -> Digits:
-        shown = [digits for name in names for digits in targets[name].digits if digits is not None]
-        return max(shown, key=lambda digits: digits.rank, default=default)
+    def finest(several: Iterable[Digits | None], default: Digits) -> Digits:
+        known = [digits for digits in several if digits is not None]
+        return max(known, key=lambda digits: digits.rank, default=default)
 
-    of_file = finest([name for name in targets if name != "t_s"], OF_DOUBLES)
+    others = [target.shown for name, target in targets.items() if name != "t_s"]
+    of_file = finest(chain.from_iterable(others), OF_DOUBLES)
     found: dict[str, Array] = {}
     for vector in (("t_s",), *VECTORS.values()):
         present = [name for name in vector if name in targets]
-        digits = finest(present, of_file)
+        digits = finest(chain.from_iterable(targets[name].digits for name in present), of_file)
         found |= {name: np.array([targets[name].resolution(digits)]) for name in present}
     return found
 
@@ -315,7 +334,7 @@ def _targets(recording: Recording, column_map: ColumnMap, dt_s: float | None) ->
             if target == "t_s" and len(columns) == 1:
                 found[target] = _stamped(recording, columns[0], column_map, scale)
             else:
-                found[target] = _Target(scale, tuple(map(recording.values, columns)), recording.rows)
+                found[target] = _Target.of(recording, columns, scale)
     except InputError as error:
         where = "" if str(error).startswith(str(path)) else f"{path}: "
         raise InputError(f"{where}{error}") from None
@@ -324,7 +343,7 @@ def _targets(recording: Recording, column_map: ColumnMap, dt_s: float | None) ->
         if name == "t_s" and name not in found:
             found[name] = _stamped(recording, name, column_map, 1.0)
         elif name not in found:
-            found[name] = _Target(1.0, (recording.values(name),), recording.rows)
+            found[name] = _Target.of(recording, [name])
     if "t_s" not in found and (times := _times(recording, column_map, dt_s)) is not None:
         found["t_s"] = times
     unknown = [

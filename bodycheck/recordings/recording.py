@@ -13,7 +13,15 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.untrusted import number_of, printable
-from bodycheck.recordings.resolution import Stamp, are_doubles, iso_seconds, stamp_spacing
+from bodycheck.recordings.resolution import (
+    SAMPLES,
+    Digits,
+    Stamp,
+    are_doubles,
+    iso_seconds,
+    stamp_spacing,
+    written_digits,
+)
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.run_files.trajectory_files import doubles
 
@@ -27,7 +35,8 @@ class Recording:
 
     row_name: row -> what a message calls it, such as "line 2". faults: column -> why it cannot be used.
     metadata: those of them that are no series over time, such as the inertia of the body. text: column -> its
-    cells as written, of a file whose numbers are text. is_named: whether the file names its columns.
+    cells as written, or the first `rows` of them, of a file whose numbers are text. is_named: whether the
+    file names its columns.
     described: the map that the file itself states, as in a TOML file.
     """
 
@@ -37,7 +46,7 @@ class Recording:
     row_name: Callable[[int], str] = lambda row: f"row {row + 1}"
     faults: Mapping[str, str] = field(default_factory=dict)
     metadata: Collection[str] = ()
-    text: Callable[[str], Sequence[str]] | None = None
+    text: Callable[..., Sequence[str]] | None = None
     is_named: bool = True
     described: Mapping[str, Any] = field(default_factory=dict)
 
@@ -69,7 +78,7 @@ class Recording:
         return replace(
             self,
             columns={name: self.columns[before] for name, before in old.items()},
-            text=None if text is None else lambda name: text(old[name]),
+            text=None if text is None else lambda name, rows=None: text(old[name], rows),
         )
 
     def stamps(self, name: str, *, relative: bool) -> tuple[list[Stamp], float]:
@@ -95,6 +104,10 @@ class Recording:
             elif relative and exact[0] != 0:
                 spacing = max(spacing, float(np.spacing(largest)))
         return [Decimal(float(stamp)) for stamp in exact] if as_doubles else exact, spacing
+
+    def written_digits(self, name: str) -> Digits | None:
+        """Return how a column is rounded, where the text of its first rows shows it."""
+        return None if self.text is None else written_digits(self.text(name, SAMPLES))
 
     def _column(self, name: str) -> tuple[Any, str]:
         """Return a column and the kind of its type, as NumPy's letter."""

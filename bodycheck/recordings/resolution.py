@@ -15,7 +15,7 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 
-_SAMPLES = 1024
+SAMPLES = 1024  # rows that show how a column is rounded
 _FEWEST_VALUES = 3  # a constant, or a switch between two values, does not show how it was rounded
 _EQUAL = 8.0  # roundings of doubles, by which equal steps may differ: they do not show it either
 _MOST = 0.9  # of the steps
@@ -76,7 +76,7 @@ def largest_finite(values: Array) -> float:
 def digits_of(values: Array) -> Digits | None:
     """Return how values (n,) are rounded; None where a few different ones, or equal steps, do not show it."""
     finite = values[np.isfinite(values)]
-    sample = np.unique(finite[:: max(1, len(finite) // _SAMPLES)])
+    sample = np.unique(finite[:: max(1, len(finite) // SAMPLES)])
     if len(sample) < _FEWEST_VALUES:
         return None
     numbers = [Decimal(repr(value)).normalize() for value in sample.tolist() if value]
@@ -98,6 +98,17 @@ def digits_of(values: Array) -> Digits | None:
             for value, rounding in zip(sample.tolist(), off.tolist(), strict=True)
         )
     return replace(found, is_float32=is_float32)
+
+
+def written_digits(cells: Sequence[str]) -> Digits | None:
+    """Return how numbers with as many decimals each are rounded; None where no final zero shows the format.
+
+    Programs that write each number with as few digits as it needs end none with a zero, but for "2.0".
+    """
+    decimals = {len(found[1]) if (found := _FIXED.fullmatch(cell)) else 0 for cell in cells}
+    if len(decimals) != 1 or 0 in decimals or not any(cell.endswith("0") for cell in cells):
+        return None
+    return replace(OF_DOUBLES, decimals=decimals.pop())
 
 
 def _are_even(values: Array, unit: float) -> bool:
@@ -124,7 +135,7 @@ def _decimals(number: Decimal) -> int:
 def are_doubles(stamps: Sequence[Stamp]) -> bool:
     """Whether decimal stamps are doubles that were printed in full, with 17 significant digits."""
     most = 0
-    for stamp in map(Decimal, stamps[:_SAMPLES]):
+    for stamp in map(Decimal, stamps[:SAMPLES]):
         digits = len(stamp.as_tuple().digits)
         value = float(stamp)
         if digits > OF_DOUBLES.significant or stamp not in (Decimal(repr(value)), Decimal(f"{value:.17g}")):
@@ -145,7 +156,7 @@ def stamp_spacing(stamps: Sequence[Stamp]) -> float:
     Stamps such as 0, 0.1, 0.2 or 0, 0.25, 1 are the times that they stand for; others, such as 0, 0.033,
     0.067, are rounded to their last digit.
     """
-    first = stamps[:_SAMPLES]
+    first = stamps[:SAMPLES]
     with localcontext(prec=_DECIMAL_DIGITS):
         decimals = max((_decimals(Decimal(stamp).normalize()) for stamp in first), default=0)
         steps = [
@@ -156,6 +167,7 @@ def stamp_spacing(stamps: Sequence[Stamp]) -> float:
     return 0.0 if is_even or is_coarse else 10.0**-decimals
 
 
+_FIXED = re.compile(r"[+-]?\d+\.(\d{2,})")
 _DATE = re.compile(
     r"(\d{4})-(?:(\d\d)-(\d\d)|(\d{3}))[T ](\d\d):(\d\d):(\d\d(?:\.\d+)?)(?:Z|([+-])(\d\d):?(\d\d))?"
 )

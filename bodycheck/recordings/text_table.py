@@ -82,10 +82,10 @@ def read_text_table(path: Path, content: bytes) -> Recording:
         if not columns.setdefault(name, column).equals(column):
             faults[name] = f"has two different columns {name}"
 
-    def text(name: str) -> list[str]:
+    def text(name: str, rows: int | None = None) -> list[str]:
         number = layout.names.index(name)
         try:
-            cells = pd.read_csv(io.BytesIO(content), usecols=[number], dtype=str, **options)
+            cells = pd.read_csv(io.BytesIO(content), usecols=[number], dtype=str, nrows=rows, **options)
         except pd.errors.ParserError:
             raise InputError(f"{path}: no row has as many cells as there are columns") from None
         return [str(cell).replace(layout.decimal, ".") for cell in cells.iloc[:, 0]]

@@ -15,7 +15,7 @@ import pytest
 
 from bodycheck.recordings.column_map import read_map
 from bodycheck.recordings.conversion import RecordedMotion, recorded_motion
-from bodycheck.recordings.resolution import digits_of, since_first, stamp_spacing
+from bodycheck.recordings.resolution import digits_of, since_first, stamp_spacing, written_digits
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.run_files.tables import as_parquet
 
@@ -122,6 +122,18 @@ def test_a_slow_quantity_shows_how_it_was_rounded(decimals: int, tmp_path: Path)
     assert np.mean(np.diff(values.round(decimals), axis=0) == 0.0) > 0.9
     motion = written(tmp_path, lambda v: f"{v:.{decimals}f}", values)
     assert motion.resolution["omega_body_rad_s"] == pytest.approx([0.1**decimals] * 3)
+
+
+@pytest.mark.parametrize("decimals", [2, 3, 6])
+def test_final_zeros_show_how_a_constant_was_rounded(decimals: int, tmp_path: Path) -> None:
+    """0.00 beside 0.31 has two decimals, but nothing shows how 0.0 or 0.31 alone was rounded."""
+    spin = np.tile([0.0, 0.0, 0.3125], (50, 1))
+    motion = written(tmp_path, lambda v: f"{v:.{decimals}f}", spin)
+    assert motion.resolution["omega_body_rad_s"] == pytest.approx([0.1**decimals] * 3)
+    assert np.max(written(tmp_path, repr, spin).resolution["omega_body_rad_s"]) < 1e-14
+    assert written_digits(["0.31", "0.31"]) is None
+    assert written_digits(["0.30", "0.3"]) is None
+    assert written_digits(["0.0", "2.0"]) is None
 
 
 def test_jumps_of_a_held_quantity_do_not_show_how_it_was_rounded() -> None:

@@ -125,6 +125,20 @@ def test_attitudes_that_resolve_nothing_are_not_called_true(tmp_path: Path) -> N
         assert "true one for" not in conclusion(ranked, None)
 
 
+@pytest.mark.parametrize(
+    ("decimals", "said"), [(3, "is the true one for 10 s"), (2, "does not show whether")]
+)
+def test_a_constant_omega_of_few_decimals_is_not_accused(decimals: int, said: str, tmp_path: Path) -> None:
+    """Beside attitudes of six decimals, 0.031 and 0.03 rad/s are what is written of 0.0312 rad/s."""
+    path, rate = tmp_path / "spin.csv", 0.0312
+    rows = ["t_s,qw,qx,qy,qz,wx_body_rad_s,wy_body_rad_s,wz_body_rad_s"]
+    for t in T_S:
+        q = f"{np.cos(rate * t / 2):.6f},0.000000,0.000000,{np.sin(rate * t / 2):.6f}"
+        rows.append(f"{t:.6f},{q}," + ",".join(f"{one:.{decimals}f}" for one in (0.0, 0.0, rate)))
+    path.write_text("\n".join(rows) + "\n")
+    assert said in told(judged(path))
+
+
 @pytest.mark.slow
 @pytest.mark.nightly(after=1)
 @pytest.mark.parametrize(("factor", "said"), [(1.0, False), (1.02, True)])
