@@ -417,7 +417,7 @@ def plug_in(folder: Path, monkeypatch: pytest.MonkeyPatch, name: str, place: str
     (facts / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
     (facts / "entry_points.txt").write_text(f"[bodycheck.adapters]\n{name} = {place}\n")
     monkeypatch.syspath_prepend(folder)
-    registry._plugged_in.cache_clear()
+    monkeypatch.setattr(registry, "_plugged_in", registry._plugged_in.__wrapped__)
 
 
 @pytest.mark.nightly

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import pytest
@@ -66,7 +67,8 @@ def check_reports(base: str, faults: Sequence[Fault]) -> None:
     found = reported_results(run)
     reported = {f"{adapter.name}:{fault.name}" for fault in faults if base not in fault.undetectable}
     assert set(found) == reported
-    pages = {"markdown": markdown(run_document(run)), "html": report_page(run)}
+    html = re.sub('<span class="whole">(.*?)</span>', r"\1", report_page(run))  # words that are kept whole
+    pages = {"markdown": markdown(run_document(run)), "html": html}
     sentences = " ".join(Summary.of(run).sentences)
     for method, results in found.items():
         assert any(one.quantity and one.size > 0.0 and one.quantity in one.text for one in results), method
